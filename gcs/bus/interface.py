@@ -2,7 +2,7 @@
 
 import asyncio
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Final, Protocol, TypeAlias
 
@@ -42,7 +42,7 @@ def anything(_topic: str, _payload: bytes) -> bool:
 class BusCounters:
     """Totals since the bus was created."""
 
-    sent: int = 0
+    sent: int = 0  # messages, each with its topic
     received: int = 0
     sent_bytes: int = 0
     refused: int = 0  # too large, or not accepted
@@ -62,10 +62,10 @@ class Bus(Protocol):
     async def run(self) -> None:
         """Keep the bus open until it is cancelled. Raises: LinkError when it cannot be opened."""
 
-    def publish(self, topic: str, payload: bytes) -> None:
-        """Send to all other stations; nothing happens while the bus is closed.
+    def publish(self, messages: Mapping[str, bytes]) -> None:
+        """Send payloads by topic to all other stations; nothing happens while the bus is closed.
 
-        Raises: LinkError for more than `PAYLOAD_MAX` bytes.
+        Raises: LinkError when one has more than `PAYLOAD_MAX` bytes; none is sent then.
         """
 
     def newest(self) -> list[Received]:

@@ -2,14 +2,14 @@
 
 import asyncio
 import heapq
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
 
-from gcs.bus.interface import CONNECTION_S, PAYLOAD_MAX, Accepts, BusCounters, Received, anything
-from gcs.model.errors import LinkError
+from gcs.bus.bundles import bundles
+from gcs.bus.interface import CONNECTION_S, Accepts, BusCounters, Received, anything
 
 UNDER_WAY_MAX: Final = 4096
 """Messages to one station that have not been collected; further ones are lost."""
@@ -97,14 +97,14 @@ class MemoryBus:
         finally:
             self.open = False
 
-    def publish(self, topic: str, payload: bytes) -> None:
-        if len(payload) > PAYLOAD_MAX:
-            raise LinkError(f"{topic}: {len(payload)} bytes where {PAYLOAD_MAX} are possible")
+    def publish(self, messages: Mapping[str, bytes]) -> None:
+        made = list(bundles(messages))
         if not self.open:
             return
-        self.counters.sent += 1
-        self.counters.sent_bytes += len(payload)
-        self._network.carry(self.station, topic, payload)
+        self.counters.sent += len(messages)
+        self.counters.sent_bytes += sum(map(len, made))
+        for topic, payload in messages.items():
+            self._network.carry(self.station, topic, payload)
 
     def arrive(self, at_s: float, sender: str, topic: str, payload: bytes) -> None:
         """Deliver a message at that time, or with the sender's last one, for they keep their order."""

@@ -13,15 +13,22 @@ from typing import Final, TypeAlias
 
 import zenoh
 
+from gcs.bus.bundles import bundles, parts_of
 from gcs.bus.interface import CONNECTION_S, PAYLOAD_MAX, Accepts, BusCounters, Received, anything
 from gcs.bus.settings import Endpoint, key_files
 from gcs.model.errors import LinkError
 
 ROOT: Final = "gcs"
-"""Keys are `gcs/STATION/TOPIC`; a station may publish only its own."""
+"""Keys begin with `gcs/STATION`; a station may publish only its own."""
 
 ALIVE: Final = "alive"
-"""Topic of the liveliness token, whose last event is that of the station."""
+"""Below a station's name: the liveliness token, whose last event is that of the station."""
+
+BUNDLES: Final = "bundles"
+"""Below a station's name: its messages."""
+
+KEPT: Final = 64
+"""Bundles of one station that wait for the next tick; beyond that the oldest are dropped."""
 
 MESSAGE_MAX: Final = PAYLOAD_MAX + 4000
 """Bytes of a message with its key: it fits into one batch of Zenoh, and larger ones are not put together."""
@@ -47,14 +54,6 @@ def threads(stations: int) -> str:
     """
     each = f"(worker_threads: {2 * stations})"
     return f"({', '.join(f'{name}: {each}' for name in RUNTIMES)})"
-
-
-def kept(stations: int) -> int:
-    """Messages of one station that wait for the next tick; beyond that the oldest are dropped.
-
-    The lead sends slots for each other station: more than two ticks fit.
-    """
-    return 64 + 2 * stations
 
 
 def configuration(station: str, endpoints: Mapping[str, Endpoint], keys: Path | None) -> zenoh.Config:
@@ -128,28 +127,21 @@ class _Open:
     """An open session, with what is declared on it."""
 
     def __init__(self, session: zenoh.Session, station: str, others: list[str]) -> None:
-        self._session, self._own = session, f"{ROOT}/{station}"
-        self.messages: dict[str, _Samples] = {}
+        self.bundles: dict[str, _Samples] = {}
         self.tokens: dict[str, _Samples] = {}
         liveliness = session.liveliness()
         for name in others:
-            ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(kept(len(others) + 1))
-            self.messages[name] = session.declare_subscriber(f"{ROOT}/{name}/**", ring)
+            ring: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(KEPT)
+            self.bundles[name] = session.declare_subscriber(f"{ROOT}/{name}/{BUNDLES}", ring)
             last: zenoh.handlers.RingChannel[zenoh.Sample] = zenoh.handlers.RingChannel(1)
             self.tokens[name] = liveliness.declare_subscriber(f"{ROOT}/{name}/{ALIVE}", last, history=True)
-        self._token = liveliness.declare_token(f"{self._own}/{ALIVE}")
-        self._publishers: dict[str, zenoh.Publisher] = {}
-
-    def publisher(self, topic: str) -> zenoh.Publisher:
-        found = self._publishers.get(topic)
-        if found is None:
-            found = self._publishers[topic] = self._session.declare_publisher(
-                f"{self._own}/{topic}",
-                congestion_control=zenoh.CongestionControl.DROP,
-                priority=zenoh.Priority.REAL_TIME,
-                express=True,
-            )
-        return found
+        self._token = liveliness.declare_token(f"{ROOT}/{station}/{ALIVE}")
+        self.publisher = session.declare_publisher(
+            f"{ROOT}/{station}/{BUNDLES}",
+            congestion_control=zenoh.CongestionControl.DROP,
+            priority=zenoh.Priority.REAL_TIME,
+            express=True,
+        )
 
 
 class ZenohBus:
@@ -203,33 +195,36 @@ class ZenohBus:
             self._present.clear()
             await asyncio.to_thread(session.close)
 
-    def publish(self, topic: str, payload: bytes) -> None:
-        if len(payload) > PAYLOAD_MAX:
-            raise LinkError(f"{topic}: {len(payload)} bytes where {PAYLOAD_MAX} are possible")
+    def publish(self, messages: Mapping[str, bytes]) -> None:
+        made = list(bundles(messages))
         if self._open is None:
             return
-        self._open.publisher(topic).put(payload)
-        self.counters.sent += 1
-        self.counters.sent_bytes += len(payload)
+        for bundle in made:
+            self._open.publisher.put(bundle)
+            self.counters.sent_bytes += len(bundle)
+        self.counters.sent += len(messages)
 
     def newest(self) -> list[Received]:
         if self._open is None:
             return []
         found: dict[tuple[str, str], Received] = {}
         now_s = self._now_s()
-        for sender, subscriber in self._open.messages.items():
-            for _ in range(kept(len(self._endpoints))):  # a flood does not keep this loop going
+        for sender, subscriber in self._open.bundles.items():
+            for _ in range(KEPT):  # a flood does not keep this loop going
                 sample = subscriber.try_recv()
                 if sample is None:
                     break
-                payload = sample.payload.to_bytes()
-                topic = str(sample.key_expr).removeprefix(f"{ROOT}/{sender}/")
-                possible = len(payload) <= PAYLOAD_MAX and sample.kind == zenoh.SampleKind.PUT
-                if not possible or not self.accepts(topic, payload):
+                try:
+                    parts = parts_of(sample.payload.to_bytes())
+                except LinkError:
                     self.counters.refused += 1
                     continue
-                self.counters.received += 1
-                found[sender, topic] = Received(sender, topic, payload, now_s)
+                for topic, payload in parts:
+                    if not self.accepts(topic, payload):
+                        self.counters.refused += 1
+                        continue
+                    self.counters.received += 1
+                    found[sender, topic] = Received(sender, topic, payload, now_s)
         return list(found.values())
 
     @property

@@ -86,6 +86,7 @@ class ShowTraffic:
         self._parts: tuple[str, dict[VehicleId, int]] = ("", {})  # of the show with this hash
         self._sent_parts: Mapping[VehicleId, int] | None = None
         self._due_s = self._parts_due_s = -inf
+        self._led_by_a_clock = False  # a show or a timecode, when the newest message was sent
         self.begins_s: Callable[[float], float | None] = lambda _: None  # when the lead's show begins
 
     def parts_of(self, show_hash: str, count: int) -> dict[VehicleId, int]:
@@ -120,10 +121,12 @@ class ShowTraffic:
     def messages(self, now_s: float) -> Iterator[tuple[str, bytes]]:
         """Topics and payloads that the lead sends after its tick."""
         show_run, term = self._flight.show_run, self._site.lead.term
-        if now_s >= self._due_s or self._flight.show not in ON_THE_GROUND:
-            self._due_s = now_s + SLOWLY_S
+        timecode = self._flight.timecode
+        flies = self._flight.show not in ON_THE_GROUND
+        led_by_a_clock = show_run is not None or timecode.settings is not None
+        if now_s >= self._due_s or (flies and (led_by_a_clock or self._led_by_a_clock)):
+            self._due_s, self._led_by_a_clock = now_s + SLOWLY_S, led_by_a_clock
             about = None if show_run is None else _shown(show_run, now_s, self.begins_s(now_s))
-            timecode = self._flight.timecode
             led = None if timecode.settings is None else [timecode.runs(now_s), timecode.followed]
             yield SHOW, json.dumps({"term": term, "show": about, "timecode": led}).encode()
         if show_run is None or not show_run.started:

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.bus import Bus
+from gcs.bus.interface import PAYLOAD_MAX
 from gcs.control import Tick
 from gcs.flight.fleet import Fleet
 from gcs.flight.led_show import ShowTraffic
-from gcs.model.errors import LinkError
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import Phase
 from gcs.model.plan import Plan, plan_json
@@ -59,6 +59,7 @@ class SiteSender:
         self.offers: tuple[Offer, ...] = ()  # of this station's interrupted flight
         self._letters, self._shows = letters, shows
         self._formation = FormationMessages(site)
+        self._messages: dict[str, bytes] = {}  # of this tick, by topic
         self._columns: dict[str, tuple[Sequence[Any], NDArray[Any]]] = {}  # what changes rarely, encoded
         self._sent_texts: dict[str, bytes] = {}  # newest message of what rarely changes, by topic
         self._again_s: dict[str, float] = {}  # when it is sent again, unchanged
@@ -111,6 +112,8 @@ class SiteSender:
             self._return_due_s = now_s + SLOWLY_S
             for topic, payload in self._return_parts:
                 self._send(topic, payload)
+        self.bus.publish(self._messages)
+        self._messages = {}
 
     def _send_anew(self, topic: str, payload: bytes) -> None:
         """Send what has changed; the same again for stations that missed it."""
@@ -121,10 +124,11 @@ class SiteSender:
         self._send(topic, payload)
 
     def _send(self, topic: str, payload: bytes) -> None:
-        try:
-            self.bus.publish(topic, payload)
-        except LinkError as error:
-            log.warning("not_published", extra={"topic": topic, "reason": str(error)})
+        if len(payload) > PAYLOAD_MAX:
+            why = f"{len(payload)} bytes where {PAYLOAD_MAX} are possible"
+            log.warning("not_published", extra={"topic": topic, "reason": why})
+        else:
+            self._messages[topic] = payload
 
     def _publish_plan(self, now_s: float) -> None:
         plan = self.flight.plan

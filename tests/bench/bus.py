@@ -14,7 +14,7 @@ import struct
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from multiprocessing import Pipe, Process, get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -46,9 +46,10 @@ class DatagramBus:
     async def run(self) -> None:
         await asyncio.Event().wait()
 
-    def publish(self, topic: str, payload: bytes) -> None:
-        for address in self._to:
-            self._socket.sendto(payload, address)
+    def publish(self, messages: Mapping[str, bytes]) -> None:
+        for payload in messages.values():
+            for address in self._to:
+                self._socket.sendto(payload, address)
 
     def newest(self) -> list[Received]:
         return list(self._received())
@@ -86,7 +87,7 @@ async def _fly(bus: Bus, rows: int, seconds: float, out: Connection) -> None:
         if now_s >= due_s:
             due_s += 1.0 / RATE_HZ
             sent += 1
-            bus.publish("states", HEAD.pack(time.monotonic(), sent) + bytes(rows * ROW_BYTES))
+            bus.publish({"states": HEAD.pack(time.monotonic(), sent) + bytes(rows * ROW_BYTES)})
         for one in bus.newest():
             made_s, number = HEAD.unpack_from(one.payload)
             took_s.append(time.monotonic() - made_s)

@@ -12,6 +12,7 @@ import signal
 import struct
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -45,10 +46,10 @@ class Probe:
         """Let all links and the bus of this process pass it."""
         probe = self
 
-        def publish(bus: ZenohBus, topic: str, payload: bytes) -> None:
-            if topic == STATES:
+        def publish(bus: ZenohBus, messages: Mapping[str, bytes]) -> None:
+            if (payload := messages.get(STATES)) is not None:
                 probe._made.append((SEQUENCE.unpack_from(payload)[0], time.monotonic()))
-            probe._publish(bus, topic, payload)
+            probe._publish(bus, messages)
 
         def newest(bus: ZenohBus) -> list[Received]:
             """As the bus does it. The tick that collects a batch is the one that uses it."""

@@ -11,9 +11,10 @@ import pytest
 import zenoh
 
 from gcs.bus import PAYLOAD_MAX
+from gcs.bus.bundles import BUNDLE_MAX, bundles
 from gcs.bus.keys import make_site_keys
 from gcs.bus.settings import Endpoint, key_files
-from gcs.bus.zenoh_bus import ZenohBus, configuration, kept
+from gcs.bus.zenoh_bus import KEPT, ZenohBus, configuration
 from gcs.model.errors import LinkError
 from tests.support.bus_stations import bus_of, endpoints_of, opened, process_of, until
 
@@ -59,7 +60,7 @@ def test_stations_exchange_their_newest_messages(stations: int) -> None:
             await all_present(*buses)
             for number in range(5):
                 for bus in buses:
-                    bus.publish("states", f"{bus.station}{number}".encode())
+                    bus.publish({"states": f"{bus.station}{number}".encode()})
             for bus in buses:
                 inbox = Inbox(bus)
                 for other in buses:
@@ -79,8 +80,8 @@ def test_only_the_newest_of_many_messages_is_returned() -> None:
         async with opened(north, south):
             await all_present(north, south)
             for number in range(10):
-                north.publish("states", bytes([number]))
-                north.publish("slots.south", bytes([100 + number]))
+                north.publish({"states": bytes([number])})
+                north.publish({"slots.south": bytes([100 + number])})
                 await asyncio.sleep(0.005)
             await asyncio.sleep(0.5)
             received = south.newest()
@@ -123,7 +124,7 @@ def test_a_hanging_station_is_gone_after_its_lease() -> None:
                 longest_s = 0.0
                 while "south" in north.present:
                     begin_s = time.thread_time()
-                    north.publish("states", bytes(PAYLOAD_MAX))
+                    north.publish({"states": bytes(PAYLOAD_MAX)})
                     longest_s = max(longest_s, time.thread_time() - begin_s)
                     await asyncio.sleep(0.01)
                 assert longest_s < 0.05  # of this thread: the pauses of the machine do not count
@@ -170,12 +171,12 @@ def test_a_payload_that_is_too_large_is_refused() -> None:
     north, south = bus_of("north", endpoints), bus_of("south", endpoints)
 
     async def story() -> None:
-        north.publish("states", b"before it is open")
+        north.publish({"states": b"before it is open"})
         async with opened(north, south):
             await all_present(north, south)
             with pytest.raises(LinkError, match=f"{PAYLOAD_MAX + 1} bytes where {PAYLOAD_MAX} are possible"):
-                north.publish("states", bytes(PAYLOAD_MAX + 1))
-            north.publish("states", bytes(PAYLOAD_MAX))
+                north.publish({"states": bytes(PAYLOAD_MAX + 1)})
+            north.publish({"states": bytes(PAYLOAD_MAX)})
             await Inbox(south).has("north", "states", bytes(PAYLOAD_MAX))
 
     asyncio.run(story())
@@ -191,15 +192,16 @@ def test_a_larger_message_of_another_program_is_dropped() -> None:
                 token = session.liveliness().declare_token("gcs/rogue/alive")
                 await until("present", lambda: north.present == {"rogue"})
                 inbox = Inbox(north)
+                (after,) = bundles({"after": b"1"})
 
                 def arrived() -> bool:  # a busy machine misses the lease, and loses what was sent meanwhile
-                    session.put("gcs/rogue/states", bytes(PAYLOAD_MAX + 100))
-                    session.put("gcs/rogue/after", b"1")
+                    session.put("gcs/rogue/bundles", bytes(BUNDLE_MAX + 100))
+                    session.put("gcs/rogue/bundles", after)
                     inbox.collect()
                     return north.counters.refused > 0 and bool(inbox.newest)
 
                 await until("refused", arrived)
-                session.put("gcs/rogue/states", bytes(10_000_000))
+                session.put("gcs/rogue/bundles", bytes(10_000_000))
                 await asyncio.sleep(0.5)
                 inbox.collect()
                 assert inbox.newest == {("rogue", "after"): b"1"}
@@ -222,11 +224,11 @@ def test_a_flood_of_junk_is_bounded_and_blocks_nothing() -> None:
                 while time.monotonic() < end_s:
                     number += 1
                     begin_s = time.thread_time()  # of this thread: the machine's pauses do not count
-                    north.publish("states", number.to_bytes(2))
+                    north.publish({"states": number.to_bytes(2)})
                     most = max(most, inbox.collect())
                     longest_s = max(longest_s, time.thread_time() - begin_s)
                     await asyncio.sleep(0.05)
-                assert 10 < most <= kept(len(endpoints)) + 1
+                assert 10 < most <= KEPT + 1
                 assert longest_s < 0.02
                 await inbox.has("north", "states", number.to_bytes(2))
 
@@ -249,7 +251,7 @@ def test_stations_with_keys_exchange_messages(site: tuple[dict[str, Endpoint], P
         async with opened(*buses):
             await all_present(*buses)
             for bus in buses:
-                bus.publish("states", bus.station.encode())
+                bus.publish({"states": bus.station.encode()})
             for bus in buses:
                 inbox = Inbox(bus)
                 for name in endpoints.keys() - {bus.station}:
@@ -265,6 +267,7 @@ async def refused_beside_others(
     north, south = (bus_of(name, endpoints, keys) for name in ("north", "south"))
     tls = json.loads(config.get_json("transport/link/protocols")) == ["tls"]
     theirs = [endpoints[name].url(tls=tls) for name in ("north", "south")]
+    (forgery,) = bundles({"states": b"forged"})
     config.insert_json5("connect/endpoints", json.dumps(theirs))  # the last by name connects to none
     async with opened(north, south):
         await all_present(north, south)
@@ -272,13 +275,13 @@ async def refused_beside_others(
             token = session.liveliness().declare_token(f"gcs/{forged}/alive")
             inboxes = Inbox(north), Inbox(south)
             for number in range(30):
-                session.put(f"gcs/{forged}/states", b"forged")
+                session.put(f"gcs/{forged}/bundles", forgery)
                 await asyncio.sleep(0.05)
                 for inbox in inboxes:  # before a true state replaces it
                     inbox.collect()
                     assert b"forged" not in inbox.newest.values()
-                north.publish("states", bytes([number]))
-                south.publish("states", bytes([number]))
+                north.publish({"states": bytes([number])})
+                south.publish({"states": bytes([number])})
                 await asyncio.sleep(0.05)
             await inboxes[0].has("south", "states", bytes([29]))
             await inboxes[1].has("north", "states", bytes([29]))

@@ -69,8 +69,8 @@ async def _publish(station: str, raw: str, keys: str, *junk: str) -> None:
     async with opened(bus):
         while True:
             for number in range(50 * len(junk)):
-                bus.publish(f"junk{number}", bytes(1000))
-            bus.publish("states", station.encode())
+                bus.publish({f"junk{number}": bytes(1000)})
+            bus.publish({"states": station.encode()})
             bus.newest()
             await asyncio.sleep(0.05)
 

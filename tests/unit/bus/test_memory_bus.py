@@ -31,8 +31,8 @@ def test_the_newest_message_of_each_topic_arrives_everywhere(clock: Clock) -> No
     site = network(["north", "south", "west"], clock)
     north = site.buses["north"]
     for payload in (b"1", b"2"):
-        north.publish("states", payload)
-    north.publish("plan", b"p")
+        north.publish({"states": payload})
+    north.publish({"plan": b"p"})
     for name in ("south", "west"):
         received = site.buses[name].newest()
         assert {(one.sender, one.topic, one.payload) for one in received} == {
@@ -41,13 +41,16 @@ def test_the_newest_message_of_each_topic_arrives_everywhere(clock: Clock) -> No
         }
         assert site.buses[name].newest() == []
     assert north.newest() == []
-    assert (north.counters.sent, north.counters.sent_bytes) == (3, 3)
+    assert (north.counters.sent, north.counters.sent_bytes) == (
+        3,
+        3 + 3 * len("-----") + len("statesstatesplan"),
+    )
     assert site.buses["south"].counters.received == 3
 
 
 def test_a_message_arrives_after_the_delay_and_says_when(clock: Clock) -> None:
     site = network(["north", "south"], clock, delay_s=0.02)
-    site.buses["north"].publish("states", b"1")
+    site.buses["north"].publish({"states": b"1"})
     clock.now_s = 0.019
     assert site.buses["south"].newest() == []
     clock.now_s = 0.05
@@ -60,7 +63,7 @@ def test_messages_of_one_station_keep_their_order(clock: Clock) -> None:
     numbers = []
     for step in range(400):
         clock.now_s = step * 0.001
-        site.buses["north"].publish("states", step.to_bytes(2, "little"))
+        site.buses["north"].publish({"states": step.to_bytes(2, "little")})
         numbers += [int.from_bytes(one, "little") for one in payloads(site.buses["south"])]
     assert len(numbers) > 50
     assert numbers == sorted(numbers)
@@ -71,7 +74,7 @@ def test_loss_is_the_given_share_and_repeats_with_the_seed(clock: Clock) -> None
         site = network(["north", "south"], clock, loss=0.1, seed=seed)
         found = []
         for step in range(2000):
-            site.buses["north"].publish("states", b"")
+            site.buses["north"].publish({"states": b""})
             found += [step] * len(site.buses["south"].newest())
         return found
 
@@ -83,7 +86,7 @@ def test_loss_is_the_given_share_and_repeats_with_the_seed(clock: Clock) -> None
 def test_a_cut_bus_carries_within_each_half_until_it_heals(clock: Clock) -> None:
     site = network(["a", "b", "c", "d"], clock, connection_s=0.2)
     site.cut(["a", "b"], ["c", "d"])
-    site.buses["a"].publish("states", b"1")
+    site.buses["a"].publish({"states": b"1"})
     assert payloads(site.buses["b"]) == [b"1"]
     assert payloads(site.buses["c"]) == payloads(site.buses["d"]) == []
     assert site.buses["a"].present == {"b", "c", "d"}
@@ -91,7 +94,7 @@ def test_a_cut_bus_carries_within_each_half_until_it_heals(clock: Clock) -> None
     assert site.buses["a"].present == {"b"}
     assert site.buses["d"].present == {"c"}
     site.cut()
-    site.buses["a"].publish("states", b"2")
+    site.buses["a"].publish({"states": b"2"})
     assert payloads(site.buses["d"]) == [b"2"]
     assert site.buses["a"].present == {"b", "c", "d"}
 
@@ -109,17 +112,17 @@ def test_a_bus_that_was_closed_neither_sends_nor_receives(clock: Clock) -> None:
 
     asyncio.run(story())
     assert site.buses["south"].present == frozenset()
-    site.buses["north"].publish("states", b"1")
-    site.buses["south"].publish("states", b"2")
+    site.buses["north"].publish({"states": b"1"})
+    site.buses["south"].publish({"states": b"2"})
     assert payloads(site.buses["south"]) == payloads(site.buses["north"]) == []
     assert site.buses["north"].counters.sent == 0
 
 
 def test_a_payload_that_is_too_large_is_refused(clock: Clock) -> None:
     site = network(["north", "south"], clock)
-    site.buses["north"].publish("states", bytes(PAYLOAD_MAX))
+    site.buses["north"].publish({"states": bytes(PAYLOAD_MAX)})
     with pytest.raises(LinkError, match=f"states: {PAYLOAD_MAX + 1} bytes where {PAYLOAD_MAX} are possible"):
-        site.buses["north"].publish("states", bytes(PAYLOAD_MAX + 1))
+        site.buses["north"].publish({"states": bytes(PAYLOAD_MAX + 1)})
     assert [len(one) for one in payloads(site.buses["south"])] == [PAYLOAD_MAX]
 
 
@@ -127,5 +130,5 @@ def test_messages_that_are_not_collected_are_bounded(clock: Clock) -> None:
     site = MemoryNetwork(clock)
     north, south = site.bus("north"), site.bus("south")
     for number in range(UNDER_WAY_MAX + 10):
-        north.publish(f"t{number}", b"")
+        north.publish({f"t{number}": b""})
     assert len(south.newest()) == UNDER_WAY_MAX
