@@ -41,6 +41,9 @@ log = logging.getLogger(__name__)
 CHANGED_AGAIN_S: Final = 2.0
 """A follower shows its own change of the plan until the lead confirms it, for this time at most."""
 
+ARRIVES_WITHIN_S: Final = 0.1
+"""Arrivals of one plan, in the time of its making, differ by this much between ticks and by delays."""
+
 
 @dataclass(frozen=True, slots=True)
 class Membership:
@@ -144,6 +147,7 @@ class SiteMember:
         self.sender = SiteSender(flight, site, self.bus, self.letters, self.shows)
         self._changed_s = -np.inf  # when this station changed the lead's plan
         self._changes = 0  # of the plan, that this station asked of the lead
+        self._plan_of: tuple[str, int, int] | None = None  # sender, term and version of the newest that came
         self._others: Others | None = None  # of this tick, as the next; None: not computed yet
         self._landing_m: Array | None = None
 
@@ -190,7 +194,12 @@ class SiteMember:
         own_pending = (
             applied.get(site.own, 0) < self._changes and arrived_s - self._changed_s < CHANGED_AGAIN_S
         )
-        if not own_pending and plan != self.flight.plan:
+        if own_pending or plan == self.flight.plan:
+            return
+        # the same plan, moved by when it happened to arrive, is flown and recorded as it was
+        moved_s = abs(plan.target.time_s - self.flight.plan.target.time_s)
+        flown, self._plan_of = self._plan_of, (sender, term, version)
+        if flown != self._plan_of or moved_s > ARRIVES_WITHIN_S or not plan.is_as(self.flight.plan):
             self.flight.plan = plan
 
     def _take_info(self, sender: str, payload: bytes) -> None:

@@ -187,6 +187,15 @@ class Plan:
         if len(self.obstacles) > MAX_OBSTACLES:
             raise InvalidError("obstacles", len(self.obstacles), f"at most {MAX_OBSTACLES}")
 
+    def is_as(self, other: "Plan") -> bool:
+        """Whether the two differ in their times only."""
+
+        def untimed(plan: Plan) -> Plan:
+            boxes = tuple(replace(box, time_s=0.0) for box in plan.obstacles)
+            return replace(plan, target=replace(plan.target, time_s=0.0), obstacles=boxes)
+
+        return untimed(self) == untimed(other)
+
     def moved(self, shift_s: float) -> "Plan":
         """Return the same plan with its times moved by `shift_s`: for another clock."""
         target = replace(self.target, time_s=self.target.time_s + shift_s)

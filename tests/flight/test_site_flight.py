@@ -23,8 +23,11 @@ def test_four_stations_fly_one_formation_and_bring_it_home() -> None:
             show["north"].service.commands.command_show(ShowAction.START)  # nothing has arrived yet
         record = await show.start()
         assert len(record.outcomes) == 16
-        await show.wait(15.0)
+        await show.wait(12.0)
+        plan = show["south"].view.plan
+        await show.wait(3.0)
         south = show["south"].view
+        assert south.plan == plan  # it came six times more, at other delays
         assert south.center_m is not None
         offset_m = show.true_m - south.center_m
         direction = offset_m / np.linalg.norm(offset_m, axis=1, keepdims=True)
