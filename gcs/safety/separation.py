@@ -169,6 +169,7 @@ def _closest(
     for. On the ground there are none.
     """
     known, extent_m = np.empty(len(position_m), np.bool_), 0.0
+    low_m, high_m = np.full(3, np.inf), np.full(3, -np.inf)
     flying, above = np.zeros(len(position_m), np.bool_), np.zeros(len(position_m), np.bool_)
     for i in range(len(position_m)):
         widest_m = max(abs(position_m[i, 0]), abs(position_m[i, 1]), abs(position_m[i, 2]))
@@ -176,14 +177,17 @@ def _closest(
         if known[i]:
             extent_m = max(extent_m, widest_m)
             flying[i], above[i] = airborne[i], -position_m[i, 2] >= pad_height_m
+            for axis in range(3):
+                low_m[axis] = min(low_m[axis], position_m[i, axis])
+                high_m[axis] = max(high_m[axis], position_m[i, axis])
     some = flying if flying.sum() <= above.sum() else above
     if not some.any():
         return np.inf, 0
     if own < len(known):
         some = known & (np.arange(len(known)) < own)
-    look_m = 2.0 * max(
-        horizontal_m, vertical_m
-    )  # vehicles of a formation are hardly farther apart: mostly one search is enough
+    # as far as the vehicles of a sphere that wide are from their neighbours: mostly one search is enough
+    apart_m = 2.2 * (high_m - low_m).max() / np.sqrt(known.sum())
+    look_m = min(max(apart_m, 2.0 * max(horizontal_m, vertical_m)), 4.0 * max(horizontal_m, vertical_m))
     farthest_m = 2.0 * np.sqrt(3.0) * extent_m + look_m
     while True:
         first, second = near_pairs(some, position_m, known, np.full(len(position_m), look_m / 2.0))
