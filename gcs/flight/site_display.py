@@ -19,7 +19,7 @@ from gcs.service import BusView, FleetView, StationView
 from gcs.service.vehicle_table import VehicleTable
 from gcs.stations.messages import MODES, PHASES
 
-RECORDED_S: Final = 0.5
+RECORDED_S: Final = 1.0
 """Interval at which the vehicles of other stations are recorded: their own stations record every tick."""
 
 _PHASES: Final = np.array([*PHASES], object)

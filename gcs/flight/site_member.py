@@ -314,9 +314,7 @@ class SiteMember:
 
     def ids_of(self, station: str, *phases: Phase) -> list[VehicleId]:
         """Vehicles that another station flies, in one of these phases; without phases all."""
-        codes = [PHASE_CODE[phase] for phase in phases or PHASES]
-        found = np.isin(self.site.phases, codes)
-        owners = self.site.owners
+        found, owners = self._in_phase(phases or PHASES), self.site.owners
         return [self.site.ids[row] for row in np.flatnonzero(found).tolist() if owners[row] == station]
 
     def excluded(self, station: str) -> Collection[VehicleId]:
@@ -336,7 +334,7 @@ class SiteMember:
         """(k,) vehicles of received stations that fly, or on the ground are to fly, with the formation."""
         flying = self.flight.show not in ON_THE_GROUND
         phases = AIRBORNE if flying else {*AIRBORNE, Phase.STANDBY}
-        return np.asarray(self._received & np.isin(self.site.phases, [PHASE_CODE[phase] for phase in phases]))
+        return self._received & self._in_phase(phases)
 
     def uncertainty_m(self) -> Array:
         """(j,) of the vehicles that take part."""
@@ -356,8 +354,13 @@ class SiteMember:
 
     def flown_by_others(self, *phases: Phase) -> Rows:
         """(j,) rows of the vehicles of received stations in one of these phases."""
-        in_phase = np.isin(self.site.phases, [PHASE_CODE[phase] for phase in phases])
-        return np.flatnonzero(self._received & in_phase)
+        return np.flatnonzero(self._received & self._in_phase(phases))
+
+    def _in_phase(self, phases: Collection[Phase]) -> Mask:
+        """(k,) those in one of these phases."""
+        meant = np.zeros(len(PHASES), np.bool_)
+        meant[[PHASE_CODE[phase] for phase in phases]] = True
+        return np.asarray(meant[self.site.phases])
 
     @property
     def _received(self) -> Mask:

@@ -161,7 +161,7 @@ def take(known: ReportedVehicles, rows: Rows, wire: NDArray[np.void], station: i
 @kernel
 def at_time(
     known: ReportedVehicles, mine: Mask, here: Mask, shares: Mask, now_s: float, age_max_s: float
-) -> tuple[Array, Array, Array, Array, Mask, Mask]:
+) -> tuple[Array, Array, Array, Array, Mask, Mask, Mask]:
     """The vehicles at the time of a tick.
 
     Args:
@@ -173,13 +173,16 @@ def at_time(
         age_max_s: a vehicle with an older position is not commanded by its station.
 
     Returns: (k, 3) positions and (k,) their uncertainty, (k, 3) velocities before and (k, 3) after the safety
-        filter, NaN where not `shares`, (k,) in the air, and (k,) in formation.
+        filter, NaN where not `shares`, (k,) in the air, (k,) in formation, and (k,) those `without_control`.
     """
     k = len(known.owner)
     position_m, uncertainty_m = np.empty((k, 3)), np.empty(k)
     unfiltered_m_s, filtered_m_s = np.full((k, 3), np.nan), np.full((k, 3), np.nan)
-    airborne, formed = np.empty(k, np.bool_), np.empty(k, np.bool_)
+    airborne, formed, without = np.empty(k, np.bool_), np.empty(k, np.bool_), np.empty(k, np.bool_)
     for i in range(k):
+        silent = known.airborne[i] and now_s - known.measured_s[i] > age_max_s
+        is_known = np.isfinite(known.position_m[i, 0]) and not mine[i]
+        without[i] = is_known and (silent or HAS_NO_LINK[known.phases[i]])
         forward_s = min(max(now_s - known.made_s[i], 0.0), FORWARD_MAX_S)
         strays_m = 0.5 * CHANGES_M_S2 * min(forward_s, STRAYS_S) ** 2
         uncertainty_m[i] = np.hypot(known.uncertainty_m[i], strays_m)
@@ -193,7 +196,7 @@ def at_time(
             for axis in range(3):
                 unfiltered_m_s[i, axis] = known.unfiltered_m_s[i, axis]
                 filtered_m_s[i, axis] = known.desired_m_s[i, axis]
-    return position_m, uncertainty_m, unfiltered_m_s, filtered_m_s, airborne, formed
+    return position_m, uncertainty_m, unfiltered_m_s, filtered_m_s, airborne, formed, without
 
 
 @kernel
@@ -203,11 +206,11 @@ def without_control(known: ReportedVehicles, mine: Mask, now_s: float, age_max_s
     Arguments as of `at_time`.
     """
     k = len(known.owner)
-    without = np.zeros(k, np.bool_)
+    without = np.empty(k, np.bool_)
     for i in range(k):
-        if not mine[i] and np.isfinite(known.position_m[i, 0]):
-            silent = known.airborne[i] and now_s - known.measured_s[i] > age_max_s
-            without[i] = silent or HAS_NO_LINK[known.phases[i]]
+        silent = known.airborne[i] and now_s - known.measured_s[i] > age_max_s
+        is_known = np.isfinite(known.position_m[i, 0]) and not mine[i]
+        without[i] = is_known and (silent or HAS_NO_LINK[known.phases[i]])
     return without
 
 

@@ -287,10 +287,10 @@ class Site:
                 pace = min(pace, station.batch.pace)
         age_s = now_s - known.measured_s
         self._kept.note(known.desired_m_s, known.setpoint_m_s, age_s, now_s, ~here[known.owner])
-        position_m, uncertainty_m, unfiltered_m_s, filtered_m_s, airborne, formed = at_time(
+        position_m, uncertainty_m, unfiltered_m_s, filtered_m_s, airborne, formed, without = at_time(
             known, self._mine, here, shares, now_s, age_max_s
         )
-        paths, owners, drift = self._paths(np.flatnonzero(self._without(now_s)), age_s)
+        paths, owners, drift = self._paths(np.flatnonzero(without), age_s)
         return Others(
             self.ids,
             position_m,
