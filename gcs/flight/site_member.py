@@ -34,7 +34,8 @@ from gcs.stations.publishing import STATES
 from gcs.stations.recognition import may_be_valid
 from gcs.stations.reported_vehicles import Rows
 from gcs.stations.return_messages import ReturnMessage
-from gcs.stations.site import Site, StationFleet, WithoutControl
+from gcs.stations.site import Site, StationFleet
+from gcs.stations.space_without_control import WithoutControl
 
 log = logging.getLogger(__name__)
 

@@ -17,7 +17,8 @@ from gcs.simulation.scenario import Stations
 from gcs.simulation.world import TrueWorld
 from gcs.stations.messages import MODE_CODE, PHASE_CODE
 from gcs.stations.publishing import STATES, FormationMessages, Reported, batch
-from gcs.stations.site import Site, StationFleet, WithoutControl
+from gcs.stations.site import Site, StationFleet
+from gcs.stations.space_without_control import WithoutControl
 
 LEAD_SILENT_S = 1.0
 """After this silence of the lead a station computes the whole formation itself."""

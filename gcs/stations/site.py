@@ -1,20 +1,16 @@
 """What one station knows of the others: their vehicles at the time of a tick, and the lead's formation."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gcs.control.inputs import FormationState
 from gcs.control.others import Others
 from gcs.formation.law import turned
 from gcs.model.errors import LinkError
-from gcs.model.setpoint_loss import FleetWithoutSetpoints, WithoutSetpoints
 from gcs.model.state import Array, Mask, VehicleId, freeze
-from gcs.planning.lost_space import KeptSetpoints, expected_drift, swept_segments_m
-from gcs.planning.silent_space import silent_segments_m
 from gcs.stations.delays import Delays
 from gcs.stations.lead import Lead
 from gcs.stations.messages import (
@@ -30,17 +26,14 @@ from gcs.stations.messages import (
 )
 from gcs.stations.reported_vehicles import (
     HAS_NO_LINK,
-    KILLED,
     NO_STATION,
-    WITHOUT_LINK,
     ReportedVehicles,
     Rows,
     at_time,
     take,
     without_control,
 )
-
-RETURN_HEIGHT_M: Final = 30.0
+from gcs.stations.space_without_control import SpaceWithoutControl, WithoutControl
 
 LOST_S: Final = 0.5
 """A station without a batch for this time is lost: its vehicles are without control until they are seen."""
@@ -59,23 +52,6 @@ class StationFleet:
     ids: tuple[VehicleId, ...]
     charge: tuple[float, ...]
     standby: int = 0  # so many at the end are another station's until this one takes them over
-
-
-@dataclass(frozen=True, slots=True)
-class WithoutControl:
-    """What vehicles do that no station commands; as configured for the whole site."""
-
-    action: str = "return"  # see `swept_segments_m`; of vehicles that are not in `vehicles`
-    return_heights_m: Mapping[VehicleId, float] = field(default_factory=dict)  # RTL_RETURN_ALT, if not 30 m
-    takeoff_height_m: float = 10.0
-    vehicles: Mapping[VehicleId, WithoutSetpoints] = field(default_factory=dict)
-    silence_s: float = 2.0  # a vehicle is lost after it
-    watchdog_s: float = 0.2  # how long setpoints outlive their tick
-    telemetry_age_max_s: float = 0.5  # a vehicle with an older position is not commanded
-
-    def of(self, ids: Sequence[VehicleId]) -> FleetWithoutSetpoints:
-        others = WithoutSetpoints(action=self.action)
-        return FleetWithoutSetpoints([self.vehicles.get(name, others) for name in ids])
 
 
 @dataclass(slots=True)
@@ -136,7 +112,6 @@ class Site:
             for one, share in zip(fleet.ids, fleet.charge, strict=True)
         }
         self.ids: tuple[VehicleId, ...] = tuple(charge)
-        self._alone = without_control.of(self.ids)
         row_of = {name: row for row, name in enumerate(self.ids)}
         self.stations = {
             name: Station(names.index(name), np.array([row_of[one] for one in fleet.ids], dtype=np.intp))
@@ -157,10 +132,9 @@ class Site:
         self._all_rows = np.arange(n + k)
         self._only_elsewhere = n + np.setdiff1d(np.arange(k), self._their_rows)
         self.known = ReportedVehicles.unknown(k)
-        self._kept = KeptSetpoints(k)
         self.home_m = np.full((k, 3), np.nan)
+        self._uncontrolled = SpaceWithoutControl(self.ids, self.known, self.home_m, without_control)
         self.homes_m: list[Array | None] = [None] * k
-        self._swept: dict[int, Array] = {}  # of rows whose paths do not change any more
 
     # received
 
@@ -202,9 +176,7 @@ class Site:
             lost = known.epochs[self._their_rows] > self.epochs[self._own_rows]
             self.owned[self._own_rows[lost]] = False
             self._take_back()
-        for row in [row for row in self._swept if self.phases[row] not in WITHOUT_LINK]:
-            if arrived_s - known.measured_s[row] <= self._without_control.telemetry_age_max_s:
-                del self._swept[row]
+        self._uncontrolled.forget_seen(arrived_s)
 
     def _take_back(self) -> None:
         """Own again the vehicles of this station that a standby has given back."""
@@ -286,11 +258,11 @@ class Site:
             if station.batch is not None:
                 pace = min(pace, station.batch.pace)
         age_s = now_s - known.measured_s
-        self._kept.note(known.desired_m_s, known.setpoint_m_s, age_s, now_s, ~here[known.owner])
+        self._uncontrolled.note(age_s, now_s, ~here[known.owner])
         position_m, uncertainty_m, unfiltered_m_s, filtered_m_s, airborne, formed, without = at_time(
             known, self._mine, here, shares, now_s, age_max_s
         )
-        paths, owners, drift = self._paths(np.flatnonzero(without), age_s)
+        paths, owners, drift = self._uncontrolled.paths(np.flatnonzero(without), age_s)
         return Others(
             self.ids,
             position_m,
@@ -331,9 +303,7 @@ class Site:
 
     def closed(self, now_s: float) -> tuple[Array, Rows]:
         """(m, 2, 3) all paths that lost vehicles may take until they are seen again, and (m,) their rows."""
-        swept = [(row, self._swept_of(row)) for row in self.lost_rows(now_s).tolist()]
-        rows = [row for row, own_m in swept for _ in own_m]
-        return np.concatenate([np.zeros((0, 2, 3)), *(own_m for _, own_m in swept)]), np.array(rows, np.intp)
+        return self._uncontrolled.closed(self.lost_rows(now_s))
 
     def formation(self, now_s: float, silent_s: float) -> FormationState | None:
         """The lead's formation at `now_s`, rows: the own vehicles, then the others'.
@@ -368,85 +338,6 @@ class Site:
     def plan_version(self) -> int | None:
         """Version of the plan that the lead flies; None: not known."""
         return None if self._led.message is None else self._led.message.plan
-
-    def _paths(
-        self, rows: NDArray[np.intp], age_s: Array
-    ) -> tuple[Array, NDArray[np.intp], tuple[Array, Array] | None]:
-        """(m, 2, 3) paths of vehicles without control, (m,) their rows, and where they drift now."""
-        if len(rows) == 0:
-            return np.zeros((0, 2, 3)), np.zeros(0, np.intp), None
-        alone = self._without_control
-        near = np.array([row not in self._swept for row in rows.tolist()])
-        near &= (age_s[rows] < alone.silence_s) & ~HAS_NO_LINK[self.phases[rows]]
-        silent_m, silent_of = self._near(rows[near], age_s)
-        swept = {row: self._swept_m(row) for row in rows[~near].tolist()}
-        segments_m = np.concatenate([*swept.values(), silent_m])
-        owners = np.repeat(np.array([*swept], np.intp), [len(each_m) for each_m in swept.values()])
-        owners = np.concatenate([owners, silent_of])
-        by_row = np.argsort(owners, kind="stable")
-        drifts = np.zeros(self.count, np.bool_)
-        drifts[rows] = self.phases[rows] != KILLED
-        expected_m_s = self._kept.expected_m_s(self.known.velocity_m_s)
-        stop_s = self._alone.stop_s(np.arange(self.count), expected_m_s)
-        noticed_s = self._alone.flies_on_s
-        drift = expected_drift(
-            self.known.position_m, expected_m_s, age_s, drifts, noticed_s=noticed_s, stop_s=stop_s
-        )
-        return segments_m[by_row], owners[by_row], drift
-
-    def _near(self, rows: NDArray[np.intp], age_s: Array) -> tuple[Array, NDArray[np.intp]]:
-        """(m, 2, 3) paths that silent vehicles may take soon, and (m,) their rows."""
-        alone = self._without_control
-        of, keeps_m_s = self._kept.possible_m_s(rows, self.known.velocity_m_s)
-        segments_m, found = silent_segments_m(
-            self.known.position_m[of],
-            keeps_m_s,
-            self.home_m[of],
-            np.array([alone.return_heights_m.get(self.ids[row], RETURN_HEIGHT_M) for row in of.tolist()]),
-            age_s[of],
-            action=self._alone.action[of],
-            noticed_s=self._alone.flies_on_s[of],
-            drift_s=self._drift_s(of, keeps_m_s),
-        )
-        return segments_m, of[found]
-
-    def _swept_m(self, row: int) -> Array:
-        """(m, 2, 3) paths that a lost vehicle may take; they stay as they are."""
-        if row not in self._swept:
-            self._swept[row] = self._swept_of(row)
-        return self._swept[row]
-
-    def _swept_of(self, row: int) -> Array:
-        """(m, 2, 3) all paths that one vehicle may take by itself."""
-        if row in self._swept:
-            return self._swept[row]
-        alone, killed = self._without_control, self.phases[row] == KILLED
-        keeps_m_s = self.known.velocity_m_s[row : row + 1]
-        if not killed:
-            _, keeps_m_s = self._kept.possible_m_s(np.array([row]), self.known.velocity_m_s)
-        drift_s = self._drift_s(np.full(len(keeps_m_s), row), keeps_m_s)
-        parts = [
-            swept_segments_m(
-                self.known.position_m[row],
-                each_m_s,
-                self._home_of(row),
-                "land" if killed else self._alone.vehicles[row].action,
-                alone.return_heights_m.get(self.ids[row], RETURN_HEIGHT_M),
-                climbing_to_m=None if killed else alone.takeoff_height_m,
-                drift_s=each_s,
-            )
-            for each_m_s, each_s in zip(keeps_m_s, drift_s.tolist(), strict=True)
-        ]
-        return np.concatenate(parts)
-
-    def _drift_s(self, rows: NDArray[np.intp], velocity_m_s: Array) -> Array:
-        """(p,) how long vehicles without commands may keep (p, 3) velocities, their stop included."""
-        alone = self._alone
-        return self._without_control.watchdog_s + alone.flies_on_s[rows] + alone.stop_s(rows, velocity_m_s)
-
-    def _home_of(self, row: int) -> Array | None:
-        home_m: Array = self.home_m[row]
-        return home_m if np.isfinite(home_m).all() else None
 
     # ownership
 

@@ -3,7 +3,8 @@
 import pytest
 
 from gcs.flight.absences import Absences
-from gcs.stations.site import Site, StationFleet, WithoutControl
+from gcs.stations.site import Site, StationFleet
+from gcs.stations.space_without_control import WithoutControl
 
 TICK_S, RECEIVED_S = 0.1, 0.05
 

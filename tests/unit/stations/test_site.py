@@ -10,7 +10,8 @@ from gcs.formation.orbit import Center
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.stations.lead import Lead
 from gcs.stations.messages import PHASE_CODE, BatchHead, Echo, FormationMessage, SlotsMessage
-from gcs.stations.site import LOST_S, SHARES_S, Site, StationFleet, WithoutControl
+from gcs.stations.site import LOST_S, SHARES_S, Site, StationFleet
+from gcs.stations.space_without_control import WithoutControl
 from tests.unit.stations.test_messages import HEAD, batch
 
 FLEETS = {
