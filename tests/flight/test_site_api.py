@@ -6,6 +6,7 @@ import httpx
 import pytest
 
 from gcs.api.app import create_app
+from gcs.bus.bundles import bundles
 from gcs.model.lifecycle import Phase
 from tests.support.virtual_site import SiteShow, fly_site, site_config
 
@@ -70,10 +71,10 @@ async def counted(show: SiteShow, station: str) -> dict[str, float]:
 
 def test_metrics_count_what_crosses_the_bus() -> None:
     async def story(show: SiteShow) -> None:
-        passed: list[int] = []  # bytes of each message, as a third party on the network receives them
+        passed: list[int] = []  # bytes of each message with its topic, as a third party receives them
 
-        def note(_topic: str, payload: bytes) -> bool:
-            passed.append(len(payload))
+        def note(topic: str, payload: bytes) -> bool:
+            passed.extend(map(len, bundles({topic: payload})))
             return True
 
         watcher = show.network.bus("watcher")
@@ -82,6 +83,7 @@ def test_metrics_count_what_crosses_the_bus() -> None:
         watcher.newest()
         passed.clear()
         before = {name: await counted(show, name) for name in ("north", "south")}
+        (junk,) = map(len, bundles({"states": b"junk"}))
         for _ in range(7):
             show.network.carry("south", "states", b"junk")
         for _ in range(10):
@@ -94,7 +96,7 @@ def test_metrics_count_what_crosses_the_bus() -> None:
             for station in after
         )
         assert north["messages_sent"] + south["messages_sent"] == len(passed) - 7
-        assert north["sent_bytes"] + south["sent_bytes"] == sum(passed) - 7 * len(b"junk")
+        assert north["sent_bytes"] + south["sent_bytes"] == sum(passed) - 7 * junk
         assert north["messages_received"] == pytest.approx(south["messages_sent"], abs=5)  # those of a tick
         assert south["messages_received"] == pytest.approx(north["messages_sent"], abs=5)
         assert (
