@@ -173,7 +173,8 @@ def at_time(
         age_max_s: a vehicle with an older position is not commanded by its station.
 
     Returns: (k, 3) positions and (k,) their uncertainty, (k, 3) velocities before and (k, 3) after the safety
-        filter, NaN where not `shares`, (k,) in the air, (k,) in formation, and (k,) those `without_control`.
+        filter, NaN where not `shares`, (k,) in the air, (k,) in formation, and (k,)
+        without control: silent in the air, or of a phase without a link.
     """
     k = len(known.owner)
     position_m, uncertainty_m = np.empty((k, 3)), np.empty(k)
@@ -197,21 +198,6 @@ def at_time(
                 unfiltered_m_s[i, axis] = known.unfiltered_m_s[i, axis]
                 filtered_m_s[i, axis] = known.desired_m_s[i, axis]
     return position_m, uncertainty_m, unfiltered_m_s, filtered_m_s, airborne, formed, without
-
-
-@kernel
-def without_control(known: ReportedVehicles, mine: Mask, now_s: float, age_max_s: float) -> Mask:
-    """(k,) vehicles of other stations without control: silent in the air, or of a phase without a link.
-
-    Arguments as of `at_time`.
-    """
-    k = len(known.owner)
-    without = np.empty(k, np.bool_)
-    for i in range(k):
-        silent = known.airborne[i] and now_s - known.measured_s[i] > age_max_s
-        is_known = np.isfinite(known.position_m[i, 0]) and not mine[i]
-        without[i] = is_known and (silent or HAS_NO_LINK[known.phases[i]])
-    return without
 
 
 @cache
@@ -245,5 +231,4 @@ def warm_up() -> None:
     known = ReportedVehicles.unknown(1)
     take(known, np.zeros(1, np.intp), decode_batch(sent.encode())[1], 0, 0.0)
     at_time(known, ~flags, np.zeros(2, np.bool_), np.zeros(2, np.bool_), 0.0, 1.0)
-    without_control(known, ~flags, 0.0, 1.0)
     SlotsMessage.decode(SlotsMessage(1, 1, 0, vectors).encode())

@@ -31,7 +31,6 @@ from gcs.stations.reported_vehicles import (
     Rows,
     at_time,
     take,
-    without_control,
 )
 from gcs.stations.space_without_control import SpaceWithoutControl, WithoutControl
 
@@ -289,7 +288,9 @@ class Site:
 
     def _without(self, now_s: float) -> Mask:
         """(k,) those without control."""
-        return without_control(self.known, self._mine, now_s, self._without_control.telemetry_age_max_s)
+        no_station = np.zeros(len(self.names) + 1, np.bool_)
+        age_max_s = self._without_control.telemetry_age_max_s
+        return at_time(self.known, self._mine, no_station, no_station, now_s, age_max_s)[-1]
 
     def lost_rows(self, now_s: float) -> Rows:
         """Those without control that are lost, and not only silent: with their station at once."""
