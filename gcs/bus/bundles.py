@@ -1,4 +1,4 @@
-"""Messages of one tick in one: a transport's cost is that of its messages, more than that of their bytes.
+"""The messages of one tick as one: a transport's work is for each message, more than for its bytes.
 
 A bundle holds parts: u8 length of the topic, topic in UTF-8, u32 length of the payload, payload.
 """

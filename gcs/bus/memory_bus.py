@@ -29,7 +29,7 @@ class MemoryNetwork:
     buses: dict[str, "MemoryBus"] = field(default_factory=dict)
     _groups: tuple[frozenset[str], ...] = ()
     _cut_s: float = -np.inf
-    _deaf: dict[tuple[str, str], float] = field(default_factory=dict)  # receiver and sender: since when
+    _cut_one_way_s: dict[tuple[str, str], float] = field(default_factory=dict)  # by sender, receiver
     _random: np.random.Generator = field(init=False)
 
     def __post_init__(self) -> None:
@@ -43,17 +43,17 @@ class MemoryNetwork:
     def cut(self, *groups: Collection[str]) -> None:
         """From now on only stations of the same group receive each other; without groups all do again."""
         self._groups, self._cut_s = tuple(map(frozenset, groups)), self.now_s()
-        self._deaf.clear()
+        self._cut_one_way_s.clear()
 
-    def deafen(self, receiver: str, sender: str) -> None:
-        """From now on the receiver receives nothing of the sender; it closes the connection of the two."""
-        self._deaf[receiver, sender] = self.now_s()
+    def cut_one_way(self, sender: str, receiver: str) -> None:
+        """From now on nothing of the sender reaches the receiver, which closes the connection of the two."""
+        self._cut_one_way_s[sender, receiver] = self.now_s()
 
     def connects(self, one: str, other: str) -> bool:
         """Whether the two are connected."""
         together = not self._groups or any({one, other} <= group for group in self._groups)
-        deaf_s = min(self._deaf.get(pair, np.inf) for pair in ((one, other), (other, one)))
-        kept = self.now_s() - deaf_s < self.connection_s
+        cut_s = min(self._cut_one_way_s.get(pair, np.inf) for pair in ((one, other), (other, one)))
+        kept = self.now_s() - cut_s < self.connection_s
         return together and kept and self.buses[one].open and self.buses[other].open
 
     def present(self, station: str) -> frozenset[str]:
@@ -67,7 +67,7 @@ class MemoryNetwork:
         others = [
             bus
             for name, bus in self.buses.items()
-            if name != sender and self.connects(sender, name) and (name, sender) not in self._deaf
+            if name != sender and self.connects(sender, name) and (sender, name) not in self._cut_one_way_s
         ]
         late_s = self.delay_s + self.spread_s * self._random.uniform(-1.0, 1.0, len(others))
         kept = self._random.random(len(others)) >= self.loss

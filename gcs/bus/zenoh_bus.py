@@ -22,7 +22,7 @@ ROOT: Final = "gcs"
 """Keys begin with `gcs/STATION`; a station may publish only its own."""
 
 ALIVE: Final = "alive"
-"""Below a station's name: the liveliness token, whose last event is that of the station."""
+"""Below a station's name: its liveliness token; the last event of it counts."""
 
 BUNDLES: Final = "bundles"
 """Below a station's name: its messages."""
@@ -74,7 +74,7 @@ def configuration(station: str, endpoints: Mapping[str, Endpoint], keys: Path | 
         "scouting/multicast/enabled": False,
         "scouting/gossip/enabled": False,
         "transport/link/protocols": ["tls" if tls else "tcp"],
-        "transport/link/tx/lease": round(1000 * CONNECTION_S),  # with 4 signs of life
+        "transport/link/tx/lease": round(1000 * CONNECTION_S),  # four times as long as between keep-alives
         "transport/link/tx/queue/size/real_time": BURST,
         "transport/link/rx/max_message_size": MESSAGE_MAX,
         "transport/unicast/open_timeout": HANDSHAKE_MS,

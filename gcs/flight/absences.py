@@ -51,8 +51,8 @@ class Absences:
         """A connection closes at once where a process has ended, and after CONNECTION_S where the bus is cut.
 
         The newest batch may have arrived right after the tick before the one that took it. Where ticks were
-        late nothing is known, and the station counts as cut off. So does one whose newest batch says that it
-        received this station no more: it may have closed the connection itself.
+        late nothing is known, and the station counts as cut off. So does a station that, by its
+        newest batch, no longer received this one: it may have closed the connection itself.
         """
         for name, station in self.site.stations.items():
             arrived = station.arrived_s != self._arrived_s.get(name, -inf)

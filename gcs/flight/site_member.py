@@ -43,7 +43,7 @@ CHANGED_AGAIN_S: Final = 2.0
 """A follower shows its own change of the plan until the lead confirms it, for this time at most."""
 
 ARRIVES_WITHIN_S: Final = 0.1
-"""Arrivals of one plan, in the time of its making, differ by this much between ticks and by delays."""
+"""The times of a repeated plan differ by up to this much: by the ticks that collect it, and by delays."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,9 +198,10 @@ class SiteMember:
         if own_pending or plan == self.flight.plan:
             return
         # the same plan, moved by when it happened to arrive, is flown and recorded as it was
-        moved_s = abs(plan.target.time_s - self.flight.plan.target.time_s)
+        before = self.flight.plan
+        moved_s = abs(plan.target.time_s - before.target.time_s)
         flown, self._plan_of = self._plan_of, (sender, term, version)
-        if flown != self._plan_of or moved_s > ARRIVES_WITHIN_S or not plan.is_as(self.flight.plan):
+        if flown != self._plan_of or moved_s > ARRIVES_WITHIN_S or not plan.differs_in_time_only(before):
             self.flight.plan = plan
 
     def _take_info(self, sender: str, payload: bytes) -> None:

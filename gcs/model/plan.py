@@ -187,8 +187,8 @@ class Plan:
         if len(self.obstacles) > MAX_OBSTACLES:
             raise InvalidError("obstacles", len(self.obstacles), f"at most {MAX_OBSTACLES}")
 
-    def is_as(self, other: "Plan") -> bool:
-        """Whether the two differ in their times only."""
+    def differs_in_time_only(self, other: "Plan") -> bool:
+        """Whether the two are the same but for the times of target and obstacles; also where these agree."""
 
         def untimed(plan: Plan) -> Plan:
             boxes = tuple(replace(box, time_s=0.0) for box in plan.obstacles)

@@ -50,7 +50,7 @@ class SpaceWithoutControl:
         self._ids, self._known, self._home_m, self._settings = ids, known, home_m, settings
         self._alone = settings.of(ids)
         self._kept = KeptSetpoints(len(ids))
-        self._swept: dict[int, Array] = {}  # of rows whose paths do not change any more
+        self._swept: dict[int, Array] = {}  # by row, of paths that do not change any more
 
     def note(self, age_s: Array, now_s: float, ended: Mask) -> None:
         """Begin a tick; arguments as of `KeptSetpoints.note`."""
