@@ -67,6 +67,7 @@ class ParameterReader:
         self._absent: Mask = np.zeros(n, dtype=bool)
         self._due: Mask = np.zeros(n, dtype=bool)  # to be read (again), as soon as they are on the ground
         self._reading: Mask = np.zeros(n, dtype=bool)
+        self._outdated: Mask = np.zeros(n, dtype=bool)  # what is being read may have changed meanwhile
         self._not_before_s = np.full(n, -np.inf)
         self._announced: dict[VehicleId, dict[str, ParameterValue]] = {}
         """Newest values since the vehicle's newest read began; the read may be older than they are."""
@@ -86,6 +87,7 @@ class ParameterReader:
             self._forget(flight.at_row(row))
         self._reboot_count, self._absent = reboot_count, absent
         self._due |= armed  # others may change parameters during a flight
+        self._outdated |= armed
         waits = self._reading | armed | absent | (now_s < self._not_before_s)
         room = AT_ONCE_MAX - int(self._reading.sum())
         for row in np.flatnonzero(self._due & ~waits)[: max(room, 0)].tolist():
@@ -153,10 +155,10 @@ class ParameterReader:
         self._flight.parameters.pop(vehicle.id, None)
         self._flight.parameter_problems.pop(vehicle.id, None)
         self._not_before_s[vehicle.row] = -np.inf
-        self._due[vehicle.row] = True
+        self._due[vehicle.row] = self._outdated[vehicle.row] = True
 
     def _begin(self, vehicle: Vehicle) -> None:
-        self._due[vehicle.row] = False
+        self._due[vehicle.row] = self._outdated[vehicle.row] = False
         self._reading[vehicle.row] = True
         self._announced[vehicle.id] = {}
         self._group.create_task(self._read(vehicle), name=f"parameters/{vehicle.id}")
@@ -170,7 +172,7 @@ class ParameterReader:
             self._not_before_s[row] = flight.fleet.time_s + RETRY_S
             self._due[row] = True
         else:
-            if not self._due[row]:  # it has not restarted, flown or been silent meanwhile
+            if not self._outdated[row]:  # it has not restarted, flown or been silent meanwhile
                 values = {**read, **self._announced[vehicle.id]}  # what was set after it had been read
                 flight.note_parameters(vehicle, values)
                 self._settle(vehicle, values)

@@ -1,12 +1,17 @@
 """Parameters, a fleet that loses us at once, jumps of position and reported accuracy, in a flying show."""
 
+import asyncio
+from collections.abc import Collection, Mapping, Sequence
+
 import numpy as np
 import pytest
 
 from gcs.cli.params import Row, inspect
+from gcs.links import ParameterValue
 from gcs.model.errors import CommandError, RefusedError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation
+from gcs.model.state import VehicleId
 from gcs.service import ShowAction
 from tests.support.show_phases import running
 from tests.support.views import vehicles_of
@@ -74,6 +79,28 @@ def test_vehicle_with_unreadable_parameters_is_not_flown() -> None:
     refusal, before, after = fly(story, show_config(2))
     assert "d1: parameters not read yet: d1: parameter GF_ACTION: no answer" in refusal.text
     assert (before, after) == (False, True)
+
+
+def test_slow_reading_ends_while_readiness_is_asked_for() -> None:
+    """An autopilot without some of the parameters takes 2 s for each of them."""
+
+    async def story(show: Show) -> bool:
+        read = show.link.read_parameters
+
+        async def slowly(
+            vehicle_id: VehicleId, names: Sequence[str], may_lack: Collection[str] = ()
+        ) -> Mapping[str, ParameterValue]:
+            await asyncio.sleep(6.0)
+            return await read(vehicle_id, names, may_lack)
+
+        show.link.read_parameters = slowly  # type: ignore[method-assign]
+        for _ in range(40):
+            if show.service.preflight.report().passes:
+                return True
+            await show.wait(0.5)
+        return False
+
+    assert fly(story, show_config(1))
 
 
 def test_parameters_are_read_on_discovery_reboot_and_landing() -> None:
