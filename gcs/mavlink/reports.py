@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import development as dialect
 from gcs.mavlink import framing
 from gcs.mavlink.codec import AUTOPILOT_COMPONENT, layout
 from gcs.mavlink.kernels import COMPONENT, FRAME_COLUMNS, LENGTH, MESSAGE, PAYLOAD, Bytes, Number, Whole
-from gcs.model.jit import kernel
+from gcs.model.jit import kernel, kernel_within
 from gcs.model.state import Array, Landed, Mask
 
 UNKNOWN_MODE, OTHER_MODE = -1, -2
@@ -137,7 +137,7 @@ class Columns(NamedTuple):
         )
 
 
-@kernel
+@kernel_within
 def _unsigned(data: Bytes, place: Number, end: Number, size: int) -> np.int64:
     """Little-endian field at `place`; bytes from `end` on were zeros and have been left out."""
     value = np.int64(0)
@@ -146,70 +146,68 @@ def _unsigned(data: Bytes, place: Number, end: Number, size: int) -> np.int64:
     return value
 
 
-@kernel
+@kernel_within
 def _signed(data: Bytes, place: Number, end: Number, size: int) -> np.int64:
     value = _unsigned(data, place, end, size)
     half = np.int64(1) << (8 * size - 1)
     return value - 2 * half if value >= half else value
 
 
-@kernel
-def _set(column: NDArray[Any], row: Number, value: Number | bool, into: Columns) -> None:
+@kernel_within
+def _set(column: NDArray[Any], row: Number, value: Number | bool, changes: Whole) -> None:
     """Set a value that seldom changes."""
     if column[row] != value:
         column[row] = value
-        into.changes[0] += 1
+        changes[0] += 1
 
 
 @kernel
-def _note_clock(row: Number, boot_ms: np.int64, into: Columns) -> None:
-    """A boot clock that has gone back is a restart: what was known of the time before it may be wrong."""
-    if boot_ms < into.boot_ms[row] - _REBOOTED_MS:
-        into.reboot_count[row] += 1
-        into.connection_count[row] += 1
-        into.reset_counter[row] = -1
-        into.prearm_ok[row] = False
-        into.estimator_flags[row] = -1
-        into.battery_percent[row] = NO_PERCENT
-        into.battery_remaining[row] = np.nan
-        into.changes[0] += 1
-        into.boot_ms[row] = boot_ms
-    else:
-        into.boot_ms[row] = max(boot_ms, into.boot_ms[row])  # late datagrams change nothing
+def _note_restart(row: Number, boot_ms: np.int64, into: Columns) -> None:
+    """What was known of the time before may be wrong."""
+    into.reboot_count[row] += 1
+    into.connection_count[row] += 1
+    into.reset_counter[row] = -1
+    into.prearm_ok[row] = False
+    into.estimator_flags[row] = -1
+    into.battery_percent[row] = NO_PERCENT
+    into.battery_remaining[row] = np.nan
+    into.changes[0] += 1
+    into.boot_ms[row] = boot_ms
 
 
-@kernel
-def _note_percent(row: Number, pack: Number, percent: np.int64, into: Columns) -> None:
+@kernel_within
+def _note_percent(
+    row: Number, pack: Number, percent: np.int64, battery_percent: NDArray[np.int8], remaining: Array
+) -> None:
     """The newest percentage of a pack; below 0: unknown. A vehicle is as empty as its emptiest pack."""
     known = percent if percent < 100 else np.int64(100)
-    into.battery_percent[row, pack] = known if percent >= 0 else NO_PERCENT
-    least = into.battery_percent[row].min()
-    into.battery_remaining[row] = np.nan if least == NO_PERCENT else least / 100.0
+    battery_percent[row, pack] = known if percent >= 0 else NO_PERCENT
+    least = np.int64(NO_PERCENT)
+    for one in range(PACKS + 1):
+        least = min(least, battery_percent[row, one])
+    remaining[row] = np.nan if least == NO_PERCENT else least / 100.0
 
 
-@kernel
+@kernel_within
 def _note_heartbeat(
     data: Bytes, start: Number, end: Number, row: Number, time_s: float, into: Columns
-) -> bool:
-    """Returns: whether an autopilot sent it."""
-    number = _unsigned(data, start + _BEAT_AUTOPILOT, end, 1)
-    if number == _NO_AUTOPILOT:
-        return False
-    _set(into.autopilot, row, number, into)
+) -> None:
+    """Of an autopilot."""
     base = _unsigned(data, start + _BEAT_BASE, end, 1)
     state = _unsigned(data, start + _BEAT_STATE, end, 1)
-    if not time_s - into.heartbeat_time_s[row] <= SILENT_AFTER_S:
-        into.connection_count[row] += 1
-        into.changes[0] += 1
-    into.heartbeat_time_s[row] = time_s
-    _set(into.armed, row, base & _ARMED != 0, into)
-    _set(into.in_failsafe, row, into.armed[row] and state in (_CRITICAL, _EMERGENCY), into)
     mode = _unsigned(data, start + _BEAT_MODE, end, 4)
-    _set(into.custom_mode, row, mode if base & _CUSTOM else np.int64(OTHER_MODE), into)
-    return True
+    is_new = not time_s - into.heartbeat_time_s[row] <= SILENT_AFTER_S
+    into.connection_count[row] += is_new
+    into.changes[0] += is_new
+    into.heartbeat_time_s[row] = time_s
+    armed = base & _ARMED != 0
+    _set(into.autopilot, row, _unsigned(data, start + _BEAT_AUTOPILOT, end, 1), into.changes)
+    _set(into.armed, row, armed, into.changes)
+    _set(into.in_failsafe, row, armed and state in (_CRITICAL, _EMERGENCY), into.changes)
+    _set(into.custom_mode, row, mode if base & _CUSTOM else np.int64(OTHER_MODE), into.changes)
 
 
-@kernel
+@kernel_within
 def _note_position(
     data: Bytes, start: Number, end: Number, row: Number, time_s: float, into: Columns
 ) -> None:
@@ -225,7 +223,7 @@ def _note_position(
     into.yaw_deg[row] = heading_cdeg * 0.01 if heading_cdeg <= _HEADING_MAX_CDEG else np.nan
 
 
-@kernel
+@kernel_within
 def _note_fix(data: Bytes, start: Number, end: Number, row: Number, into: Columns) -> None:
     fix_type = _unsigned(data, start + _GPS_FIX, end, 1)
     into.fix_type[row] = fix_type
@@ -243,38 +241,38 @@ def _note_fix(data: Bytes, start: Number, end: Number, row: Number, into: Column
             into.accuracy_m[row, axis] = np.nan
 
 
-@kernel
-def _note_other(
-    data: Bytes, start: Number, end: Number, row: Number, message: Number, time_s: float, into: Columns
-) -> None:
-    """Messages that come less often. ATTITUDE and LOCAL_POSITION_NED come unasked after a restart."""
+@kernel_within
+def _note_sensors(data: Bytes, start: Number, end: Number, row: Number, into: Columns) -> None:
+    enabled = _unsigned(data, start + _STATUS_ENABLED, end, 4)
+    health = _unsigned(data, start + _STATUS_HEALTH, end, 4)
+    _set(into.prearm_ok, row, health & _PREARM != 0, into.changes)
+    into.unhealthy_sensors[row] = (enabled & _IN_USE | _AHRS) & ~health
+
+
+@kernel_within
+def _note_resets(data: Bytes, start: Number, end: Number, row: Number, into: Columns) -> None:
+    counter = _unsigned(data, start + _ODOMETRY_RESETS, end, 1)
+    is_reset = 0 <= into.reset_counter[row] != counter
+    into.position_resets[row] += is_reset
+    into.changes[0] += is_reset
+    into.reset_counter[row] = counter
+
+
+@kernel_within
+def _boot_place(message: Number) -> int:
+    """Where a message has the boot clock; -1: it has none.
+
+    ATTITUDE and LOCAL_POSITION_NED come unasked after a restart.
+    """
+    if message == _GLOBAL:
+        return _GLOBAL_BOOT
     if message == _ATTITUDE:
-        _note_clock(row, _unsigned(data, start + _ATTITUDE_BOOT, end, 4), into)
-    elif message == _LOCAL:
-        _note_clock(row, _unsigned(data, start + _LOCAL_BOOT, end, 4), into)
-    elif message == _BATTERY:
-        pack = _unsigned(data, start + _BATTERY_PACK, end, 1)
-        _note_percent(row, pack, _signed(data, start + _BATTERY_PERCENT, end, 1), into)
-    elif message == _EXTENDED:
-        landed = _unsigned(data, start + _EXTENDED_LANDED, end, 1)
-        _set(into.landed, row, landed if landed < _LANDED_STATES else np.int64(0), into)
-    elif message == _GPS:
-        _note_fix(data, start, end, row, into)
-    elif message == _TIME:
-        unix_s = _unsigned(data, start + _TIME_UNIX, end, 8) * 1e-6
-        into.clock_base_s[row] = (unix_s if unix_s >= _UNIX_KNOWN_S else np.nan) - time_s
-    elif message == _ODOMETRY:
-        counter = _unsigned(data, start + _ODOMETRY_RESETS, end, 1)
-        if 0 <= into.reset_counter[row] != counter:
-            into.position_resets[row] += 1
-            into.changes[0] += 1
-        into.reset_counter[row] = counter
-    elif message == _ESTIMATOR:
-        _set(into.estimator_flags, row, _unsigned(data, start + _ESTIMATOR_FLAGS, end, 2), into)
+        return _ATTITUDE_BOOT
+    return _LOCAL_BOOT if message == _LOCAL else -1
 
 
 @kernel
-def read_reports(
+def read_reports(  # noqa: C901, PLR0912  (within one function, no message counts references to the columns)
     data: Bytes, frames: Whole, rows: Whole, time_s: Array, into: Columns
 ) -> tuple[Whole, Whole]:
     """Read checked frames in order of arrival. Never fails, whatever they contain.
@@ -296,23 +294,44 @@ def read_reports(
         row, message, start = rows[k], frames[k, MESSAGE], frames[k, PAYLOAD]
         end = start + frames[k, LENGTH]
         into.life_time_s[row] = time_s[k]
+        boot_at = _boot_place(message)
+        if boot_at >= 0:
+            boot_ms = _unsigned(data, start + boot_at, end, 4)
+            if boot_ms < into.boot_ms[row] - _REBOOTED_MS:  # it has gone back: a restart
+                _note_restart(row, boot_ms, into)
+            else:
+                into.boot_ms[row] = max(boot_ms, into.boot_ms[row])  # late datagrams change nothing
         if message == _GLOBAL:
-            _note_clock(row, _unsigned(data, start + _GLOBAL_BOOT, end, 4), into)
             _note_position(data, start, end, row, time_s[k], into)
         elif message == _BEAT:
-            beats[beat_count] = k  # the next replaces it, if no autopilot sent it
-            beat_count += _note_heartbeat(data, start, end, row, time_s[k], into)
+            if _unsigned(data, start + _BEAT_AUTOPILOT, end, 1) != _NO_AUTOPILOT:
+                beats[beat_count] = k
+                beat_count += 1
+                _note_heartbeat(data, start, end, row, time_s[k], into)
         elif message == _TEXT:
             texts[text_count] = k
             text_count += 1
         elif message == _STATUS:
-            enabled = _unsigned(data, start + _STATUS_ENABLED, end, 4)
-            health = _unsigned(data, start + _STATUS_HEALTH, end, 4)
-            _set(into.prearm_ok, row, health & _PREARM != 0, into)
-            into.unhealthy_sensors[row] = (enabled & _IN_USE | _AHRS) & ~health
-            _note_percent(row, PACKS, _signed(data, start + _STATUS_PERCENT, end, 1), into)
-        else:
-            _note_other(data, start, end, row, message, time_s[k], into)
+            _note_sensors(data, start, end, row, into)
+            percent = _signed(data, start + _STATUS_PERCENT, end, 1)
+            _note_percent(row, PACKS, percent, into.battery_percent, into.battery_remaining)
+        elif message == _BATTERY:
+            pack = _unsigned(data, start + _BATTERY_PACK, end, 1)
+            percent = _signed(data, start + _BATTERY_PERCENT, end, 1)
+            _note_percent(row, pack, percent, into.battery_percent, into.battery_remaining)
+        elif message == _EXTENDED:
+            landed = _unsigned(data, start + _EXTENDED_LANDED, end, 1)
+            _set(into.landed, row, landed if landed < _LANDED_STATES else np.int64(0), into.changes)
+        elif message == _GPS:
+            _note_fix(data, start, end, row, into)
+        elif message == _TIME:
+            unix_s = _unsigned(data, start + _TIME_UNIX, end, 8) * 1e-6
+            into.clock_base_s[row] = (unix_s if unix_s >= _UNIX_KNOWN_S else np.nan) - time_s[k]
+        elif message == _ODOMETRY:
+            _note_resets(data, start, end, row, into)
+        elif message == _ESTIMATOR:
+            flags = _unsigned(data, start + _ESTIMATOR_FLAGS, end, 2)
+            _set(into.estimator_flags, row, flags, into.changes)
     return beats[:beat_count], texts[:text_count]
 
 

@@ -93,6 +93,16 @@ def kernel(function: Kernel) -> Kernel:
     return compiled
 
 
+def kernel_within(function: Kernel) -> Kernel:
+    """As `kernel`, but becomes part of the kernels that call it.
+
+    For what is called for each row: handing arrays to a function counts the references to each of them, and
+    to a tuple of arrays the references to all.
+    """
+    compiled: Kernel = numba.njit(inline="always", error_model="numpy")(function)
+    return compiled
+
+
 def kernel_apart(function: Kernel) -> Kernel:
     """As `kernel`, but releases the interpreter's lock, so that in a thread of its own it blocks no other."""
     compiled: Kernel = numba.njit(cache=True, error_model="numpy", nogil=True)(function)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.model.errors import ShapeError
-from gcs.model.jit import kernel
+from gcs.model.jit import kernel, kernel_within
 from gcs.model.response import FleetResponse
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array
@@ -178,7 +178,7 @@ def allowed_speed_m_s(
     return deceleration_m_s2 * (stop_s - reaction_s)
 
 
-@kernel
+@kernel_within
 def along_m_s(velocity_m_s: Array, i: int, normal: Array, k: int) -> float:
     """Speed of row i along normal k."""
     speed_m_s: float = (
@@ -189,12 +189,11 @@ def along_m_s(velocity_m_s: Array, i: int, normal: Array, k: int) -> float:
     return speed_m_s
 
 
-@kernel
+@kernel_within
 def slack_m_s(velocity_m_s: Array, i: int, j: int, normal: Array, bound_m_s: Array, k: int) -> float:
     """Distance of constraint k, of rows i and j (or NO_ROW), from being broken; negative: broken."""
-    slack: float = along_m_s(velocity_m_s, i, normal, k) - bound_m_s[k]
-    if j != NO_ROW:
-        slack -= along_m_s(velocity_m_s, j, normal, k)
+    other_m_s = along_m_s(velocity_m_s, j, normal, k) if j != NO_ROW else 0.0
+    slack: float = along_m_s(velocity_m_s, i, normal, k) - bound_m_s[k] - other_m_s
     return slack
 
 
@@ -317,7 +316,7 @@ def _sweep(
     return largest_m_s
 
 
-@kernel
+@kernel_within
 def _add(velocity_m_s: Array, i: int, x_m_s: float, y_m_s: float, z_m_s: float) -> None:
     velocity_m_s[i, 0] += x_m_s
     velocity_m_s[i, 1] += y_m_s
@@ -365,7 +364,7 @@ def shortened(velocity_m_s: Array, first: Rows, second: Rows, normal: Array, bou
     return shorter_m_s
 
 
-@kernel
+@kernel_within
 def _demand(factor: Array, i: int, j: int, approach_m_s: float, other_m_s: float, allowed_m_s: float) -> None:
     """Lower the factors of rows i and j, in place, so that the sum of their approaches is allowed."""
     if approach_m_s > 0.0 and other_m_s > 0.0:
