@@ -188,18 +188,20 @@ class SiteCommander(Commander):
     def take_over(self, station: str) -> CommandRecord:
         """Fly on with the vehicles of a lost station, at its standby. Raises: RefusedError, UnknownError."""
         member = self._member
-        if station in member.stands_by_for:
+        if station in member.roles.stands_by:
             return self._standby.go_on(station)
         if station not in member.site.names:
             raise UnknownError(f"there is no station {station}; there are {', '.join(member.site.names)}")
-        standbys = member.standbys_of[station]
+        standbys = member.roles.standbys_of[station]
         if not standbys:
             raise RefusedError(f"no station stands by for {station}")
         record = self.flight.book.open(TAKE_OVER, [], {})
         for name in standbys:
-            flown = [one for one in member.ids_of(name, Phase.HOLD) if one in member.configured_ids(station)]
+            flown = [
+                one for one in member.ids_of(name, Phase.HOLD) if one in member.roles.configured[station]
+            ]
             request = StandbyRequest(record.id, CALLER.get(), station)
-            record = self._routing.ask(record, name, request, flown or member.configured_ids(station))
+            record = self._routing.ask(record, name, request, flown or member.roles.configured[station])
         return record
 
     # preflight

@@ -18,15 +18,14 @@ from gcs.flight.absences import Absences
 from gcs.flight.fleet import Fleet, Returning
 from gcs.flight.led_show import PARTS, SHOW, ShowTraffic
 from gcs.flight.site_requests import REQUEST, Refusal
+from gcs.flight.site_roles import SiteRoles, station_fleets, without_control
 from gcs.flight.site_sender import NOT_CHECKED, WHY_LENGTH, SiteSender
 from gcs.model.errors import GcsError, LinkError
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import AIRBORNE, ON_THE_GROUND, Phase, ShowPhase
 from gcs.model.plan import plan_of
-from gcs.model.setpoint_loss import WithoutSetpoints
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.return_paths.paths import ReturnPaths
-from gcs.preflight.parameters import presumed_parameters
 from gcs.preflight.vehicles import Placed
 from gcs.stations.letters import Letters
 from gcs.stations.messages import PHASE_CODE, PHASES
@@ -34,8 +33,7 @@ from gcs.stations.publishing import STATES
 from gcs.stations.recognition import may_be_valid
 from gcs.stations.reported_vehicles import Rows
 from gcs.stations.return_messages import ReturnMessage
-from gcs.stations.site import Site, StationFleet
-from gcs.stations.space_without_control import WithoutControl
+from gcs.stations.site import Site
 
 log = logging.getLogger(__name__)
 
@@ -65,78 +63,18 @@ class StationTexts:
     offers: tuple[Offer, ...] = ()  # of its interrupted flight
 
 
-def station_fleets(site: Config) -> dict[str, StationFleet]:
-    """The vehicles of each station of a site."""
-    links = {link.name: link for link in site.links}
-    fleets = {}
-    for station in site.stations:
-        own = [link.name for link in site.links if link.name in station.links]
-        mirrored = [one.link for one in station.standby]
-        vehicles = [one for name in (*own, *mirrored) for one in links[name].fleet]
-        standby = sum(len(links[name].fleet) for name in mirrored)
-        ids, charge = tuple(one.id for one in vehicles), tuple(one.charge for one in vehicles)
-        fleets[station.name] = StationFleet(ids, charge, standby)
-    return fleets
-
-
-def without_setpoints(site_config: Config) -> dict[VehicleId, WithoutSetpoints]:
-    """What each vehicle of a site does without setpoints, with the parameters that preflight requires."""
-    operation, known = site_config.operation, presumed_parameters(site_config)
-    action, loss_s = operation.setpoint_loss_action, operation.setpoint_loss_s
-    return {
-        each.id: profile.without_setpoints(action, loss_s, known.get(each.id, {}))
-        for link in site_config.links
-        for each, profile in zip(link.fleet, link.autopilots, strict=True)
-    }
-
-
 class SiteMember:
     """Used on the event loop only; nothing here waits."""
 
     def __init__(self, flight: Fleet, membership: Membership) -> None:
         self.flight, self.bus = flight, membership.bus
-        site_config, operation = membership.site, membership.site.operation
-        heights_m = zip(site_config.ids, site_config.return_heights_m.tolist(), strict=True)
-        without_control = WithoutControl(
-            operation.setpoint_loss_action,
-            dict(heights_m),
-            operation.takeoff_height_m,
-            without_setpoints(site_config),
-            operation.silence_s,
-            site_config.setpoint_timeout_s,
-            site_config.control.telemetry_age_max_s,
-        )
-        self.site = site = Site(membership.station, station_fleets(site_config), without_control)
+        site_config = membership.site
+        self.site = site = Site(membership.station, station_fleets(site_config), without_control(site_config))
         self.bus.accepts = lambda topic, payload: may_be_valid(topic, payload, site.site)
         self.lead_silent_s = site_config.bus.lead_silent_s
         self.all_ids = site_config.ids
-        owner_of = {link: station.name for station in site_config.stations for link in station.links}
-        own = next(one for one in site_config.stations if one.name == membership.station)
-        self.standbys_of = {
-            owner: [
-                one.name
-                for one in site_config.stations
-                if any(owner_of[each.link] == owner for each in one.standby)
-            ]
-            for owner in self.site.names
-        }
-        self.standbys = self.standbys_of[own.name]  # stations that take over vehicles of this one
-        self._configured = {
-            each.name: tuple(
-                one.id for link in site_config.links if link.name in each.links for one in link.fleet
-            )
-            for each in site_config.stations
-        }
-        self.stands_by_for = list(dict.fromkeys(owner_of[one.link] for one in own.standby))
-        self._standby_ids = {
-            name: [
-                vehicle.id
-                for link in site_config.links
-                if owner_of[link.name] == name and link.name in {one.link for one in own.standby}
-                for vehicle in link.fleet
-            ]
-            for name in self.stands_by_for
-        }
+        self.roles = SiteRoles.of(site_config, membership.station)
+        self.standbys = self.roles.standbys_of[membership.station]  # stations that take over from this one
         stall_s = site_config.bus.lease_s + site_config.setpoint_timeout_s
         self._absences = Absences(site, self.standbys, stall_s)
         self.letters = {name: Letters(membership.session) for name in self.site.stations}
@@ -234,10 +172,6 @@ class SiteMember:
         """(n,) own rows that this station flies."""
         return self.site.owned
 
-    def standby_ids(self, station: str) -> list[VehicleId]:
-        """Vehicles of another station that this one stands by for."""
-        return self._standby_ids.get(station, [])
-
     # known
 
     def present(self, now_s: float | None = None) -> list[str]:
@@ -322,10 +256,6 @@ class SiteMember:
     def excluded(self, station: str) -> Collection[VehicleId]:
         """Vehicles on the ground that operators of another station have taken out of the show."""
         return self.texts[station].reasons or ()
-
-    def configured_ids(self, station: str) -> tuple[VehicleId, ...]:
-        """Vehicles of a station's own links, whichever station flies them now."""
-        return self._configured[station]
 
     def offering(self, offer: Offer) -> list[str]:
         """Other stations that offer this for an interrupted flight of theirs."""
