@@ -110,6 +110,10 @@ def kernel_apart(function: Kernel) -> Kernel:
 
 
 def kernel_in_any_order(function: Kernel) -> Kernel:
-    """As `kernel`, but sums may be formed in any order, so that they can be vectorised."""
-    compiled: Kernel = numba.njit(cache=True, error_model="numpy", fastmath={"reassoc", "nsz"})(function)
+    """As `kernel`, but sums may be formed in any order, so that they can be vectorised.
+
+    Roots and quotients of single precision may begin from the processor's estimate: right to 4e-7.
+    """
+    loosely = {"reassoc", "nsz", "contract", "arcp", "afn"}
+    compiled: Kernel = numba.njit(cache=True, error_model="numpy", fastmath=loosely)(function)
     return compiled
