@@ -6,7 +6,8 @@ from concurrent.futures import Executor, Future
 
 import numpy as np
 
-from gcs.flight.fleet import Fleet, Returning
+from gcs.flight.elsewhere import Returning
+from gcs.flight.fleet import Fleet
 from gcs.flight.landing_places import closed_to, homes_of
 from gcs.flight.vehicle import Vehicle
 from gcs.model.errors import cut
@@ -50,8 +51,8 @@ class CollectiveReturn:
         self._places: list[int] = []  # rows of FleetState, in the plan's order
         self._home_m = np.zeros((0, 3))  # (n, 3) landing positions, in the same order
         self._elsewhere = np.zeros(0, np.intp)  # rows of other stations' vehicles, after the own in the plan
-        self._site = flight.site
-        self._number = 0 if flight.site is None else flight.site.return_number  # of an earlier return
+        self._others = None if flight.site is None else flight.site.returns  # of other stations
+        self._number = 0 if self._others is None else self._others.number  # of an earlier return
         self._is_off = False  # no plan: the vehicles return one by one
         self._closing: frozenset[VehicleId] = frozenset()  # lost vehicles that the landing places allow for
         self._left: set[VehicleId] = set()  # left the plan: their landing places were closed meanwhile
@@ -112,11 +113,11 @@ class CollectiveReturn:
 
     def _waits_for_paths(self, since_s: float) -> bool:
         """Whether another station plans the return; take its paths once they have arrived."""
-        if self._site is None or self._site.plans_returns is not False or since_s > SHARED_WITHIN_S:
+        if self._others is None or self._others.plans_returns is not False or since_s > SHARED_WITHIN_S:
             return False
-        if since_s > LEAD_FOLLOWS_S and not self._site.lead_returns:
+        if since_s > LEAD_FOLLOWS_S and not self._others.lead_returns:
             return False
-        received = self._site.received_paths(self._number)
+        received = self._others.received_paths(self._number)
         if received is not None:
             paths, rows, home_m = received
             self._places = rows.tolist()
@@ -131,18 +132,18 @@ class CollectiveReturn:
     def _begin_following(self, paths: ReturnPaths, home_m: Array) -> None:
         self._home_m = home_m
         self._progress = PathProgress(paths, self._home_m)
-        if self._site is not None and len(self._elsewhere):
-            self._site.publish_paths(paths, self._elsewhere, self._home_m[len(self._places) :])
+        if self._others is not None and len(self._elsewhere):
+            self._others.publish_paths(paths, self._elsewhere, self._home_m[len(self._places) :])
 
     def _follow(self, progress: PathProgress, step_s: float) -> None:
         position_m, flown, led_s = self._flight.fleet.position_m[self._places], self._flown(), np.nan
-        if self._site is not None:
+        if self._others is not None:
             if len(self._elsewhere):
-                their_m, under_way = self._site.under_way(self._elsewhere)
+                their_m, under_way = self._others.under_way(self._elsewhere)
                 position_m, flown = np.concatenate([position_m, their_m]), np.concatenate([flown, under_way])
-            elif self._site.plans_returns is False:
-                led_s = self._site.led_s()
-            self._site.note_return(progress.time_s)
+            elif self._others.plans_returns is False:
+                led_s = self._others.led_s()
+            self._others.note_return(progress.time_s)
         progress.advance(step_s, position_m, flown, led_s)
         self._leave_closed_places()
 
@@ -193,7 +194,7 @@ class CollectiveReturn:
         """Whether every participating vehicle is under control and nearly at rest."""
         ours = [vehicle for vehicle in self._expected.values() if vehicle.phase in FLYING | {Phase.PILOT}]
         stands = np.linalg.norm(self._flight.fleet.velocity_m_s, axis=1) < STANDS_M_S
-        if self._site is not None and self._site.plans_returns and not self._site.stands(STANDS_M_S):
+        if self._others is not None and self._others.plans_returns and not self._others.stands(STANDS_M_S):
             return False
         return all(vehicle.id in self._stopping and stands[vehicle.row] for vehicle in ours)
 
@@ -202,7 +203,7 @@ class CollectiveReturn:
         ready = [vehicle for vehicle in self._stopping.values() if vehicle.phase is Phase.RETURN]
         known = [vehicle for vehicle in ready if np.isfinite(flight.position_m(vehicle)).all()]
         homing = [vehicle for vehicle in known if vehicle.home_m is not None]
-        theirs = self._site.returning() if self._site is not None and self._site.plans_returns else None
+        theirs = self._others.returning() if self._others is not None and self._others.plans_returns else None
         if self._exchanges_pads:
             theirs = self._exchange_pads(homing, theirs)
         self._places = rows = [vehicle.row for vehicle in homing]

@@ -6,7 +6,8 @@ from functools import partial
 import numpy as np
 
 from gcs.control import ellipses_of
-from gcs.flight.fleet import Fleet, Returning
+from gcs.flight.elsewhere import Returning
+from gcs.flight.fleet import Fleet
 from gcs.flight.vehicle import Vehicle
 from gcs.model.lifecycle import AIRBORNE, Phase
 from gcs.model.state import Array, Mask, VehicleId

@@ -188,7 +188,7 @@ class SiteCommander(Commander):
     def take_over(self, station: str) -> CommandRecord:
         """Fly on with the vehicles of a lost station, at its standby. Raises: RefusedError, UnknownError."""
         member = self._member
-        if station in member.roles.stands_by:
+        if station in member.roles.stands_by_for:
             return self._standby.go_on(station)
         if station not in member.site.names:
             raise UnknownError(f"there is no station {station}; there are {', '.join(member.site.names)}")

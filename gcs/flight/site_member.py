@@ -15,9 +15,11 @@ from gcs.config.schema import Config
 from gcs.control.inputs import FormationState
 from gcs.control.others import Others
 from gcs.flight.absences import Absences
-from gcs.flight.fleet import Fleet, Returning
+from gcs.flight.elsewhere import Returning
+from gcs.flight.fleet import Fleet
 from gcs.flight.led_show import PARTS, SHOW, ShowTraffic
 from gcs.flight.site_requests import REQUEST, Refusal
+from gcs.flight.site_returns import SiteReturns
 from gcs.flight.site_roles import SiteRoles, station_fleets, without_control
 from gcs.flight.site_sender import NOT_CHECKED, WHY_LENGTH, SiteSender
 from gcs.model.errors import GcsError, LinkError
@@ -25,7 +27,6 @@ from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import AIRBORNE, ON_THE_GROUND, Phase, ShowPhase
 from gcs.model.plan import plan_of
 from gcs.model.state import Array, Mask, VehicleId
-from gcs.planning.return_paths.paths import ReturnPaths
 from gcs.preflight.vehicles import Placed
 from gcs.stations.letters import Letters
 from gcs.stations.messages import PHASE_CODE, PHASES
@@ -79,11 +80,10 @@ class SiteMember:
         self._absences = Absences(site, self.standbys, stall_s)
         self.letters = {name: Letters(membership.session) for name in self.site.stations}
         self.received: list[tuple[str, dict[str, Any]]] = []  # requests and answers of this tick
-        self.return_number = 0  # of the newest collective return that was received
-        self._returns: dict[int, ReturnMessage] = {}  # its parts, by first row
         self.texts: dict[str, StationTexts] = {name: StationTexts() for name in self.site.stations}
         self.shows = ShowTraffic(flight, site, self.all_ids)
         self.sender = SiteSender(flight, site, self.bus, self.letters, self.shows)
+        self.returns = SiteReturns(site, self, self.sender, lambda: flight.fleet.time_s)
         self._changed_s = -np.inf  # when this station changed the lead's plan
         self._changes = 0  # of the plan, that this station asked of the lead
         self._plan_of: tuple[str, int, int] | None = None  # sender, term and version of the newest that came
@@ -112,7 +112,7 @@ class SiteMember:
                 elif topic == "info":
                     self._take_info(sender, payload)
                 elif topic.startswith(f"return.{site.own}.") and sender == site.lead.name:
-                    self._take_return(ReturnMessage.decode(payload))
+                    self.returns.take(ReturnMessage.decode(payload))
             except LinkError:
                 site.refused += 1
         self._others = self._landing_m = None
@@ -150,13 +150,6 @@ class SiteMember:
             self.texts[sender] = StationTexts(str(read["why_not_ready"])[:WHY_LENGTH], reasons, offers)
         except (AttributeError, KeyError, TypeError, ValueError):
             raise LinkError("texts that cannot be read") from None
-
-    def _take_return(self, message: ReturnMessage) -> None:
-        if message.number < self.return_number or message.rows.max() >= len(self.site.own_ids):
-            return
-        if message.number > self.return_number:
-            self.return_number, self._returns = message.number, {}
-        self._returns[int(message.rows[0])] = message
 
     def ended(self, station: str) -> bool:
         """Whether the process of a station that is not received has ended, as far as the bus shows it."""
@@ -277,12 +270,7 @@ class SiteMember:
         others = self.others
         return others.position_m[others.formed], others.charge[others.formed]
 
-    # the collective return
-
-    @property
-    def plans_returns(self) -> bool | None:
-        """Whether this station plans a return for all; False: another does; None: each for its own."""
-        return self.site.lead.leads if self.lead_is_here else None
+    # for the flight
 
     def flown_by_others(self, *phases: Phase) -> Rows:
         """(j,) rows of the vehicles of received stations in one of these phases."""
@@ -302,66 +290,10 @@ class SiteMember:
         return np.asarray(here[self.site.owner])
 
     @property
-    def lead_returns(self) -> bool:
-        """Whether the lead's show is on its way home, so that it plans for all."""
-        return self.show_of(self.site.lead.name) is ShowPhase.RETURNING
-
-    @property
     def lead_runs(self) -> bool:
         """Whether another station leads, is received, and has seen the whole formation assembled."""
         lead = self.site.lead
         return not lead.leads and self.lead_is_here and self.show_of(lead.name) is ShowPhase.RUNNING
-
-    def stands(self, below_m_s: float) -> bool:
-        """Whether all of them that return have stopped."""
-        if len(self.flown_by_others(Phase.FORMATION, Phase.HOLD)):
-            return False
-        rows = self.flown_by_others(Phase.RETURN)
-        return bool((np.linalg.norm(self.others.velocity_m_s[rows], axis=1) < below_m_s).all())
-
-    def returning(self) -> Returning:
-        """Those that wait for a plan of the return."""
-        rows = self.flown_by_others(Phase.RETURN)
-        known = np.isfinite(self.site.home_m[rows]) & np.isfinite(self.others.position_m[rows])
-        rows = rows[known.all(axis=1)]
-        others = self.others
-        return Returning(rows, others.position_m[rows], self.site.home_m[rows], others.uncertainty_m[rows])
-
-    def under_way(self, rows: Rows) -> tuple[Array, Mask]:
-        """(j, 3) positions of these, and (j,) whether they follow a plan."""
-        follows = np.isin(rows, self.flown_by_others(Phase.RETURN))
-        return self.others.position_m[rows], follows
-
-    def publish_paths(self, paths: ReturnPaths, rows: Rows, home_m: Array) -> None:
-        """Send (j,) vehicles, the last of the plan, their paths home."""
-        self.sender.publish_paths(paths, rows, home_m)
-
-    def received_paths(self, after: int) -> tuple[ReturnPaths, Rows, Array] | None:
-        """Paths of a later return for own vehicles: with their rows (m,) and landing places (m, 3)."""
-        parts = list(self._returns.values())
-        if self.return_number <= after or not parts or len(parts) < parts[0].parts:
-            return None
-        planned = np.concatenate([part.planned for part in parts])
-        paths = ReturnPaths(
-            np.concatenate([part.drawn_m for part in parts]),
-            np.concatenate([part.path_m for part in parts]),
-            np.concatenate([part.over_s for part in parts]),
-            np.concatenate([part.down_s for part in parts]),
-            tuple(np.flatnonzero(~planned).tolist()),
-        )
-        rows, pad_m = (np.concatenate([getattr(part, name) for part in parts]) for name in ("rows", "pad_m"))
-        return paths, rows, pad_m
-
-    def led_s(self) -> float:
-        """Time in the plan at the station that planned the return; NaN: not known."""
-        lead = self.site.stations.get(self.site.lead.name)
-        if lead is None or lead.batch is None:
-            return nan
-        return lead.batch.return_s + max(self.flight.fleet.time_s - lead.made_s, 0.0)
-
-    def note_return(self, time_s: float) -> None:
-        """Note the time in the plan of the return, for the other stations."""
-        self.sender.note_return(time_s)
 
     def closed(self) -> tuple[Array, Array]:
         """(m, 2, 3) paths of those that are lost, and (m,) the uncertainty of each."""

@@ -56,29 +56,20 @@ class SiteRoles:
 
     configured: Mapping[str, tuple[VehicleId, ...]]  # of the own links of each station
     standbys_of: Mapping[str, tuple[str, ...]]  # stations that take over vehicles of it
-    stands_by: Mapping[str, tuple[VehicleId, ...]]  # vehicles that this station stands by for, by theirs
+    stands_by_for: Mapping[str, tuple[VehicleId, ...]]  # vehicles that this station may take over, by station
 
     @staticmethod
     def of(site: Config, station: str) -> "SiteRoles":
         """As `station` of the site sees it."""
-        ids = {link.name: tuple(one.id for one in link.fleet) for link in site.links}
+        fleets, links = station_fleets(site), {link.name: link for link in site.links}
         owner = {link: each.name for each in site.stations for link in each.links}
-        standbys: dict[str, list[str]] = {each.name: [] for each in site.stations}
+        standbys_of: dict[str, tuple[str, ...]] = dict.fromkeys(fleets, ())
+        stands_by_for: dict[str, tuple[VehicleId, ...]] = {}
         for each in site.stations:
-            for owned_by in dict.fromkeys(owner[one.link] for one in each.standby):
-                standbys[owned_by].append(each.name)
-        mirrored = {one.link for each in site.stations if each.name == station for one in each.standby}
-        stands_by: dict[str, tuple[VehicleId, ...]] = {}
-        for link in site.links:
-            if link.name in mirrored:
-                stands_by[owner[link.name]] = stands_by.get(owner[link.name], ()) + ids[link.name]
-        return SiteRoles(
-            {
-                each.name: tuple(
-                    one for link in site.links if link.name in each.links for one in ids[link.name]
-                )
-                for each in site.stations
-            },
-            {name: tuple(others) for name, others in standbys.items()},
-            stands_by,
-        )
+            for name in dict.fromkeys(owner[one.link] for one in each.standby):
+                standbys_of[name] += (each.name,)
+            for one in each.standby if each.name == station else ():
+                ids = tuple(vehicle.id for vehicle in links[one.link].fleet)
+                stands_by_for[owner[one.link]] = stands_by_for.get(owner[one.link], ()) + ids
+        configured = {name: fleet.ids[: len(fleet.ids) - fleet.standby] for name, fleet in fleets.items()}
+        return SiteRoles(configured, standbys_of, stands_by_for)

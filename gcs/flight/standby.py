@@ -65,7 +65,7 @@ class Standby:
         step_s = 0.0 if self._looked_s is None else min(now_s - self._looked_s, LONG_TICK_S)
         self._looked_s = now_s
         self._mind_own_standbys(now_s)
-        for name in self.member.roles.stands_by:
+        for name in self.member.roles.stands_by_for:
             arrived_s = self.member.site.stations[name].arrived_s
             silent_s = self._silent_s.get(name, 0.0) + step_s if now_s - arrived_s > step_s else 0.0
             self._silent_s[name] = silent_s
@@ -93,7 +93,7 @@ class Standby:
 
     def _give_back(self, name: str) -> None:
         """Leave the vehicles of a station that is there again to it, once all are on the ground."""
-        vehicles = [self.flight.vehicles[one] for one in self.member.roles.stands_by[name]]
+        vehicles = [self.flight.vehicles[one] for one in self.member.roles.stands_by_for[name]]
         if all(one.phase in GROUNDED and not self.maneuvers.running(one) for one in vehicles):
             del self.taken[name]
             ids = {one.id for one in vehicles}
@@ -102,7 +102,9 @@ class Standby:
             log.warning("station_given_back", extra={"other": name, "vehicles": len(ids)})
 
     def _of_taken(self) -> list[Vehicle]:
-        return [self.flight.vehicles[one] for name in self.taken for one in self.member.roles.stands_by[name]]
+        return [
+            self.flight.vehicles[one] for name in self.taken for one in self.member.roles.stands_by_for[name]
+        ]
 
     def _hold(self) -> None:
         """Have vehicles that were taken over hold, unless a person or their own failsafe has them."""
@@ -122,13 +124,13 @@ class Standby:
                     self.join(waiting, None)
 
     def _holding(self, name: str) -> list[Vehicle]:
-        vehicles = [self.flight.vehicles[one] for one in self.member.roles.stands_by[name]]
+        vehicles = [self.flight.vehicles[one] for one in self.member.roles.stands_by_for[name]]
         return [one for one in vehicles if one.phase is Phase.HOLD and not self.maneuvers.running(one)]
 
     def go_on(self, name: str) -> CommandRecord:
         """Fly on with a lost station's vehicles, on an operator's command. Raises: RefusedError."""
-        if name not in self.member.roles.stands_by:
-            known = ", ".join(self.member.roles.stands_by) or "none"
+        if name not in self.member.roles.stands_by_for:
+            known = ", ".join(self.member.roles.stands_by_for) or "none"
             raise RefusedError(f"this station is no standby for {name}; it is for: {known}")
         now_s = self.flight.fleet.time_s
         if name not in self.taken:
