@@ -163,7 +163,7 @@ def _set(column: NDArray[Any], row: Number, value: Number | bool, changes: Whole
 
 @kernel
 def _note_restart(row: Number, boot_ms: np.int64, into: Columns) -> None:
-    """What was known of the time before may be wrong."""
+    """Forget what was known of the time before a restart: it may be wrong."""
     into.reboot_count[row] += 1
     into.connection_count[row] += 1
     into.reset_counter[row] = -1
@@ -192,7 +192,7 @@ def _note_percent(
 def _note_heartbeat(
     data: Bytes, start: Number, end: Number, row: Number, time_s: float, into: Columns
 ) -> None:
-    """Of an autopilot."""
+    """The heartbeat of an autopilot."""
     base = _unsigned(data, start + _BEAT_BASE, end, 1)
     state = _unsigned(data, start + _BEAT_STATE, end, 1)
     mode = _unsigned(data, start + _BEAT_MODE, end, 4)

@@ -97,7 +97,8 @@ def kernel_within(function: Kernel) -> Kernel:
     """As `kernel`, but becomes part of the kernels that call it.
 
     For what is called for each row: handing arrays to a function counts the references to each of them, and
-    to a tuple of arrays the references to all.
+    to a tuple of arrays the references to all. Within the caller this is left out only where a straight line
+    uses them last: not in a branch, nor in the branch of another `kernel_within`.
     """
     compiled: Kernel = numba.njit(inline="always", error_model="numpy")(function)
     return compiled

@@ -192,7 +192,7 @@ def along_m_s(velocity_m_s: Array, i: int, normal: Array, k: int) -> float:
 @kernel_within
 def slack_m_s(velocity_m_s: Array, i: int, j: int, normal: Array, bound_m_s: Array, k: int) -> float:
     """Distance of constraint k, of rows i and j (or NO_ROW), from being broken; negative: broken."""
-    other_m_s = along_m_s(velocity_m_s, j, normal, k) if j != NO_ROW else 0.0
+    other_m_s = along_m_s(velocity_m_s, j, normal, k) if j != NO_ROW else 0.0  # first: see `kernel_within`
     slack: float = along_m_s(velocity_m_s, i, normal, k) - bound_m_s[k] - other_m_s
     return slack
 
