@@ -1,7 +1,9 @@
 """A stranger on the bus of a site without TLS: `python -m tests.support.junk_peer HOST PORT STATION ...`.
 
-It connects to one endpoint as a plain Zenoh session, and publishes 1,000 messages a second: under the keys
-of the named stations, under keys of no station, and too large ones. It prints a line once it has begun.
+It connects to one endpoint as a plain Zenoh session, and publishes 1,000 messages a second, all of a second
+under one key: that of each named station in turn, and keys of no station. Half of them are bundles of one
+message of the site's topics, which is junk; the others are junk as a whole, some too large. It prints a line
+once it has begun.
 """
 
 import json
@@ -10,6 +12,9 @@ import sys
 import time
 
 import zenoh
+
+from gcs.bus.bundles import bundles
+from gcs.bus.zenoh_bus import BUNDLES, ROOT
 
 PER_S, BURST = 1000, 50
 TOPICS = ("states", "formation", "plan", "homes", "info", "slots.south", "letters.north", "return.north.0")
@@ -28,8 +33,8 @@ def main(host: str, port: str, *stations: str) -> None:
     for name, value in values.items():
         config.insert_json5(name, json.dumps(value))
     samples = random.Random(3)
-    keys = [f"gcs/{name}/{topic}" for name in stations for topic in TOPICS]
-    keys += ["gcs/stranger/states", "gcs/states", "elsewhere/states", f"gcs/{stations[0]}/states/more"]
+    keys = [f"{ROOT}/{name}/{BUNDLES}" for name in (*stations, "stranger")]
+    keys += [f"{ROOT}/{BUNDLES}", f"elsewhere/{BUNDLES}", f"{ROOT}/{stations[0]}/{BUNDLES}/more"]
     sizes = (0, 1, 7, 100, 1000)
     session = zenoh.open(config)
     time.sleep(0.5)
@@ -39,7 +44,10 @@ def main(host: str, port: str, *stations: str) -> None:
         for _ in range(BURST):
             sent += 1
             size = TOO_LARGE if sent % PER_S == 0 else samples.choice(sizes)
-            session.put(samples.choice(keys), samples.randbytes(size))
+            junk = samples.randbytes(size)
+            if sent % 2:
+                (junk,) = bundles({samples.choice(TOPICS): junk})
+            session.put(keys[sent // PER_S % len(keys)], junk)
         due_s += BURST / PER_S
         time.sleep(max(0.0, due_s - time.monotonic()))
 
