@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from gcs.model.jit import kernel
-from gcs.model.state import Array, Mask
+from gcs.model.state import TINY, Array, Mask
 
 FORGETS: Final = 2e-4
 """Seconds per second by which the smallest delay is forgotten: clocks drift."""
@@ -66,6 +66,7 @@ class LinkQuality:
         """`expected_hz` (n,): rates of positions requested, each above 0 and at most the rate of `note`."""
         self._expected_hz = expected_hz
         self._rate_hz = np.zeros_like(expected_hz)
+        self._weight = np.zeros_like(expected_hz)  # of what the rate averages: 1 long after the first arrival
         self._arrival_s = np.full_like(expected_hz, -np.inf)
         self._time_s: float | None = None
 
@@ -77,12 +78,15 @@ class LinkQuality:
             return
         elapsed_s = now_s - before_s
         weight = -np.expm1(-elapsed_s / QUALITY_OVER_S)
+        known = arrival_s > -np.inf
         self._rate_hz = self._rate_hz + weight * (arrived / elapsed_s - self._rate_hz)
+        self._weight = self._weight + weight * (known - self._weight)
 
     @property
     def share(self) -> Array:
-        """(n,) from 0 to 1."""
-        share: Array = np.minimum(1.0, self._rate_hz / self._expected_hz)
+        """(n,) from 0 to 1, since the first position or over QUALITY_OVER_S; 0 before the first."""
+        rate_hz = self._rate_hz / np.maximum(self._weight, TINY)
+        share: Array = np.minimum(1.0, rate_hz / self._expected_hz)
         return share
 
 

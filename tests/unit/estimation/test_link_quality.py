@@ -22,6 +22,10 @@ def test_link_quality_is_the_share_of_positions_that_arrive(arrive: float, share
     assert shares_after(arrive, 60.0) == pytest.approx(share, abs=0.25 if arrive == 0.5 else 0.06)
 
 
+def test_a_good_link_is_good_from_its_first_second_on() -> None:
+    assert min(shares_after(1.0, seconds) for seconds in (1.0, 2.0, 5.0)) > 0.9
+
+
 def test_falls_when_a_vehicle_is_silent_and_never_exceeds_one() -> None:
     quality = LinkQuality(np.array([5.0]))
     for tick in range(400):
