@@ -189,8 +189,8 @@ def sweep(
 
 
 def sweeps_for(count: int, most: int) -> int:
-    """Number of sweeps in one tick: `most` of up to `COARSE` vehicles, one of larger fleets."""
-    return most if count <= COARSE else 1
+    """Number of sweeps in one tick: `most`, but no more pairs than one sweep of `COARSE` has; at least 1."""
+    return max(1, min(most, COARSE**2 // max(count, 1) ** 2))
 
 
 NEAREST_FACTOR: Final = 3.1
