@@ -253,7 +253,7 @@ def _look(
             commanded += 1
             error_m_s[i, 0] = before_m_s[i, 0] + share * (x_m_s - before_m_s[i, 0])
             error_m_s[i, 1] = before_m_s[i, 1] + share * (y_m_s - before_m_s[i, 1])
-        strays_now = np.hypot(error_m_s[i, 0], error_m_s[i, 1]) > error_max_m_s
+        strays_now = error_m_s[i, 0] ** 2 + error_m_s[i, 1] ** 2 > error_max_m_s**2
         poor_now = is_commanded and _is_poor(link_late_s[i], link_share[i], late_max_s, arrive_min)
         strays, poor = strays + strays_now, poor + poor_now
         poor_strays += strays_now and poor_now
@@ -266,7 +266,7 @@ def _look(
         x_m = position_m[i, 0] + within_s * velocity_m_s[i, 0]
         y_m = position_m[i, 1] + within_s * velocity_m_s[i, 1]
         z_m = position_m[i, 2] + within_s * velocity_m_s[i, 2]
-        on[OUT, i] = np.maximum(np.hypot(x_m, y_m) - bounds[0], -z_m - bounds[2]) > beyond_m
+        on[OUT, i] = x_m**2 + y_m**2 > (bounds[0] + beyond_m) ** 2 or -z_m - bounds[2] > beyond_m
         on[BELOW, i] = is_commanded and bounds[1] + z_m > beyond_m
     return error_m_s, on, (commanded, strays, poor, poor_strays)
 

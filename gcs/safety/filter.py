@@ -120,7 +120,8 @@ def filter_velocities(
     desired_m_s = cap(desired_m_s, limits, here.speed_max_m_s)
     here = replace(here, commanded=moved)
     pairs, involved = _first_pairs(position_m, desired_m_s, own, here, settings, braking)
-    walls = _walls(position_m, replace(here, commanded=involved), settings, braking)
+    confined = here if involved is moved else replace(here, commanded=involved)
+    walls = _walls(position_m, confined, settings, braking)
     walls = Constraints.joined(walls, _reach(here, walls, settings))
     allowed_m_s = searched_m_s = desired_m_s
     for attempt in range(ATTEMPTS):
@@ -320,7 +321,7 @@ def _capped(
         if not (np.isfinite(x) and np.isfinite(y) and np.isfinite(z)):
             continue
         share = min(1.0, own_m_s[i] / max(np.sqrt(x * x + y * y + z * z), TINY))
-        share = min(share, horizontal_m_s / max(np.hypot(x, y), TINY))
+        share = min(share, horizontal_m_s / max(np.sqrt(x * x + y * y), TINY))
         share = min(share, (up_m_s if z < 0.0 else down_m_s) / max(abs(z), TINY))
         capped[i, 0], capped[i, 1], capped[i, 2] = share * x, share * y, share * z
     return capped
