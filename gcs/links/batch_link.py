@@ -53,8 +53,8 @@ from gcs.model.state import Array, Landed, Mask, Setpoints, Telemetry, VehicleId
 _BEAT_S: Final = 1.0
 _BUSY_S: Final = 0.005
 _IDLE_S: Final = 0.05
-"""Periods of reading the sockets: while an answer is awaited, and otherwise. Each tick also reads, which then
-suffices.
+"""Longest time between two readings of the sockets: while an answer is awaited, and otherwise. Each tick also
+reads, which then suffices.
 """
 
 _AHEAD_S: Final = 0.004
@@ -258,7 +258,7 @@ class Link(ABC):
 
     @abstractmethod
     def _send_setpoints(self, desired: SetpointBatch) -> None:
-        """Send these of the expected setpoints."""
+        """Send these of the expected setpoints, the next in their order."""
 
     @abstractmethod
     def _command_channel(self, row: int, otherwise: str) -> CommandChannel:
@@ -274,7 +274,7 @@ class Link(ABC):
 
     @abstractmethod
     def _move_bytes(self) -> None:
-        """Move the transport's own bytes, also between ticks."""
+        """Move the transport's own bytes; called every 5 to 50 ms, also between ticks."""
 
     # the link
 
@@ -548,9 +548,13 @@ class Link(ABC):
                 if now_s - watched_s >= _WATCH_S:
                     watched_s = now_s
                     self._watch(now_s)
-                await asyncio.sleep(_BUSY_S if busy else _IDLE_S / 2)
+                await asyncio.sleep(_BUSY_S if busy else self._rest_s())
         finally:
             self._stop_those_that_fly_on()
+
+    def _rest_s(self) -> float:
+        """Time until the sockets must be read again, if no tick reads them before."""
+        return max(self._received_s + _IDLE_S - self._clock(), _BUSY_S)
 
     def _watch(self, now_s: float) -> None:
         may_be_asked = self._connected(now_s) & self._commandable

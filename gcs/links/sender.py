@@ -33,7 +33,7 @@ class SentSetpoints:
 
     def __init__(self, count: int) -> None:
         self.newest_s: Array = np.full(count, -np.inf)
-        self._times_s = np.zeros((count, REMEMBERED))
+        self._times_s = np.zeros((REMEMBERED, count))
         self._count = np.zeros(count, np.int64)
 
     def note(self, rows: Whole, time_s: float) -> None:
@@ -44,15 +44,15 @@ class SentSetpoints:
         """Times of one vehicle, oldest first."""
         count = int(self._count[row])
         places = np.arange(max(0, count - REMEMBERED), count) % REMEMBERED
-        return tuple(self._times_s[row, places].tolist())
+        return tuple(self._times_s[places, row].tolist())
 
 
 @kernel
 def _note_sent(rows: Whole, time_s: float, newest_s: Array, times_s: Array, count: Whole) -> None:
-    """As `SentSetpoints.note`; the last three (n, ...) are changed."""
+    """As `SentSetpoints.note`; the last three (n,), (REMEMBERED, n) and (n,) are changed."""
     for row in rows:
         newest_s[row] = time_s
-        times_s[row, count[row] % times_s.shape[1]] = time_s
+        times_s[count[row] % len(times_s), row] = time_s
         count[row] += 1
 
 

@@ -64,6 +64,10 @@ class Frames(NamedTuple):
     data: Bytes  # (n, longest)
     length: Whole  # (n,)
 
+    def cut(self, count: int) -> "tuple[Frames, Frames]":
+        """The first `count`, and those after them."""
+        return Frames(self.data[:count], self.length[:count]), Frames(self.data[count:], self.length[count:])
+
 
 class Split(NamedTuple):
     """A datagram split into frames; every byte is in exactly one of the three."""
@@ -141,9 +145,7 @@ def find(data: Bytes, starts: Whole, lengths: Whole) -> Found:
         starts: (m,) of each.
         lengths: (m,) in bytes.
     """
-    frames = np.empty((int(lengths.sum()) // kernels.SHORTEST_FRAME + 1, kernels.FRAME_COLUMNS), np.int64)
-    count, garbage, unknown = kernels.find_frames(data, starts, lengths, _extras(), frames)
-    return Found(frames[:count], garbage, unknown)
+    return Found(*kernels.find_frames(data, starts, lengths, _extras()))
 
 
 def split(data: bytes) -> Split:
@@ -215,12 +217,17 @@ def addressed(message_id: int, system_ids: Whole, **fields: ArrayLike) -> Record
     return messages
 
 
+def _boot_ms(time_s: float) -> int:
+    """Time of our clock as the field `time_boot_ms`."""
+    return int(time_s * 1e3) & 0xFFFFFFFF
+
+
 def setpoint_messages(
     system_ids: Whole, velocity_ned_m_s: Array, yaw_rad: Array, *, time_s: float
 ) -> Records:
     """Setpoints: (n, 3) velocities; (n,) yaw, clockwise from north, in [-pi, pi); `time_s` of our clock."""
     one = records(SET_POSITION_TARGET_LOCAL_NED, 1)
-    one["time_boot_ms"], one["target_component"] = int(time_s * 1e3) & 0xFFFFFFFF, AUTOPILOT_COMPONENT
+    one["time_boot_ms"], one["target_component"] = _boot_ms(time_s), AUTOPILOT_COMPONENT
     one["coordinate_frame"], one["type_mask"] = dialect.MAV_FRAME_LOCAL_NED, VELOCITY_AND_YAW
     messages = one.repeat(len(system_ids))
     messages["target_system"], messages["yaw"] = system_ids, yaw_rad
@@ -240,15 +247,18 @@ def setpoint_frames(
     component_id: int = COMPONENT_ID,
 ) -> Frames:
     """As `encode` of `setpoint_messages`, in one compiled loop."""
-    one = setpoint_messages(system_ids[:1], velocity_ned_m_s[:1], yaw_rad[:1], time_s=time_s)
-    about, n = layout(SET_POSITION_TARGET_LOCAL_NED), len(system_ids)
-    size = about.dtype.itemsize
-    frames, lengths = np.empty((n, size + HEADER_LENGTH), np.uint8), np.empty(n, np.int64)
-    if n:
-        numbers = about.message_id, about.crc_extra, system_id, component_id
-        vehicles = system_ids, velocity_ned_m_s, yaw_rad
-        _put_setpoints(one.view(np.uint8), *vehicles, sequence, *numbers, frames, lengths)
+    one, n = _setpoint_at_rest(), len(system_ids)
+    frames, lengths = np.empty((n, _LONG), np.uint8), np.empty(n, np.int64)
+    numbers = _boot_ms(time_s), system_id, component_id
+    _put_setpoints(one, system_ids, velocity_ned_m_s, yaw_rad, sequence, *numbers, frames, lengths)
     return Frames(frames, lengths)
+
+
+@cache
+def _setpoint_at_rest() -> Bytes:
+    """The payload of a setpoint, all its bytes; what differs between setpoints is 0."""
+    no_vehicle = np.zeros(1, np.int64)
+    return setpoint_messages(no_vehicle, np.zeros((1, 3)), np.zeros(1), time_s=0.0).view(np.uint8)
 
 
 def heartbeats(count: int) -> Records:
@@ -280,6 +290,7 @@ NO_ROW: Final = -1
 _LONG: Final = SETPOINT_FRAME.itemsize
 _PAYLOAD_LONG: Final = SETPOINT_FRAME.itemsize - HEADER_LENGTH
 _SETPOINT: Final = int(SET_POSITION_TARGET_LOCAL_NED)
+_EXTRA: Final = layout(SET_POSITION_TARGET_LOCAL_NED).crc_extra
 
 
 def _begin_of(field: str) -> int:
@@ -300,14 +311,13 @@ def _put_setpoints(
     velocity_ned_m_s: Array,
     yaw_rad: Array,
     sequence: Bytes,
-    message_id: int,
-    crc_extra: int,
+    boot_ms: int,
     system_id: int,
     component_id: int,
     frames: Bytes,
     lengths: Whole,
 ) -> None:
-    """As `setpoint_frames`; `one` is the payload of the first, the last two are written."""
+    """As `setpoint_frames`; `one` is the payload of a setpoint at rest, the last two are written."""
     n = len(system_ids)
     payloads, values = np.empty((n, len(one)), np.uint8), np.empty(4, np.float32)
     bits, systems = values.view(np.uint8), np.full(n, system_id, np.uint8)
@@ -317,12 +327,14 @@ def _put_setpoints(
         values[3] = yaw_rad[row]
         for at in range(len(one)):
             payloads[row, at] = one[at]
+        for at in range(4):
+            payloads[row, at] = boot_ms >> 8 * at & 0xFF  # the payload begins with it
         for at in range(12):
             payloads[row, _VELOCITY_AT - _PAYLOAD_AT + at] = bits[at]
         for at in range(4):
             payloads[row, _YAW_AT - _PAYLOAD_AT + at] = bits[12 + at]
         payloads[row, _TARGET_AT - _PAYLOAD_AT] = system_ids[row]
-    kernels.put_frames(payloads, message_id, crc_extra, sequence, systems, component_id, frames, lengths)
+    kernels.put_frames(payloads, _SETPOINT, _EXTRA, sequence, systems, component_id, frames, lengths)
 
 
 @kernel

@@ -96,8 +96,8 @@ def _behind(data: Bytes, start: Number, end: Number, extras: NDArray[np.int16]) 
 
 @kernel
 def find_frames(
-    data: Bytes, starts: Whole, lengths: Whole, extras: NDArray[np.int16], frames: Whole
-) -> tuple[int, int, int]:
+    data: Bytes, starts: Whole, lengths: Whole, extras: NDArray[np.int16]
+) -> tuple[Whole, int, int]:
     """Find frames in datagrams. Never fails, whatever the bytes.
 
     Args:
@@ -105,11 +105,11 @@ def find_frames(
         starts: (m,) of each.
         lengths: (m,) in bytes.
         extras: by message id, the CRC extra byte; -1: not known.
-        frames: (at least bytes / SHORTEST_FRAME, FRAME_COLUMNS), written.
 
-    Returns: number of frames; bytes of garbage; bytes of messages that cannot be checked.
+    Returns: (k, FRAME_COLUMNS); bytes of garbage; bytes of messages that cannot be checked.
     """
     found, garbage, unknown = 0, 0, 0
+    frames = np.empty((lengths.sum() // SHORTEST_FRAME + 1, FRAME_COLUMNS), np.int64)
     place: Number
     unknown_end: Number
     for datagram in range(len(starts)):
@@ -141,7 +141,7 @@ def find_frames(
             else:
                 garbage += 1
             place += 1
-    return found, garbage, unknown
+    return frames[:found], garbage, unknown
 
 
 @kernel

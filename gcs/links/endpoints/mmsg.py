@@ -57,6 +57,7 @@ _CONTROL: Final = _aligned(length="P", level="i4", kind="i4", seconds="l", nanos
 _SEGMENT: Final = _aligned(length="P", level="i4", kind="i4", bytes="u2")
 """struct cmsghdr with the length of a run's datagrams."""
 
+_ADDRESS_LENGTH: Final = _ADDRESS.itemsize
 _CONTROL_LENGTH: Final = _CONTROL.itemsize
 _SEGMENT_LENGTH: Final = _SEGMENT.itemsize
 _SOCKET: Final = int(socket.SOL_SOCKET)
@@ -108,13 +109,9 @@ class Batch:
         self._segments["level"], self._segments["kind"] = socket.IPPROTO_UDP, _UDP_SEGMENT
         self._address_bytes = self._addresses.view(np.uint8).reshape(count, _ADDRESS.itemsize)
         control = self._control
-        self._expected = (
-            (headers["name_length"], _ADDRESS.itemsize),
-            (headers["control_length"], _CONTROL.itemsize),
-            (control["length"], 0),
-        )
         self._received = (
-            *(self._messages["length"], control["length"], control["level"], control["kind"]),
+            *(headers["name_length"], headers["control_length"], self._messages["length"]),
+            *(control["length"], control["level"], control["kind"]),
             *(control["seconds"], control["nanoseconds"], self.length, self.time_s),
         )
         self._described = (
@@ -136,10 +133,8 @@ class Batch:
         if not self._receives:
             self._receives = True
             self._parts["length"] = self.data.shape[1]
-            self._messages["header"]["control"] = _places(self._control)
-        rows = slice(first, first + most)
-        for field, value in self._expected:  # what recvmmsg changes
-            field[rows] = value
+            headers = self._messages["header"]
+            headers["control"], headers["control_length"] = _places(self._control), _CONTROL_LENGTH
         count = _call(_LIBC.recvmmsg, fd, int(self._message_places[first]), most, None)
         _take(first, first + count, *self._received)
         return count
@@ -212,6 +207,8 @@ def _call(function: Any, fd: int, place: int, count: int, *more: object) -> int:
 def _take(
     first: int,
     end: int,
+    name_room: Field,
+    control_room: Field,
     message_length: Field,
     control_length: Field,
     level: Field,
@@ -223,12 +220,14 @@ def _take(
 ) -> None:
     """Read what the kernel wrote of rows `first` to `end` - 1 into `length` and `time_s`.
 
-    The other arguments are fields of the C structures, by row.
+    The other arguments are fields of the C structures, by row; those that recvmmsg changes, and reads again
+    when it next writes the row, are as before it.
     """
     for row in range(first, end):
         length[row] = message_length[row]
         stamped = control_length[row] >= _CONTROL_LENGTH and level[row] == _SOCKET and kind[row] == _STAMP
         time_s[row] = seconds[row] + nanoseconds[row] * 1e-9 if stamped else np.nan
+        name_room[row], control_room[row], control_length[row] = _ADDRESS_LENGTH, _CONTROL_LENGTH, 0
 
 
 @kernel

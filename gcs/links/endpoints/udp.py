@@ -123,12 +123,11 @@ class UdpPorts(Ports):
             return
         filled = 0
         now_s, wall_s = self._clock(), wall_time_s()
-        empty = np.ones(len(self._sockets), np.bool_)
-        ready = list(range(len(self._sockets)))
+        ready: Sequence[int] = range(len(self._sockets))
+        full: list[int] = []  # not read until they were empty
         if len(ready) > 1:  # a single one is read at once: one call less
             ready = [key.data for key, _ in self._selector.select(0)]
         for turn, index in enumerate(ready, 1):
-            empty[index] = False
             for _ in range(_ROUNDS):
                 if _ROOM - filled < _BATCH:
                     take(self._datagrams(filled, now_s, wall_s))
@@ -137,13 +136,18 @@ class UdpPorts(Ports):
                 self._index[filled : filled + count] = index
                 filled += count
                 if count < _BATCH:
-                    empty[index] = True
                     break
                 if self._clock() > now_s + TURN_S * turn / len(ready):
+                    full.append(index)
                     break
+            else:
+                full.append(index)
         if filled:
             take(self._datagrams(filled, now_s, wall_s))
-        self._drained_s[empty] = now_s
+        kept_s = [(index, self._drained_s[index]) for index in full]
+        self._drained_s.fill(now_s)
+        for index, before_s in kept_s:
+            self._drained_s[index] = before_s
 
     def send(
         self, data: Bytes, length: Whole, destination: Whole, *, until_s: float = inf
