@@ -116,35 +116,41 @@ class Passage:
         self.gaps.restart()
 
 
-class Measurement:
-    """From its making until `cost`."""
+class Consumption:
+    """What this process takes from the making of this until `cost`; nothing of it is measured meanwhile."""
 
-    def __init__(self, links: Sequence[Link], passages: Sequence[Passage]) -> None:
-        self._links, self._passages = links, passages
-        for passage in passages:
-            passage.restart()
+    def __init__(self, links: Sequence[Link]) -> None:
+        self._links = links
         self._began_s, self._began_cpu_s = time.monotonic(), time.process_time()
         self._before = self._sent()
 
     def _sent(self) -> int:
         return sum(link.setpoints_sent for link in self._links)
 
-    def cost(self, durations_s: Sequence[float] = (), lateness_s: Sequence[float] = ()) -> Cost:
-        """Since it began."""
+    def cost(self) -> Cost:
+        """Since it began, before anything else is measured."""
         wall_s = time.monotonic() - self._began_s
         core_percent = 100 * (time.process_time() - self._began_cpu_s) / wall_s
-        waits_s = np.concatenate([np.concatenate(passage.waits_s) for passage in self._passages])
-        missing = sum(passage.gaps.missing for passage in self._passages)
-        received = sum(passage.gaps.received for passage in self._passages)
-        return Cost(
-            core_percent,
-            resident_mb(),
-            (self._sent() - self._before) / wall_s,
-            p99_ms(waits_s),
-            p99_ms(durations_s),
-            p99_ms(lateness_s),
-            lost_in_percent=100 * missing / max(received + missing, 1),
-        )
+        return Cost(core_percent, resident_mb(), (self._sent() - self._before) / wall_s)
+
+
+def with_passages(
+    cost: Cost,
+    passages: Sequence[Passage],
+    durations_s: Sequence[float] = (),
+    lateness_s: Sequence[float] = (),
+) -> Cost:
+    """The cost, with what the passages saw of telemetry and setpoints, and with the times of ticks."""
+    waits_s = np.concatenate([np.concatenate(passage.waits_s) for passage in passages])
+    missing = sum(passage.gaps.missing for passage in passages)
+    received = sum(passage.gaps.received for passage in passages)
+    return replace(
+        cost,
+        passed_on_p99_ms=p99_ms(waits_s),
+        tick_p99_ms=p99_ms(durations_s),
+        late_p99_ms=p99_ms(lateness_s),
+        lost_in_percent=100 * missing / max(received + missing, 1),
+    )
 
 
 def p99_ms(times_s: Array | Sequence[float]) -> float:
@@ -155,11 +161,11 @@ def p99_ms(times_s: Array | Sequence[float]) -> float:
 async def service(fleet: Fleet, config: Config, missing: int = 0) -> Cost:
     """The whole service with a formation in the air: law, safety, setpoints. Nothing asks the API.
 
+    Processor time and ticks are measured first, then what passes through it: to measure that costs time too.
     `missing` vehicles are never received; the figures are those of the others.
     """
     count = len(config.fleet)
     links = links_of(config)
-    passages = [Passage(link) for link in links]
     orchestrator = Orchestrator(config, links)
     flight = orchestrator._flight
     raise_priority(orchestrator, config.scheduling)
@@ -169,9 +175,12 @@ async def service(fleet: Fleet, config: Config, missing: int = 0) -> Cost:
     clock = orchestrator._clock
     clock._duration_s.clear()
     clock._lateness_s.clear()
-    measurement = Measurement(links, passages)
+    consumption = Consumption(links)
     await asyncio.sleep(MEASURED_S)
-    cost = measurement.cost(clock._duration_s, clock._lateness_s)
+    cost, durations_s, lateness_s = consumption.cost(), [*clock._duration_s], [*clock._lateness_s]
+    passages = [Passage(link) for link in links]
+    await asyncio.sleep(MEASURED_S)
+    cost = with_passages(cost, passages, durations_s, lateness_s)
     still_there = sum(vehicle.phase is Phase.FORMATION for vehicle in flight.vehicles.values())
     await ended([running])
     if still_there < count - missing:
@@ -241,7 +250,6 @@ async def connecting_s(count: int, transport: str) -> float:
 async def links_alone(fleet: Fleet, config: Config) -> Cost:
     """Telemetry to one batch, a batch to setpoints, nothing between."""
     links, rate_hz = links_of(config), config.tick_rate_hz
-    passages = [Passage(link) for link in links]
     running = [asyncio.create_task(link.run()) for link in links]
     still = np.zeros((EACH, 3))
 
@@ -256,8 +264,9 @@ async def links_alone(fleet: Fleet, config: Config) -> Cost:
             await asyncio.sleep(start_s + tick / rate_hz - time.monotonic())
 
     await ticks(WARM_UP_S)
-    measurement = Measurement(links, passages)
+    consumption = Consumption(links)
     await ticks(MEASURED_S)
-    cost = measurement.cost()
+    cost, passages = consumption.cost(), [Passage(link) for link in links]
+    await ticks(MEASURED_S)
     await ended(running)
-    return with_received(cost, links, fleet)
+    return with_received(with_passages(cost, passages), links, fleet)
