@@ -46,17 +46,19 @@ HANDSHAKE_MS: Final = 2000
 """Limit of one attempt to connect: closing waits for it, and so does the next attempt."""
 
 
-RUNTIMES: Final = ("rx", "tx", "net", "acc")
+CLOSING: Final = ("rx", "net", "acc")
+"""Zenoh's runtimes whose threads close connections."""
 
 
 def threads(stations: int) -> str:
     """Zenoh's setting of its threads, for the environment.
 
     Closing the connection to a host that has vanished holds a thread for 10 s (Zenoh's issues 2718 and 1101):
-    with one thread each, as is the default, all other stations are silent for as long.
+    with one thread each, as is the default, all other stations are silent for as long. What only sends has
+    one thread: of several each wakes a second one, with every message.
     """
-    each = f"(worker_threads: {2 * stations})"
-    return f"({', '.join(f'{name}: {each}' for name in RUNTIMES)})"
+    many = dict.fromkeys(CLOSING, 2 * stations) | {"tx": 1}
+    return f"({', '.join(f'{name}: (worker_threads: {count})' for name, count in many.items())})"
 
 
 def configuration(station: str, endpoints: Mapping[str, Endpoint], keys: Path | None) -> zenoh.Config:
