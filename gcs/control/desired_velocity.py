@@ -294,7 +294,7 @@ def _slow_down_inside(position_m: Array, desired_m_s: Array, each: Array, distan
     """As `_stopping_inside`, of the first rows: those of `each` (4, n), see `Braking.of_each`."""
     for i in range(each.shape[1]):
         x_m, y_m, x_m_s, y_m_s = position_m[i, 0], position_m[i, 1], desired_m_s[i, 0], desired_m_s[i, 1]
-        speed_m_s = np.hypot(x_m_s, y_m_s)
+        speed_m_s = np.sqrt(x_m_s * x_m_s + y_m_s * y_m_s)
         along_m = (x_m * x_m_s + y_m * y_m_s) / max(speed_m_s, TINY)
         room_m2 = distance_max_m**2 - (x_m**2 + y_m**2)
         ahead_m = np.maximum(np.sqrt(np.maximum(along_m**2 + room_m2, 0.0)) - along_m, 0.0)

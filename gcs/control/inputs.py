@@ -155,7 +155,11 @@ class GoalRoutes:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Memory:
-    """State that one tick passes to the next. Rows as in FleetState. Owns its arrays."""
+    """State that one tick passes to the next. Owns its arrays.
+
+    Rows (n,) are as in FleetState; with other stations' vehicles these are the own ones; rows (all,) have
+    the others as well, after the own.
+    """
 
     time_s: float
     center: Center | None  # None until a formation flies
@@ -166,9 +170,9 @@ class Memory:
     setpoint_m_s: Array  # (n, 3) as sent for it, less the trim; NaN where not commanded
     yaw_rad: Array  # (n,) commanded, NaN where not commanded
     held_yaw_rad: Array  # (n,) at engagement
-    engaged_time_s: Array  # (n,) when it joined the formation, NaN outside
-    place: Array  # (n, 3) slots for the next tick: unit vectors from the centre, NaN outside the formation
-    change: Array  # (n, 3) of the slots in the last sweep; of the other laws: the virtual velocity, m/s
+    engaged_time_s: Array  # (all,) when it joined the formation, NaN outside
+    place: Array  # (all, 3) slots for the next tick: unit vectors from the centre, NaN outside the formation
+    change: Array  # (all, 3) of the slots in the last sweep; of the other laws: the virtual velocity, m/s
     trim_m_s: Array  # (n, 3) correction of setpoints for wind, drag and the vehicle's own response
     expected_m_s: Array  # (n, 3) velocity relative to the centre's that each should have, NaN: not commanded
     pace: float  # share of the orbit's speed that the vehicles can keep up with
@@ -178,14 +182,22 @@ class Memory:
     spin_rad_s: float = 0.0  # of the formation now, on its way to the plan's
     detour: Detour | None = None  # of the formation's centre round obstacles, None without any
     unfollowed_s: Array | None = (
-        None  # (n,) how long each vehicle did not move as expected; negative: its slot stays with it
+        None  # (all,) how long each vehicle did not move as expected; negative: its slot stays with it
     )
-    belief: Belief | None = None  # (n, 3) each vehicle's estimate of the centre; law `neighbours`
-    routes: GoalRoutes | None = None  # to goals and slots, None while no vehicle is lost
+    belief: Belief | None = None  # (all, 3) each vehicle's estimate of the centre; law `neighbours`
+    routes: GoalRoutes | None = None  # (all,) to goals and slots, None while no vehicle is lost
+
+    def of_own(self, count: int) -> "Memory":
+        """The same with `count` rows (n,), which it has after its first tick."""
+        if len(self.yaw_rad) == count:
+            return self
+        names = "desired_m_s", "unfiltered_m_s", "asked_m_s", "setpoint_m_s", "yaw_rad", "held_yaw_rad"
+        rows = {name: getattr(self, name)[:count] for name in (*names, "trim_m_s", "expected_m_s")}
+        return replace(self, **rows, authority=self.authority.first(count), answers=self.answers.first(count))
 
     @staticmethod
     def fresh(count: int, time_s: float) -> "Memory":
-        """The state before the first tick: nothing is commanded."""
+        """The state before the first tick, of all rows: nothing is commanded."""
         nothing, nowhere, still = np.full(count, np.nan), np.full((count, 3), np.nan), np.zeros((count, 3))
         return Memory(
             time_s=time_s,
@@ -338,6 +350,23 @@ class TickInputs:
     def ours(self, on_sphere: Array) -> Array:
         """(m, 3) rows in formation of the (s, 3) on the sphere."""
         return on_sphere if len(self.rows) == len(self.sphere) else on_sphere[self.formed[self.sphere]]
+
+    def of_own(self, fleet: FleetState, tasks: Tasks, traits: Traits) -> "TickInputs":
+        """The same of the rows that this station flies, with state, tasks and traits of these."""
+        own = self.own
+        return replace(
+            self,
+            fleet=fleet,
+            tasks=tasks,
+            traits=traits,
+            position_m=self.position_m[own],
+            velocity_m_s=self.velocity_m_s[own],
+            commanded=self.commanded[own],
+            formed=self.formed[own],
+            to_goal=self.to_goal[own],
+            sphere=self.rows,
+            descending=self.descending[own],
+        )
 
     def for_all(self, formed: Array, others: float) -> Array:
         """(n, 3) with `formed` (m, 3) in the rows in formation, and `others` in all other rows."""

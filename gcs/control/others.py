@@ -1,8 +1,9 @@
 """Vehicles that other stations fly, as further rows of a tick: avoided, and never commanded."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Final
+from typing import Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,31 +90,29 @@ class Others:
                 ),
                 segments_of=np.concatenate([own_of[:lost], self.segments_of + n, own_of[lost:]]),
             )
-        unfollowed_s = np.zeros(n + k) if memory.unfollowed_s is None else memory.unfollowed_s.copy()
-        unfollowed_s[n:] = np.where(self.slot_stays, HELD_S, 0.0)
+        unfollowed_s = np.zeros(n + k) if memory.unfollowed_s is None else memory.unfollowed_s
+        if self.slot_stays.any() or unfollowed_s[n:].any() or memory.unfollowed_s is None:
+            unfollowed_s = np.concatenate([unfollowed_s[:n], np.where(self.slot_stays, HELD_S, 0.0)])
+            memory = replace(memory, unfollowed_s=unfollowed_s)
         return (
             together,
             with_theirs,
             Traits(
-                np.concatenate([traits.charge, self.charge]),
-                np.concatenate([traits.speed_max_m_s, np.full(k, np.inf)]),
+                _all_charges(traits.charge, self.charge),
+                _all_speeds_m_s(traits.speed_max_m_s, self.ids),
                 np.concatenate([traits.uncertainty_m, self.uncertainty_m]),
                 _response(traits.response, k),
             ),
-            replace(memory, unfollowed_s=unfollowed_s),
+            memory,
         )
 
     def velocities(self, own_m_s: Array) -> tuple[Array, Array]:
-        """Velocities before the safety filter: `own_m_s` (n + k, 3), and of these k what is reported.
+        """Velocities before the safety filter: `own_m_s` (n, 3), and of these k what is reported.
 
-        Returns: (n + k, 3), and (n + k, 3) what the filters of these k made of it, NaN in all other rows.
+        Returns: (n + k, 3), and (n + k, 3) what the filters of these k made of it; NaN: not known.
         """
-        n = len(own_m_s) - len(self.ids)
-        shared = np.isfinite(self.unfiltered_m_s[:, :1])
-        all_m_s, shared_m_s = own_m_s.copy(), np.full_like(own_m_s, np.nan)
-        all_m_s[n:] = np.where(shared, self.unfiltered_m_s, own_m_s[n:])
-        shared_m_s[n:] = self.filtered_m_s
-        return all_m_s, shared_m_s
+        all_m_s = np.concatenate([own_m_s, self.unfiltered_m_s])
+        return all_m_s, np.concatenate([np.full_like(own_m_s, np.nan), self.filtered_m_s])
 
     def _drift_after(self, own: tuple[Array, Array] | None, count: int) -> tuple[Array, Array] | None:
         """(n + k, 3) positions and velocities, as in Tasks, of `count` own vehicles and of these."""
@@ -124,20 +123,36 @@ class Others:
         return np.concatenate([first[0], second[0]]), np.concatenate([first[1], second[1]])
 
 
-class _AllIds:
-    """Ids of a station's own vehicles and of the others', made again only when one of both changes."""
-
-    def __init__(self) -> None:
-        self._parts: tuple[tuple[VehicleId, ...], tuple[VehicleId, ...]] = (), ()
-        self._all: tuple[VehicleId, ...] = ()
-
-    def __call__(self, own: tuple[VehicleId, ...], theirs: tuple[VehicleId, ...]) -> tuple[VehicleId, ...]:
-        if own is not self._parts[0] or theirs is not self._parts[1]:
-            self._parts, self._all = (own, theirs), own + theirs
-        return self._all
+Own = TypeVar("Own")
+Theirs = TypeVar("Theirs")
 
 
-_all_ids = _AllIds()
+def _kept(join: Callable[[Own, Theirs], Own]) -> Callable[[Own, Theirs], Own]:
+    """What belongs to the own vehicles and to the others, joined again only when one of both is another."""
+    newest: list[tuple[Own, Theirs, Own]] = []
+
+    def joined(own: Own, theirs: Theirs) -> Own:
+        if not newest or own is not newest[0][0] or theirs is not newest[0][1]:
+            newest[:] = [(own, theirs, join(own, theirs))]
+        return newest[0][2]
+
+    return joined
+
+
+@_kept
+def _all_ids(own: tuple[VehicleId, ...], theirs: tuple[VehicleId, ...]) -> tuple[VehicleId, ...]:
+    return own + theirs
+
+
+@_kept
+def _all_charges(own: Array, theirs: Array) -> Array:
+    return np.concatenate([own, theirs])
+
+
+@_kept
+def _all_speeds_m_s(own_m_s: Array, theirs: tuple[VehicleId, ...]) -> Array:
+    """For vehicles of others no limit but the fleet's."""
+    return np.concatenate([own_m_s, np.full(len(theirs), np.inf)])
 
 
 @lru_cache(maxsize=4)  # the own one stays the same from tick to tick

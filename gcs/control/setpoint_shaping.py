@@ -101,9 +101,9 @@ def _at_limit(
     """
     at_limit = np.empty((len(requested_m_s), 2), np.bool_)
     for i in range(len(requested_m_s)):
-        level_m_s, climb_m_s = np.hypot(requested_m_s[i, 0], requested_m_s[i, 1]), -requested_m_s[i, 2]
-        beyond = np.hypot(level_m_s, climb_m_s) > own_m_s[i]
-        at_limit[i, 0] = beyond or level_m_s > horizontal_m_s
+        square_m2_s2, climb_m_s = requested_m_s[i, 0] ** 2 + requested_m_s[i, 1] ** 2, -requested_m_s[i, 2]
+        beyond = square_m2_s2 + climb_m_s**2 > own_m_s[i] ** 2
+        at_limit[i, 0] = beyond or square_m2_s2 > horizontal_m_s**2
         at_limit[i, 1] = beyond or climb_m_s > up_m_s or climb_m_s < -down_m_s
     return at_limit
 

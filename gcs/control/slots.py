@@ -80,7 +80,8 @@ def moved_on(now: TickInputs, formed: Formed, slots: Slots, radius_m: float) -> 
     Setpoints do not wait for it: call it after they have left.
     """
     law, direction, charge = now.settings.law, formed.direction, formed.charge
-    paths, sweeps = _lost_paths(now, formed.center), sweeps_for(len(direction), law.sweeps)
+    number = round(now.fleet.time_s / now.dt_s)
+    paths, sweeps = _lost_paths(now, formed.center), sweeps_for(len(direction), law.sweeps, number)
     places, changes = sweep(slots.place, slots.change, direction, charge, sweeps, law.pull)
     first = round(20.0 * now.fleet.time_s) * SEARCHES % max(len(places), 1)  # another in each tick
     if paths and _move_out(places, radius_m, *paths, first):  # again, gently: each sweep leads them back in
@@ -272,7 +273,7 @@ def _keep_with_vehicles(
         rows: (m,) of these vehicles.
         direction: (m, 3) to the vehicles.
         velocity_m_s: (n, 3) measured.
-        expected_m_s: (n, 3) relative to the centre, NaN: not commanded.
+        expected_m_s: (own, 3) of the first rows, relative to the centre, NaN: not commanded.
         center_m_s: (3,) velocity of the centre.
         radius_m: of the sphere.
         dt_s: since the previous tick.
@@ -280,6 +281,8 @@ def _keep_with_vehicles(
     slow = np.zeros(len(unfollowed_s), np.bool_)
     for a in range(len(rows)):
         i, off, along, enough = rows[a], 0.0, 0.0, 0.0
+        if i >= len(expected_m_s):
+            continue  # its own station knows
         for k in range(3):
             off += (places[a, k] - direction[a, k]) ** 2
             along += (velocity_m_s[i, k] - center_m_s[k]) * expected_m_s[i, k]

@@ -84,15 +84,16 @@ def tick(
         tasks: what each has to do.
         plan: formation, orbit, target, obstacles, yaw.
         traits: in what the vehicles differ.
-        memory: of the previous tick.
+        memory: of the previous tick, or fresh.
         settings: gains and limits.
         sight: what vehicles with the law `neighbours` received from each other; None: all that is in range.
-        others: vehicles that other stations fly; `memory` then has their rows, after the n own ones.
+        others: k vehicles that other stations fly; a fresh `memory` then has n + k rows.
         shared: the formation as another station computes it; None: this station computes it.
 
     Returns: setpoints for those vehicles only that have a task and fresh telemetry.
     """
-    own_ids, pace = fleet.ids, 1.0
+    own, pace = (fleet, tasks, traits), 1.0
+    memory = memory.of_own(len(fleet.ids))
     if others is not None:
         pace = others.pace
         fleet, tasks, traits, memory = others.joined(fleet, tasks, traits, memory)
@@ -103,27 +104,27 @@ def tick(
         traits,
         settings,
         before_s=memory.time_s,
-        own=len(own_ids),
+        own=len(own[0].ids),
         follows=shared is not None and plan.formation.law is LawName.SLOTS,
         pace=pace,
     )
-    authority = _authority(now, memory)
-    limited_traits = authority.limit(traits)
-    if limited_traits is not traits:
-        now = replace(now, traits=limited_traits)
+    mine = now if others is None else now.of_own(*own)
+    authority = _authority(mine, memory)
+    if authority.slow.any():
+        now, mine = (replace(each, traits=authority.limit(each.traits)) for each in (now, mine))
     lead = move_center(now, memory, shared)
     places = spread(now, lead, memory, sight, shared)
     slot_m = slots_m(now, lead, places)
     aim_m, aiming, routes = follow_routes(now, memory.routes, slot_m)
     desired_m_s = desired_velocity(now, lead, places, slot_m, aim_m, aiming)
-    desired_m_s = _in_traffic(now, aim_m, desired_m_s)
+    desired_m_s = _in_traffic(now, aim_m, desired_m_s)[now.own]
     possible_m_s = limit_change(
-        desired_m_s, memory.desired_m_s, now.velocity_m_s, now.acceleration_max_m_s2, now.dt_s
+        desired_m_s, memory.desired_m_s, mine.velocity_m_s, mine.acceleration_max_m_s2, now.dt_s
     )
     least = settings.safety.authority
     reached_m_s, yields = yielding(
         possible_m_s,
-        now.velocity_m_s,
+        mine.velocity_m_s,
         authority.lack_m_s,
         least.lack_m_s,
         least.reserve_m_s,
@@ -132,15 +133,16 @@ def tick(
     allowed_m_s, limited_by = filter_velocities(
         all_m_s, _surroundings(now, authority, routes, shared_m_s), settings.safety
     )
+    allowed_m_s = allowed_m_s[now.own]
     shaped = shape_setpoints(
-        now, allowed_m_s, lead.center, memory, knows_center=places.knows_center, yields=yields
+        mine, allowed_m_s, lead.center, memory, knows_center=places.knows_center, yields=yields
     )
-    yaw_rad, held_rad = _yaw(now, memory)
+    yaw_rad, held_rad = _yaw(mine, memory)
 
     def remember() -> Memory:
         place, change = (places.place, places.change) if places.move_on is None else places.move_on()
         commanded_m_s, unfiltered_m_s, asked_m_s = _of_commanded(
-            now.commanded, allowed_m_s, reached_m_s, desired_m_s, yields
+            mine.commanded, allowed_m_s, reached_m_s, desired_m_s, yields
         )
         trim_m_s, expected_m_s, pace = shaped.learn()
         return Memory(
@@ -150,7 +152,7 @@ def tick(
             desired_m_s=commanded_m_s,
             unfiltered_m_s=unfiltered_m_s,
             asked_m_s=asked_m_s,
-            setpoint_m_s=np.where(now.commanded[:, None], shaped.setpoint_m_s - memory.trim_m_s, np.nan),
+            setpoint_m_s=np.where(mine.commanded[:, None], shaped.setpoint_m_s - memory.trim_m_s, np.nan),
             yaw_rad=yaw_rad,
             held_yaw_rad=held_rad,
             engaged_time_s=lead.engaged_time_s,
@@ -161,7 +163,7 @@ def tick(
             pace=pace,
             sides=lead.sides,
             authority=authority,
-            answers=_answers(now, memory, authority),
+            answers=_answers(mine, memory, authority),
             spin_rad_s=places.spin_rad_s,
             detour=lead.detour,
             unfollowed_s=places.unfollowed_s,
@@ -169,7 +171,7 @@ def tick(
             routes=routes,
         )
 
-    setpoints = _setpoints(now, own_ids, shaped.setpoint_m_s, yaw_rad)
+    setpoints = _setpoints(mine, shaped.setpoint_m_s, yaw_rad)
     floor, elsewhere = settings.safety.floor, () if others is None else others.ids
     return Tick(setpoints, remember, limited_by, fleet.position_m, tasks.airborne, floor, elsewhere)
 
@@ -247,8 +249,11 @@ def _of_commanded(
 def _surroundings(
     now: TickInputs, authority: Authority, routes: GoalRoutes | None, shared_m_s: Array | None
 ) -> Surroundings:
-    safety = now.settings.safety
-    wander_m = authority.wander_m(safety.authority)
+    safety, lack_m_s = now.settings.safety, authority.lack_m_s
+    others = len(now.commanded) - len(lack_m_s)
+    if others:
+        lack_m_s = np.concatenate([lack_m_s, np.zeros((others, 3))])
+    wander_m = authority.wander_m(safety.authority, others)
     wander_m[now.descending] = 0.0
     position_m, velocity_m_s, airborne = now.position_m, now.velocity_m_s, now.tasks.airborne
     if now.tasks.segments_of is not None:
@@ -270,7 +275,7 @@ def _surroundings(
         now.fleet.ids,
         now.traits.uncertainty_m,
         now.traits.speed_max_m_s,
-        authority.lack_m_s,
+        lack_m_s,
         wander_m,
         now.tasks.segments_of,
         now.tasks.drift,
@@ -282,30 +287,25 @@ def _surroundings(
 
 def _yaw(now: TickInputs, memory: Memory) -> tuple[Array, Array]:
     """Commanded yaw and yaw at engagement, (n,) each; NaN where not commanded."""
-    own, yaw_rad, held_rad = now.own, np.full(len(now.commanded), np.nan), np.full(len(now.commanded), np.nan)
-    so_far_rad, held_rad[own] = begun_yaw(
-        now.commanded[own], memory.yaw_rad[own], memory.held_yaw_rad[own], np.array(now.fleet.yaw_rad[own])
-    )
+    measured_rad = np.array(now.fleet.yaw_rad)
+    so_far_rad, held_rad = begun_yaw(now.commanded, memory.yaw_rad, memory.held_yaw_rad, measured_rad)
     target_m = np.array(now.plan.target.position_m(now.fleet.time_s))
-    desired_rad = desired_yaw_rad(now.plan.yaw, held_rad[own], now.position_m[own], target_m)
+    desired_rad = desired_yaw_rad(now.plan.yaw, held_rad, now.position_m, target_m)
     if now.tasks.drawn is not None and now.tasks.drawn.yaw_rad is not None:
         drawn = now.drawn_rows
         drawn_rad = now.tasks.drawn.yaw_rad[drawn]
         desired_rad[drawn] = np.where(np.isfinite(drawn_rad), drawn_rad, desired_rad[drawn])
     rate_rad_s = radians(now.settings.yaw_rate_max_deg_s)
-    yaw_rad[own] = turn_towards(so_far_rad, desired_rad, rate_rad_s, now.dt_s)
-    return yaw_rad, held_rad
+    return turn_towards(so_far_rad, desired_rad, rate_rad_s, now.dt_s), held_rad
 
 
-def _setpoints(
-    now: TickInputs, own_ids: tuple[VehicleId, ...], setpoint_m_s: Array, yaw_rad: Array
-) -> Setpoints:
-    """Setpoints of the own rows of (n, 3) that are commanded and have a yaw."""
-    own, time_s = now.own, now.fleet.time_s
-    rows = (now.commanded[own] & np.isfinite(yaw_rad[own])).nonzero()[0]
-    if len(rows) == own.stop:
-        return Setpoints(time_s, own_ids, setpoint_m_s[own].copy(), yaw_rad[own].copy())  # frozen
-    ids = tuple(own_ids[row] for row in rows.tolist())
+def _setpoints(now: TickInputs, setpoint_m_s: Array, yaw_rad: Array) -> Setpoints:
+    """Setpoints of the rows of (n, 3) that are commanded and have a yaw."""
+    ids, time_s = now.fleet.ids, now.fleet.time_s
+    rows = (now.commanded & np.isfinite(yaw_rad)).nonzero()[0]
+    if len(rows) == len(ids):
+        return Setpoints(time_s, ids, setpoint_m_s.copy(), yaw_rad.copy())  # frozen
+    ids = tuple(ids[row] for row in rows.tolist())
     return Setpoints(time_s, ids, setpoint_m_s[rows], yaw_rad[rows])
 
 

@@ -188,9 +188,12 @@ def sweep(
     return here, change
 
 
-def sweeps_for(count: int, most: int) -> int:
-    """Number of sweeps in one tick: `most`, but no more pairs than one sweep of `COARSE` has; at least 1."""
-    return max(1, min(most, COARSE**2 // max(count, 1) ** 2))
+def sweeps_for(count: int, most: int, number: int) -> int:
+    """Number of sweeps in a tick: `most`, but no more pairs than one sweep of `COARSE` has.
+
+    Of larger fleets it is one in every second tick; `number` is that of the tick.
+    """
+    return min(most, COARSE**2 // max(count, 1) ** 2) or number % 2
 
 
 NEAREST_FACTOR: Final = 3.1

@@ -42,6 +42,10 @@ class Answers:
         nothing = np.full((count, 3), np.nan)
         return Answers(nothing, nothing, np.zeros(count))
 
+    def first(self, count: int) -> "Answers":
+        """Of the first `count` vehicles."""
+        return Answers(self.late_m_s[:count], self.laggard_m_s[:count], self.behind_s[:count])
+
     @property
     def slow(self) -> Mask:
         """(n,) answers slower than its profile says, or did so of late."""

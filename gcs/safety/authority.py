@@ -8,7 +8,7 @@ A fleet in order has neither, whether its answers are immediate or late. Wind be
 the vehicles, gusts, and a speed limit that this station does not know show as both or one of them.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from math import sqrt
 
 import numpy as np
@@ -79,11 +79,19 @@ class Authority:
         nothing = np.full((count, 3), np.nan)
         return Authority(nothing, nothing, still, np.zeros(count), np.zeros(count), np.full(count, np.inf))
 
-    def wander_m(self, settings: AuthoritySettings) -> Array:
-        """(n,) standard deviations of where unexpected velocities lead, the fleet's common one at least."""
+    def first(self, count: int) -> "Authority":
+        """Of the first `count` vehicles."""
+        columns = (getattr(self, field.name)[:count] for field in fields(self))
+        return Authority(*columns)
+
+    def wander_m(self, settings: AuthoritySettings, others: int = 0) -> Array:
+        """(n + others,) standard deviations of where unexpected velocities lead.
+
+        At least the fleet's common one; of vehicles that other stations command, the last, that one.
+        """
         together_m2_s2 = self.fleet_wander_m_s**2
         numbers = settings.free_m_s, settings.horizon_s, settings.wander_max_m
-        return _wander_m(self.lack_m_s, self.square_m2_s2, together_m2_s2, *numbers)
+        return _wander_m(self.lack_m_s, self.square_m2_s2, others, together_m2_s2, *numbers)
 
     @property
     def fleet_wander_m_s(self) -> float:
@@ -97,24 +105,29 @@ class Authority:
         return np.asarray(np.isfinite(self.speed_max_m_s))
 
     def limit(self, traits: Traits) -> Traits:
-        """The traits with the learned speed limits."""
+        """The traits with the learned speed limits of the first n of them."""
         if not np.count_nonzero(self.slow):
             return traits
-        return replace(traits, speed_max_m_s=np.minimum(traits.speed_max_m_s, self.speed_max_m_s))
+        speed_max_m_s, n = traits.speed_max_m_s.copy(), len(self.speed_max_m_s)
+        speed_max_m_s[:n] = np.minimum(speed_max_m_s[:n], self.speed_max_m_s)
+        return replace(traits, speed_max_m_s=speed_max_m_s)
 
 
 @kernel
 def _wander_m(
     lack_m_s: Array,
     square_m2_s2: Array,
+    others: int,
     together_m2_s2: float,
     free_m_s: float,
     horizon_s: float,
     most_m: float,
 ) -> Array:
     """As `Authority.wander_m`; `together_m2_s2` is the fleet's common square."""
-    wander_m = np.empty(len(lack_m_s))
-    for i in range(len(lack_m_s)):
+    n = len(lack_m_s)
+    common_m = horizon_s * np.sqrt(max(together_m2_s2 - free_m_s**2, 0.0))
+    wander_m = np.full(n + others, min(common_m, most_m))
+    for i in range(n):
         lost = 0.0
         for k in range(3):
             lost += lack_m_s[i, k] ** 2

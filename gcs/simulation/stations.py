@@ -159,7 +159,8 @@ class SimulatedStations:
         )
 
     def _column(self, name: str) -> Array:
-        column: Array = np.empty_like(getattr(self._stations[0].memory, name))
+        first = self._stations[0].memory
+        column: Array = np.empty((len(first.place), *getattr(first, name).shape[1:]))
         for station in self._stations:
             column[station.rows] = getattr(station.memory, name)[: len(station.rows)]
         return column

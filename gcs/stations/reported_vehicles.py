@@ -186,7 +186,7 @@ def at_time(
         without[i] = is_known and (silent or HAS_NO_LINK[known.phases[i]])
         forward_s = min(max(now_s - known.made_s[i], 0.0), FORWARD_MAX_S)
         strays_m = 0.5 * CHANGES_M_S2 * min(forward_s, STRAYS_S) ** 2
-        uncertainty_m[i] = np.hypot(known.uncertainty_m[i], strays_m)
+        uncertainty_m[i] = np.sqrt(known.uncertainty_m[i] ** 2 + strays_m**2)
         for axis in range(3):
             moved_m = forward_s * known.velocity_m_s[i, axis]
             position_m[i, axis] = np.nan if mine[i] else known.position_m[i, axis] + moved_m

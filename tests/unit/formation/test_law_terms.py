@@ -103,8 +103,9 @@ def test_coincident_directions_do_not_repel() -> None:
     assert np.isfinite(spread(np.array([[1.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]))).all()
 
 
-def test_large_fleets_make_fewer_sweeps_but_at_least_one() -> None:
-    assert [sweeps_for(count, 4) for count in (0, 1, 500, 600, 1000, 10_000)] == [4, 4, 4, 2, 1, 1]
+def test_large_fleets_make_fewer_sweeps() -> None:
+    assert [sweeps_for(count, 4, 7) for count in (0, 1, 500, 600, 1000)] == [4, 4, 4, 2, 1]
+    assert [sweeps_for(10_000, 4, number) for number in range(4)] == [0, 1, 0, 1]
 
 
 def test_slots_follow_vehicles_that_cannot_reach_them() -> None:
