@@ -289,15 +289,15 @@ class Fleet:
     def note_seen(self, rows: Mask) -> None:
         self.uncontrolled.note_seen(rows, self.fleet.position_m, self._table.last_velocity_m_s)
 
-    def seen_m(self) -> Array:
-        """(n, 3) positions, show frame; of silent vehicles the last known."""
-        known = np.isfinite(self.fleet.position_m[:, :1])
-        return np.where(known, self.fleet.position_m, self.uncontrolled.seen_m)
-
-    def seen_m_s(self) -> Array:
-        """(n, 3) velocities likewise."""
-        known = np.isfinite(self.fleet.velocity_m_s[:, :1])
-        return np.where(known, self.fleet.velocity_m_s, self.uncontrolled.seen_m_s)
+    def seen(self) -> FleetState:
+        """The state; of silent vehicles the last known positions and velocities."""
+        position_m, velocity_m_s = self.fleet.position_m, self.fleet.velocity_m_s
+        known, moves = np.isfinite(position_m[:, :1]), np.isfinite(velocity_m_s[:, :1])
+        if known.all() and moves.all():
+            return self.fleet
+        position_m = np.where(known, position_m, self.uncontrolled.seen_m)
+        velocity_m_s = np.where(moves, velocity_m_s, self.uncontrolled.seen_m_s)
+        return replace(self.fleet, position_m=position_m, velocity_m_s=velocity_m_s)
 
     def forget_seen(self, vehicle: Vehicle) -> None:
         """Forget the last known position: the vehicle is not there any more."""

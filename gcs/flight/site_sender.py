@@ -3,8 +3,8 @@
 import json
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from math import inf, nan
+from operator import is_
 from typing import Any, Final
 
 import numpy as np
@@ -61,6 +61,7 @@ class SiteSender:
         self._formation = FormationMessages(site)
         self._messages: dict[str, bytes] = {}  # of this tick, by topic
         self._columns: dict[str, tuple[Sequence[Any], NDArray[Any]]] = {}  # what changes rarely, encoded
+        self._homes: tuple[list[Array | None], bytes] | None = None  # pads, and the same encoded
         self._sent_texts: dict[str, bytes] = {}  # newest message of what rarely changes, by topic
         self._again_s: dict[str, float] = {}  # when it is sent again, unchanged
         self._sent_plan: Plan | None = None
@@ -86,15 +87,10 @@ class SiteSender:
         memory = result.memory
         reported = self._reported(all_up=all_up)
         tasks = flight.last_tasks
-        seen = replace(flight.fleet, position_m=flight.seen_m(), velocity_m_s=flight.seen_m_s())
-        made = batch(site, seen, tasks, flight.traits.uncertainty_m, memory, reported)
+        made = batch(site, flight.seen(), tasks, flight.traits.uncertainty_m, memory, reported)
         if now_s >= self._slow_due_s:
             self._slow_due_s = now_s + SLOWLY_S
-            homes = [vehicle.home_m for vehicle in flight.vehicles.values()]
-            nowhere = np.full(3, nan)
-            self._send_anew(
-                "homes", encode_homes(np.array([nowhere if one is None else one for one in homes]))
-            )
+            self._send_anew("homes", self._encoded_homes())
             self._send_anew("info", self._info_now())
         self._send(STATES, made.encode())
         if leads:
@@ -114,6 +110,15 @@ class SiteSender:
                 self._send(topic, payload)
         self.bus.publish(self._messages)
         self._messages = {}
+
+    def _encoded_homes(self) -> bytes:
+        """Pads of the vehicles; encoded again only when one of them took off from another."""
+        home_m = [vehicle.home_m for vehicle in self.flight.vehicles.values()]
+        if self._homes is None or not all(map(is_, home_m, self._homes[0])):
+            nowhere = np.full(3, nan)
+            encoded = encode_homes(np.array([nowhere if one is None else one for one in home_m]))
+            self._homes = home_m, encoded
+        return self._homes[1]
 
     def _send_anew(self, topic: str, payload: bytes) -> None:
         """Send what has changed; the same again for stations that missed it."""

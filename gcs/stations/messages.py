@@ -34,6 +34,8 @@ SHOW_PHASES: Final = tuple(ShowPhase)
 MODES: Final = tuple(Mode)
 """Numbers on the wire are places in these."""
 
+_PHASES, _MODES = len(PHASES), len(MODES)
+
 PHASE_CODE: Final = {phase: number for number, phase in enumerate(PHASES)}
 MODE_CODE: Final = {mode: number for number, mode in enumerate(MODES)}
 
@@ -165,7 +167,7 @@ def decode_batch(payload: bytes) -> tuple[BatchHead, NDArray[np.void]]:
         raise LinkError(f"a batch of {len(payload)} bytes for {n} vehicles")
     echoes = tuple(map(Echo._make, _ECHO.iter_unpack(payload[_STATION.size + 1 : begin])))
     rows = np.frombuffer(payload, ROW, offset=begin)
-    if n and (rows["phase"].max() >= len(PHASES) or rows["mode"].max() >= len(MODES)):
+    if not _exist(rows):
         raise LinkError("a batch with a phase or mode that does not exist")
     pace = min(max(pace, 0.0), 1.0)
     head = BatchHead(
@@ -264,6 +266,15 @@ def decode_homes(payload: bytes) -> Array:
 def _check(version: int, kind: int, expected: int) -> None:
     if (version, kind) != (VERSION, expected):
         raise LinkError(f"message {kind} of version {version}, where {expected} of {VERSION} is expected")
+
+
+@kernel
+def _exist(rows: NDArray[np.void]) -> bool:
+    """Whether all phases and modes in rows of `ROW` are places in `PHASES` and `MODES`."""
+    exist = True
+    for i in range(len(rows)):
+        exist &= rows[i].phase < _PHASES and rows[i].mode < _MODES
+    return exist
 
 
 @kernel
