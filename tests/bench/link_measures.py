@@ -140,10 +140,6 @@ class Gaps:
         self.received += len(rows)
         self._newest[rows] = numbers  # the last of each stays
 
-    def restart(self) -> None:
-        """Forget what was before, but for the numbers."""
-        self.received, self.missing = 0, 0
-
 
 def resident_mb() -> float:
     """The most this process has had."""

@@ -110,11 +110,6 @@ class Passage:
         """(n,) when the newest setpoint left, as the link's own records say."""
         return self._link._sent.newest_s.copy()
 
-    def restart(self) -> None:
-        """Forget what was before."""
-        self.waits_s = []
-        self.gaps.restart()
-
 
 class Consumption:
     """What this process takes from the making of this until `cost`; nothing of it is measured meanwhile."""

@@ -32,10 +32,11 @@ SEQUENCE = struct.Struct("<4xI")
 
 
 class Probe:
-    """What is noted between the two signals."""
+    """What is noted between the two signals, and nothing before: that takes as much as a tenth of a tick."""
 
     def __init__(self, file: Path) -> None:
-        self._file, self._number = file, 0
+        self._file = file
+        self._links: list[Link] = []
         self._passages: list[Passage] = []
         self._made: list[tuple[int, float]] = []  # number of the batch, when
         self._used: list[tuple[str, int, float]] = []  # station, number of its batch, when
@@ -43,7 +44,19 @@ class Probe:
         self._publish, self._newest = ZenohBus.publish, ZenohBus.newest
 
     def attach(self) -> None:
-        """Let all links and the bus of this process pass it."""
+        """Know the links of this process, and wait for the signals."""
+        serve.make_link = self._link
+        signal.signal(signal.SIGUSR1, lambda *_: self._begin())
+        signal.signal(signal.SIGUSR2, lambda *_: self._write())
+
+    def _link(self, settings: LinkSettings, config: Config, record: Path | None = None) -> Link:
+        link = self._make_link(settings, config, record)
+        self._links.append(link)
+        return link
+
+    def _begin(self) -> None:
+        """Let all links and the bus pass it from now on."""
+        self._passages = [Passage(link) for link in self._links]
         probe = self
 
         def publish(bus: ZenohBus, messages: Mapping[str, bytes]) -> None:
@@ -60,21 +73,8 @@ class Probe:
                     probe._used.append((one.sender, SEQUENCE.unpack_from(one.payload)[0], now_s))
             return found
 
-        serve.make_link = self._link
         ZenohBus.publish = publish  # type: ignore[assignment, method-assign]
         ZenohBus.newest = newest  # type: ignore[assignment, method-assign]
-        signal.signal(signal.SIGUSR1, lambda *_: self._begin())
-        signal.signal(signal.SIGUSR2, lambda *_: self._write())
-
-    def _link(self, settings: LinkSettings, config: Config, record: Path | None = None) -> Link:
-        link = self._make_link(settings, config, record)
-        self._passages.append(Passage(link))
-        return link
-
-    def _begin(self) -> None:
-        self._made, self._used = [], []
-        for passage in self._passages:
-            passage.restart()
 
     def _write(self) -> None:
         waits_s = [each for passage in self._passages for each in passage.waits_s]
