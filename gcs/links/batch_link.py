@@ -53,8 +53,8 @@ from gcs.model.state import Array, Landed, Mask, Setpoints, Telemetry, VehicleId
 _BEAT_S: Final = 1.0
 _BUSY_S: Final = 0.005
 _IDLE_S: Final = 0.05
-"""Longest time between two readings of the sockets: while an answer is awaited, and otherwise. Each tick also
-reads, which then suffices.
+"""Periods of reading the sockets: while an answer is awaited, and otherwise. Each tick also reads, which then
+suffices.
 """
 
 _AHEAD_S: Final = 0.004
@@ -274,7 +274,7 @@ class Link(ABC):
 
     @abstractmethod
     def _move_bytes(self) -> None:
-        """Move the transport's own bytes; called every 5 to 50 ms, also between ticks."""
+        """Move the transport's own bytes, also between ticks."""
 
     # the link
 
@@ -548,13 +548,9 @@ class Link(ABC):
                 if now_s - watched_s >= _WATCH_S:
                     watched_s = now_s
                     self._watch(now_s)
-                await asyncio.sleep(_BUSY_S if busy else self._rest_s())
+                await asyncio.sleep(_BUSY_S if busy else _IDLE_S / 2)
         finally:
             self._stop_those_that_fly_on()
-
-    def _rest_s(self) -> float:
-        """Time until the sockets must be read again, if no tick reads them before."""
-        return max(self._received_s + _IDLE_S - self._clock(), _BUSY_S)
 
     def _watch(self, now_s: float) -> None:
         may_be_asked = self._connected(now_s) & self._commandable
