@@ -46,6 +46,7 @@ from gcs.mavlink import codec, reports
 from gcs.mavlink.framing import COMMAND_LONG, HEARTBEAT, SET_POSITION_TARGET_LOCAL_NED
 from gcs.mavlink.kernels import Whole
 from gcs.mavlink.reports import SILENT_AFTER_S
+from gcs.mavlink.setpoints import VELOCITY, setpoint_messages
 from gcs.model.errors import CommandError, UnknownError
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Array, Landed, Mask, Setpoints, Telemetry, VehicleId
@@ -524,8 +525,8 @@ class Link(ABC):
         rows = rows[[not self._latch.is_shut(system_id) for system_id in system_ids.tolist()]]
         if len(rows):
             still = np.zeros((len(rows), 3)), np.zeros(len(rows))
-            messages = codec.setpoint_messages(self._system_ids[rows], *still, time_s=now_s)
-            messages["type_mask"] = codec.VELOCITY
+            messages = setpoint_messages(self._system_ids[rows], *still, time_s=now_s)
+            messages["type_mask"] = VELOCITY
             self._send_message(SET_POSITION_TARGET_LOCAL_NED, messages, rows)
 
     def _receive(self) -> None:

@@ -11,8 +11,10 @@ from gcs.links.address_book import NOWHERE, Addresses
 from gcs.links.endpoints.ports import Ports
 from gcs.links.link import Counters, Direction, Observer
 from gcs.links.signing import SignatureFilter
-from gcs.mavlink.codec import COMPONENT_ID, SYSTEM_ID, Frames, Records, encode, joined, setpoint_frames
+from gcs.mavlink.codec import COMPONENT_ID, SYSTEM_ID, Frames, Records, encode, joined
 from gcs.mavlink.kernels import Bytes, Whole
+from gcs.mavlink.setpoints import setpoint_frames
+from gcs.mavlink.setpoints import warm_up as setpoints_warm_up
 from gcs.model.errors import InvalidError
 from gcs.model.jit import kernel
 from gcs.model.state import Array, Mask, Setpoints
@@ -124,7 +126,8 @@ def most_urgent_first(
 
 
 def warm_up() -> None:
-    """Compile or load the kernel; setpoints are read-only arrays, which numba compiles as another type."""
+    """Compile or load the kernels; setpoints are read-only arrays, which numba compiles as another type."""
+    setpoints_warm_up()
     nothing = Setpoints(0.0, (), np.zeros((0, 3)), np.zeros(0))
     none, times_s = np.zeros(0, np.int64), np.zeros(0)
     can = np.zeros(0, np.bool_)
@@ -162,8 +165,8 @@ class Outbox:
         self, rows: Whole, velocity_ned_m_s: Array, yaw_rad: Array, *, time_s: float
     ) -> Frames:
         """As `encode`, of the setpoints (k, 3) and yaws (k,) at `time_s`."""
-        setpoints = self.system_ids[rows], velocity_ned_m_s, yaw_rad
-        return setpoint_frames(*setpoints, self._next(rows), time_s=time_s, system_id=self.station_id)
+        desired = self.system_ids[rows], velocity_ned_m_s, yaw_rad
+        return setpoint_frames(*desired, self._next(rows), time_s=time_s, system_id=self.station_id)
 
     def _next(self, rows: Whole) -> Bytes:
         sequence = self._sequence[rows]

@@ -14,6 +14,7 @@ import numpy as np
 
 from gcs.mavlink import codec
 from gcs.mavlink.framing import SET_POSITION_TARGET_LOCAL_NED
+from gcs.mavlink.setpoints import setpoint_messages
 from tests.bench.link_measures import (
     EACH,
     FIRST_PORT,
@@ -47,7 +48,7 @@ def bare_sockets(fleet: Fleet, count: int, rate_hz: float) -> Cost:
 def _frames(count: int) -> bytes:
     """A setpoint for each vehicle of a namespace, its length before it."""
     still = np.full((count, 3), 0.1)
-    messages = codec.setpoint_messages(np.arange(1, count + 1), still, still[:, 0], time_s=1.0)
+    messages = setpoint_messages(np.arange(1, count + 1), still, still[:, 0], time_s=1.0)
     frames = codec.encode(SET_POSITION_TARGET_LOCAL_NED, messages, np.zeros(count, np.uint8))
     lengths = frames.length.tolist()
     return b"".join(

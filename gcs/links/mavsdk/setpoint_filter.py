@@ -11,10 +11,10 @@ from gcs.links.command_protocol import KillLatch
 from gcs.links.endpoints.mmsg import Batch
 from gcs.links.link import Counters
 from gcs.links.sender import Outbox, SentSetpoints, SetpointBatch
-from gcs.mavlink import codec
-from gcs.mavlink.codec import NO_ROW, SETPOINT_FRAME, Frames, target_system
+from gcs.mavlink.codec import Frames, split, target_system
 from gcs.mavlink.framing import SETPOINT_MESSAGES, Frame, moves
 from gcs.mavlink.kernels import Whole
+from gcs.mavlink.setpoints import NO_ROW, SETPOINT_FRAME, are_setpoints, awaited_setpoints
 from gcs.model.state import Mask
 
 _ALL: Final = slice(None)
@@ -59,13 +59,13 @@ class SetpointFilter:
 
     def take(self, written: Batch, count: int) -> None:
         """Send those of the first `count` datagrams that may leave. Never blocks, never raises."""
-        is_setpoint = codec.are_setpoints(written.data, written.length, count)
+        is_setpoint = are_setpoints(written.data, written.length, count)
         if is_setpoint.any():
             self._take_setpoints(written, is_setpoint)
         others = [
             (frame, int(self._row_of[target_system(frame)]))
             for at in np.flatnonzero(~is_setpoint).tolist()
-            for frame in codec.split(written.data[at, : written.length[at]].tobytes()).frames
+            for frame in split(written.data[at, : written.length[at]].tobytes()).frames
             if self._may_leave(frame)
         ]
         if others:
@@ -73,9 +73,7 @@ class SetpointFilter:
             self.outbox.send_raw([frame.raw for frame, _ in others], rows, self.clock())
 
     def _take_setpoints(self, written: Batch, setpoints: Mask) -> None:
-        at, leaving = codec.awaited_setpoints(
-            written.data, setpoints, self._row_of, self._awaited, self._velocity
-        )
+        at, leaving = awaited_setpoints(written.data, setpoints, self._row_of, self._awaited, self._velocity)
         frames = Frames(
             written.data[at, : SETPOINT_FRAME.itemsize], np.full(len(at), SETPOINT_FRAME.itemsize)
         )

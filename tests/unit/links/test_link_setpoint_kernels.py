@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.mavlink.codec import NO_ROW, SETPOINT_FRAME, are_setpoints, awaited_setpoints
+from gcs.mavlink.setpoints import NO_ROW, SETPOINT_FRAME, are_setpoints, awaited_setpoints
 
 ROOM, LONGEST = 16, 300
 
