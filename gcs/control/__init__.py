@@ -1,6 +1,7 @@
 """One control tick: law, safety filter, setpoint shaping; pure, imports safety and what lies below."""
 
-from gcs.control.inputs import ControlSettings, Memory, Task, Tasks, ellipses_of
+from gcs.control.inputs import ControlSettings, Task, Tasks, ellipses_of
+from gcs.control.memory import Memory
 from gcs.control.tick_step import Tick, tick, warm_up
 
 __all__ = [

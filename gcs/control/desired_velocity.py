@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.control.center import Lead
-from gcs.control.inputs import FormationState, Memory, TickInputs
+from gcs.control.inputs import FormationState, TickInputs
+from gcs.control.memory import Memory
 from gcs.control.slots import Formed, laid, moved_on
 from gcs.formation.article import ForceSettings, flown_velocity
 from gcs.formation.law import (
@@ -129,7 +130,7 @@ def _to_slots(
     )
 
     def move_on() -> tuple[Array, Array]:
-        place, change = moved_on(now, formed, slots, radius_m)
+        place, change = moved_on(now, formed, slots, radius_m, memory.number)
         return now.for_sphere(place, np.nan), now.for_sphere(change, 0.0)
 
     return Spread(

@@ -13,7 +13,8 @@ from math import cos, hypot, sin, sqrt
 
 import numpy as np
 
-from gcs.control.inputs import Detour, Searching, TickInputs
+from gcs.control.inputs import TickInputs
+from gcs.control.memory import Detour, Searching
 from gcs.formation.obstacles import Outlines
 from gcs.formation.orbit import CLEAR_OF_FENCE_M, Center, followed_target, orbit_velocity
 from gcs.formation.route import (

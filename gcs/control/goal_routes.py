@@ -10,7 +10,8 @@ from dataclasses import fields
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.control.inputs import CORNERS, GoalRoutes, TickInputs
+from gcs.control.inputs import TickInputs
+from gcs.control.memory import CORNERS, GoalRoutes
 from gcs.control.path_search import BEGUN_SHARE, along_m, find_corners, from_paths_m, sees
 from gcs.model.jit import kernel
 from gcs.model.state import TINY, Array, Mask

@@ -1,23 +1,18 @@
-"""Settings, tasks, memory and inputs of one tick; settings at late links."""
+"""Settings, tasks and inputs of one tick."""
 
 from dataclasses import dataclass, replace
 from enum import IntEnum
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs.formation.law import LawSettings
-from gcs.formation.neighbours import Belief
 from gcs.formation.obstacles import Ellipse
 from gcs.formation.orbit import Center
-from gcs.formation.route import Goal
 from gcs.model.jit import kernel
 from gcs.model.plan import Plan
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array, FleetState, Mask, Traits, freeze
-from gcs.safety.answers import Answers
-from gcs.safety.authority import Authority
 from gcs.safety.constraints import stopping_speed_m_s
 from gcs.safety.filter import SafetySettings
 
@@ -100,125 +95,6 @@ class Tasks:
         if not moves:
             task[led], goal_m[led] = Task.GOAL, goals.position_m[led]
         return replace(self, task=task, goal_m=goal_m, drawn=goals)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Searching:
-    """A plan for the centre that is being made: at most one search for a route in every tick."""
-
-    begun_s: float
-    goals: tuple[Goal, ...]  # as they were then, best first
-    tried: int = 0  # searches done, of those for each goal
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Detour:
-    """The planned way of the formation's centre past obstacles. It is planned anew twice a second."""
-
-    planned_s: float  # when
-    goal: Goal  # as it was then
-    corners: tuple[tuple[str, int], ...] = ()  # to pass, by obstacle id
-    reaches: bool = True  # False: no way to the goal is known
-    active: bool = False  # False: the law's own way is free
-    clear: float = 1.0  # share of the sphere that passes clear of every obstacle
-    height_m: float | None = None  # of the centre, above all obstacles on its way; None: the plan's
-    best_m: float = np.inf  # least length of the way since it gained on its goal
-    gained_s: float = 0.0  # when
-    held_by: str = ""  # the obstacle, once the centre has made no headway for the configured time
-    searching: Searching | None = None  # this detour is followed until the search ends
-
-
-CORNERS = 16
-"""Most corners of a route that are kept; after them it is searched again."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class GoalRoutes:
-    """Routes to goals and slots past the paths of lost vehicles. Rows as in FleetState. Owns its arrays."""
-
-    goal_m: Array  # (n, 3) goals, and slots when they were searched, to which they lead, NaN: none
-    corner_m: Array  # (n, CORNERS, 3) show frame, in order, NaN after the last
-    next_s: Array  # (n,) when each may be searched again
-    place_m: Array  # (n, 3) that the vehicle has not left
-    since_s: Array  # (n,) since then
-    wary: Mask  # (n,) leads past standing vehicles, too
-    passage: Mask  # (n,) leads where walls of paths closed beside it: it keeps no margin from them
-    no_way: Mask  # (n,) the last search found none that reaches the goal
-
-    @staticmethod
-    def none(count: int) -> "GoalRoutes":
-        """No vehicle has a route."""
-        nowhere, never = np.full((count, 3), np.nan), np.full(count, -np.inf)
-        corner_m, no = np.full((count, CORNERS, 3), np.nan), np.zeros(count, dtype=np.bool_)
-        return GoalRoutes(nowhere, corner_m, never, nowhere, never, no, no, no)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Memory:
-    """State that one tick passes to the next. Owns its arrays.
-
-    Rows (n,) are as in FleetState; with other stations' vehicles these are the own ones; rows (all,) have
-    the others as well, after the own.
-    """
-
-    time_s: float
-    center: Center | None  # None until a formation flies
-    radius_m: float
-    desired_m_s: Array  # (n, 3) velocity after the safety filter, NaN where not commanded
-    unfiltered_m_s: Array  # (n, 3) before it, NaN where not commanded
-    asked_m_s: Array  # (n, 3) the first; of those that yield to a lack of authority what the law requires
-    setpoint_m_s: Array  # (n, 3) as sent for it, less the trim; NaN where not commanded
-    yaw_rad: Array  # (n,) commanded, NaN where not commanded
-    held_yaw_rad: Array  # (n,) at engagement
-    engaged_time_s: Array  # (all,) when it joined the formation, NaN outside
-    place: Array  # (all, 3) slots for the next tick: unit vectors from the centre, NaN outside the formation
-    change: Array  # (all, 3) of the slots in the last sweep; of the other laws: the virtual velocity, m/s
-    trim_m_s: Array  # (n, 3) correction of setpoints for wind, drag and the vehicle's own response
-    expected_m_s: Array  # (n, 3) velocity relative to the centre's that each should have, NaN: not commanded
-    pace: float  # share of the orbit's speed that the vehicles can keep up with
-    sides: dict[str, float]
-    authority: Authority
-    answers: Answers  # compared with what the vehicles' profiles say
-    spin_rad_s: float = 0.0  # of the formation now, on its way to the plan's
-    detour: Detour | None = None  # of the formation's centre round obstacles, None without any
-    unfollowed_s: Array | None = (
-        None  # (all,) how long each vehicle did not move as expected; negative: its slot stays with it
-    )
-    belief: Belief | None = None  # (all, 3) each vehicle's estimate of the centre; law `neighbours`
-    routes: GoalRoutes | None = None  # (all,) to goals and slots, None while no vehicle is lost
-
-    def of_own(self, count: int) -> "Memory":
-        """The same with `count` rows (n,), which it has after its first tick."""
-        if len(self.yaw_rad) == count:
-            return self
-        names = "desired_m_s", "unfiltered_m_s", "asked_m_s", "setpoint_m_s", "yaw_rad", "held_yaw_rad"
-        rows = {name: getattr(self, name)[:count] for name in (*names, "trim_m_s", "expected_m_s")}
-        return replace(self, **rows, authority=self.authority.first(count), answers=self.answers.first(count))
-
-    @staticmethod
-    def fresh(count: int, time_s: float) -> "Memory":
-        """The state before the first tick, of all rows: nothing is commanded."""
-        nothing, nowhere, still = np.full(count, np.nan), np.full((count, 3), np.nan), np.zeros((count, 3))
-        return Memory(
-            time_s=time_s,
-            center=None,
-            radius_m=0.0,
-            desired_m_s=nowhere,
-            unfiltered_m_s=nowhere,
-            setpoint_m_s=nowhere,
-            asked_m_s=nowhere,
-            yaw_rad=nothing,
-            held_yaw_rad=nothing,
-            engaged_time_s=nothing,
-            place=nowhere,
-            change=still,
-            trim_m_s=still,
-            expected_m_s=nowhere,
-            pace=1.0,
-            sides={},
-            authority=Authority.full(count),
-            answers=Answers.none(count),
-        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -470,53 +346,3 @@ def ellipses_of(plan: Plan, settings: ControlSettings, time_s: float) -> dict[st
         box.id: Ellipse.around(box, margin_m=margin_m, headroom_m=headroom_m, time_s=time_s)
         for box in plan.obstacles
     }
-
-
-LATE_S: Final = 0.15
-"""Telemetry this much later than possible is late; the loop's gains tolerate about this delay."""
-
-
-STEP_S: Final = 0.1
-"""The delay is rounded up to steps of this length, so that settings do not change with every sample."""
-
-
-MOST_S: Final = 0.6
-"""Greatest delay given to the filter: beyond it no velocity would satisfy its bounds."""
-
-
-SHARE: Final = 0.9
-"""Quantile of the vehicles' delays that is taken as the fleet's delay."""
-
-
-TRIM_SHARE: Final = 0.2
-"""Factor on the trim's learning rate while links are late."""
-
-
-def fleet_delay_s(late_s: Array, flying: Mask) -> float:
-    """One-way delay of the flying vehicles: 0 while links are on time, else a multiple of `STEP_S`."""
-    flying_s = late_s[flying]
-    if not (flying_s >= LATE_S).any():  # as nearly always: the quantile takes longer
-        return 0.0
-    delay_s = float(np.quantile(flying_s, SHARE))
-    if delay_s < LATE_S:
-        return 0.0
-    return min(MOST_S, STEP_S * float(np.ceil(delay_s / STEP_S)))
-
-
-def for_late_links(control: ControlSettings, delay_s: float) -> ControlSettings:
-    """Settings of the tick at this delay, which is assumed for telemetry and setpoints alike.
-
-    The filter keeps the floor if it knows the delay. The inner loop on the measured velocity is off: it
-    oscillates when its own effect is measured half a second late. Decisions 0004 and 0024.
-    """
-    if delay_s <= control.safety.link_delay_s:
-        return control
-    safety = control.safety.model_copy(update={"link_delay_s": delay_s})
-    slower = {
-        "safety": safety,
-        "loop_gain": 0.0,
-        "vertical_loop_gain": 0.0,
-        "trim_rate_per_s": TRIM_SHARE * control.trim_rate_per_s,
-        "vertical_trim_rate_per_s": TRIM_SHARE * control.vertical_trim_rate_per_s,
-    }
-    return control.model_copy(update=slower)

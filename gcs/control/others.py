@@ -8,7 +8,8 @@ from typing import Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.control.inputs import Memory, Task, Tasks
+from gcs.control.inputs import Task, Tasks
+from gcs.control.memory import Memory
 from gcs.model.response import FleetResponse
 from gcs.model.state import Array, FleetState, Mask, Traits, VehicleId, freeze
 
@@ -128,7 +129,7 @@ Theirs = TypeVar("Theirs")
 
 
 def _kept(join: Callable[[Own, Theirs], Own]) -> Callable[[Own, Theirs], Own]:
-    """What belongs to the own vehicles and to the others, joined again only when one of both is another."""
+    """As `join`, which is called again only with other objects than the last time: these seldom change."""
     newest: list[tuple[Own, Theirs, Own]] = []
 
     def joined(own: Own, theirs: Theirs) -> Own:

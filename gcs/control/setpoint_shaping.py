@@ -6,7 +6,8 @@ from math import hypot
 
 import numpy as np
 
-from gcs.control.inputs import Memory, TickInputs
+from gcs.control.inputs import TickInputs
+from gcs.control.memory import Memory
 from gcs.formation.orbit import Center, next_pace
 from gcs.formation.response import compensate, correct_trim, most_lacking_m_s, shared
 from gcs.formation.trajectory import led_share

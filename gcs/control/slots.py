@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.control.inputs import Memory, TickInputs
+from gcs.control.inputs import TickInputs
+from gcs.control.memory import Memory
 from gcs.formation.law import begun, turned
 from gcs.formation.orbit import Center
 from gcs.formation.repulsion import sweep, sweeps_for
@@ -74,16 +75,17 @@ def laid(now: TickInputs, memory: Memory, formed: Formed, radius_m: float, share
     return Slots(places, changes, unfollowed_s)
 
 
-def moved_on(now: TickInputs, formed: Formed, slots: Slots, radius_m: float) -> tuple[Array, Array]:
+def moved_on(
+    now: TickInputs, formed: Formed, slots: Slots, radius_m: float, number: int
+) -> tuple[Array, Array]:
     """(s, 3) slots and changes for the next tick: they repel each other, and leave lost vehicles' space.
 
-    Setpoints do not wait for it: call it after they have left.
+    Setpoints do not wait for it: call it after they have left. `number` is that of the tick.
     """
     law, direction, charge = now.settings.law, formed.direction, formed.charge
-    number = round(now.fleet.time_s / now.dt_s)
     paths, sweeps = _lost_paths(now, formed.center), sweeps_for(len(direction), law.sweeps, number)
     places, changes = sweep(slots.place, slots.change, direction, charge, sweeps, law.pull)
-    first = round(20.0 * now.fleet.time_s) * SEARCHES % max(len(places), 1)  # another in each tick
+    first = number * SEARCHES % max(len(places), 1)  # another in each tick
     if paths and _move_out(places, radius_m, *paths, first):  # again, gently: each sweep leads them back in
         pull, changes = max(law.pull, PULL_BESIDE_PATHS), np.zeros_like(changes)
         places, changes = sweep(slots.place, changes, direction, charge, 1, pull)
@@ -282,7 +284,7 @@ def _keep_with_vehicles(
     for a in range(len(rows)):
         i, off, along, enough = rows[a], 0.0, 0.0, 0.0
         if i >= len(expected_m_s):
-            continue  # its own station knows
+            continue  # another station flies it
         for k in range(3):
             off += (places[a, k] - direction[a, k]) ** 2
             along += (velocity_m_s[i, k] - center_m_s[k]) * expected_m_s[i, k]

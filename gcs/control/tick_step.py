@@ -10,15 +10,8 @@ import numpy as np
 from gcs.control.center import move_center
 from gcs.control.desired_velocity import desired_velocity, slots_m, spread
 from gcs.control.goal_routes import follow_routes
-from gcs.control.inputs import (
-    ControlSettings,
-    FormationState,
-    GoalRoutes,
-    Memory,
-    Task,
-    Tasks,
-    TickInputs,
-)
+from gcs.control.inputs import ControlSettings, FormationState, Task, Tasks, TickInputs
+from gcs.control.memory import GoalRoutes, Memory
 from gcs.control.others import Others
 from gcs.control.setpoint_shaping import shape_setpoints
 from gcs.formation.law import begun_yaw, desired_yaw_rad, turn_towards
@@ -92,8 +85,8 @@ def tick(
 
     Returns: setpoints for those vehicles only that have a task and fresh telemetry.
     """
-    own, pace = (fleet, tasks, traits), 1.0
-    memory = memory.of_own(len(fleet.ids))
+    own, count, pace = (fleet, tasks, traits), len(fleet.ids), 1.0
+    memory = memory.of_own(count)
     if others is not None:
         pace = others.pace
         fleet, tasks, traits, memory = others.joined(fleet, tasks, traits, memory)
@@ -104,7 +97,7 @@ def tick(
         traits,
         settings,
         before_s=memory.time_s,
-        own=len(own[0].ids),
+        own=count,
         follows=shared is not None and plan.formation.law is LawName.SLOTS,
         pace=pace,
     )
@@ -164,6 +157,7 @@ def tick(
             sides=lead.sides,
             authority=authority,
             answers=_answers(mine, memory, authority),
+            number=memory.number + 1,
             spin_rad_s=places.spin_rad_s,
             detour=lead.detour,
             unfollowed_s=places.unfollowed_s,

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.config.sections import OperationSettings
-from gcs.control.inputs import Memory
+from gcs.control.memory import Memory
 from gcs.failsafe.arbitration import Failsafes, Standing
 from gcs.failsafe.policy import FLIES_ON, SEVERITY, Action, FailsafePolicy
 from gcs.failsafe.triggers import FailsafeRequest, Known, Roles, Seen

@@ -7,7 +7,8 @@ from typing import Final
 
 import numpy as np
 
-from gcs.control.inputs import Memory, Task, Tasks
+from gcs.control.inputs import Task, Tasks
+from gcs.control.memory import Memory
 from gcs.formation.law import turned
 from gcs.model.jit import kernel
 from gcs.model.lifecycle import ShowPhase

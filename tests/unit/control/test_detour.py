@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gcs.control import ControlSettings, Memory, Tasks, detour, tick
-from gcs.control.inputs import Detour
+from gcs.control.memory import Detour
 from gcs.formation.route import Boxes, Goal, Route, find_route
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array, FleetState, Traits

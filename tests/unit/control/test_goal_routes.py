@@ -8,7 +8,8 @@ import pytest
 
 from gcs.control import ControlSettings, Memory, Task, Tasks, tick
 from gcs.control.goal_routes import ROUTE_SPARE_M, follow_routes
-from gcs.control.inputs import GoalRoutes, TickInputs
+from gcs.control.inputs import TickInputs
+from gcs.control.memory import GoalRoutes
 from gcs.control.path_search import find_corners, lines_apart_m
 from gcs.model.plan import Formation, Plan
 from gcs.model.state import Array, FleetState, Traits

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gcs.control import Task
-from gcs.control.inputs import Memory
+from gcs.control.memory import Memory
 from gcs.failsafe.policy import FailsafePolicy, VehicleLost
 from gcs.model.state import Setpoints
 from gcs.planning.lost_space import COLUMNS_APART_M
