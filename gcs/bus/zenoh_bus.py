@@ -47,15 +47,15 @@ HANDSHAKE_MS: Final = 2000
 
 
 CLOSING: Final = ("rx", "net", "acc")
-"""Zenoh's runtimes whose threads close connections."""
+"""Zenoh's runtimes with threads that close connections."""
 
 
 def threads(stations: int) -> str:
     """Zenoh's setting of its threads, for the environment.
 
     Closing the connection to a host that has vanished holds a thread for 10 s (Zenoh's issues 2718 and 1101):
-    with one thread each, as is the default, all other stations are silent for as long. What only sends has
-    one thread: of several each wakes a second one, with every message.
+    with one thread each, as is the default, all other stations are silent for as long. The runtime that sends
+    closes none, and has one thread: of several, each message wakes two.
     """
     many = dict.fromkeys(CLOSING, 2 * stations) | {"tx": 1}
     return f"({', '.join(f'{name}: (worker_threads: {count})' for name, count in many.items())})"

@@ -197,10 +197,11 @@ def measure(fleets: Sequence[Fleet], seconds: float) -> dict[str, Measured]:
     vehicles = 100.0 * (sum(busy_s(fleet.vehicles.pid) for fleet in fleets) - vehicles_s) / seconds
     load = os.getloadavg()[0]
     print(f"  measured for {seconds:g} s, load {load:.1f}; vehicles {vehicles:.0f} % of a core", flush=True)
-    for number in (signal.SIGUSR1, signal.SIGUSR2):
-        for fleet, name in stations:
-            fleet.stations[name].send_signal(number)
-        time.sleep(seconds if number == signal.SIGUSR1 else 0.0)
+    for fleet, name in stations:
+        fleet.stations[name].send_signal(signal.SIGUSR1)
+    time.sleep(seconds)
+    for fleet, name in stations:
+        fleet.stations[name].send_signal(signal.SIGUSR2)
     found = {}
     for fleet, name in stations:
         after = metrics(fleet.clients[name])

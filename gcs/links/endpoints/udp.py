@@ -144,10 +144,8 @@ class UdpPorts(Ports):
                 full.append(index)
         if filled:
             take(self._datagrams(filled, now_s, wall_s))
-        kept_s = [(index, self._drained_s[index]) for index in full]
-        self._drained_s.fill(now_s)
-        for index, before_s in kept_s:
-            self._drained_s[index] = before_s
+        before_s, self._drained_s = self._drained_s, np.full(len(self._sockets), now_s)
+        self._drained_s[full] = before_s[full]
 
     def send(
         self, data: Bytes, length: Whole, destination: Whole, *, until_s: float = inf
