@@ -2,6 +2,7 @@
 
 import gc
 import logging
+import signal
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -42,6 +43,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it for `make test &`
     if is_required() and chromium() is None:
         raise pytest.UsageError(f"{REQUIRED} is set, and there is no Chromium: {GET_ONE}")
     if netns.is_required() and not netns.are_possible():
