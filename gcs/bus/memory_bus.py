@@ -3,7 +3,7 @@
 import asyncio
 import heapq
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
@@ -124,7 +124,7 @@ class MemoryBus:
                 continue
             self.counters.received += 1
             if not self._network.tells_arrival:
-                message = replace(message, time_s=now_s)
+                message = message._replace(time_s=now_s)
             found[message.sender, message.topic] = message
         return list(found.values())
 

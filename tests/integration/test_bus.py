@@ -1,4 +1,4 @@
-"""The bus over Zenoh, on loopback: newest wins, what is gone is noticed, and strangers are refused."""
+"""The bus on loopback, in memory and over Zenoh: newest wins, what is gone is noticed, strangers refused."""
 
 import asyncio
 import json
@@ -14,11 +14,21 @@ from gcs.bus import PAYLOAD_MAX
 from gcs.bus.bundles import BUNDLE_MAX, bundles
 from gcs.bus.keys import make_site_keys
 from gcs.bus.settings import Endpoint, key_files
-from gcs.bus.zenoh_bus import KEPT, ZenohBus, configuration
+from gcs.bus.shared_memory import shared_file
+from gcs.bus.zenoh_bus import KEPT, ZenohBus
+from gcs.bus.zenoh_config import configuration
 from gcs.model.errors import LinkError
 from tests.support.bus_stations import bus_of, endpoints_of, opened, process_of, until
 
 FOUR = ("north", "east", "south", "west")
+SHARED_FILE = "gcs.bus.zenoh_bus.shared_file"
+
+
+@pytest.fixture(params=["memory", "network"], autouse=True)
+def _carried(request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The buses of this process share memory, or none, as if their stations were on several hosts."""
+    if request.param == "network":
+        monkeypatch.setattr(SHARED_FILE, lambda _: tmp_path / "of another host" / "file")
 
 
 async def all_present(*buses: ZenohBus) -> None:
@@ -68,6 +78,27 @@ def test_stations_exchange_their_newest_messages(stations: int) -> None:
                         await inbox.has(other.station, "states", f"{other.station}4".encode())
                 assert {sender for sender, _ in inbox.newest} == endpoints.keys() - {bus.station}
                 assert bus.newest() == []
+
+    asyncio.run(story())
+
+
+def test_a_station_that_shares_no_memory_is_received_too(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    endpoints = endpoints_of("north", "south", "west")
+    buses = [bus_of(name, endpoints) for name in endpoints]
+    elsewhere = {endpoints["west"]: tmp_path / "of another user" / "file"}
+    monkeypatch.setattr(SHARED_FILE, lambda one: elsewhere.get(one) or shared_file(one))
+
+    async def story() -> None:
+        async with opened(*buses):
+            await all_present(*buses)
+            for bus in buses:
+                bus.publish({"states": bus.station.encode()})
+            for bus in buses:
+                inbox = Inbox(bus)
+                for name in endpoints.keys() - {bus.station}:
+                    await inbox.has(name, "states", name.encode())
 
     asyncio.run(story())
 

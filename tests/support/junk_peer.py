@@ -14,7 +14,8 @@ import time
 import zenoh
 
 from gcs.bus.bundles import bundles
-from gcs.bus.zenoh_bus import BUNDLES, ROOT
+from gcs.bus.zenoh_bus import BUNDLES
+from gcs.bus.zenoh_config import ROOT
 
 PER_S, BURST = 1000, 50
 TOPICS = ("states", "formation", "plan", "homes", "info", "slots.south", "letters.north", "return.north.0")

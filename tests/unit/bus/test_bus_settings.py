@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from gcs.bus.keys import make_site_keys
 from gcs.bus.settings import BusSettings, Endpoint
-from gcs.bus.zenoh_bus import configuration
+from gcs.bus.zenoh_config import configuration
 from gcs.model.errors import LinkError
 
 ENDPOINTS = {name: Endpoint(host="127.0.0.1", port=7400 + k) for k, name in enumerate(("north", "south"))}
