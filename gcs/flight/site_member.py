@@ -30,7 +30,7 @@ from gcs.model.state import Array, Mask, VehicleId
 from gcs.preflight.vehicles import Placed
 from gcs.stations.letters import Letters
 from gcs.stations.messages import PHASE_CODE, PHASES
-from gcs.stations.publishing import STATES
+from gcs.stations.publishing import FORMATION, SLOTS, STATES
 from gcs.stations.recognition import may_be_valid
 from gcs.stations.reported_vehicles import Rows
 from gcs.stations.return_messages import ReturnMessage
@@ -40,6 +40,9 @@ log = logging.getLogger(__name__)
 
 CHANGED_AGAIN_S: Final = 2.0
 """A follower shows its own change of the plan until the lead confirms it, for this time at most."""
+
+OF_VEHICLES: Final = frozenset({STATES, FORMATION, "homes"})
+"""Topics that the site takes; slots as well."""
 
 ARRIVES_WITHIN_S: Final = 0.1
 """The times of a repeated plan differ by up to this much: by the ticks that collect it, and by delays."""
@@ -99,7 +102,7 @@ class SiteMember:
         for message in self.bus.newest():
             topic, sender, payload = message.topic, message.sender, message.payload
             try:
-                if topic in {STATES, "formation", "homes"} or topic.startswith("slots."):
+                if topic in OF_VEHICLES or topic.startswith(SLOTS):
                     site.receive(sender, topic, payload, message.time_s)
                 elif sender not in site.stations or site.stations[sender].batch is None:
                     site.refused += 1  # no station of this site, as far as its batches have shown

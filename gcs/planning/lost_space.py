@@ -79,7 +79,8 @@ class KeptSetpoints:
             now_s: of this tick.
             ended: (n,) vehicles to which no station sends setpoints any more: they keep the newest.
         """
-        now = np.stack([desired_m_s, setpoint_m_s])
+        now = np.empty((2, *desired_m_s.shape))
+        now[0], now[1] = desired_m_s, setpoint_m_s
         self._sent.append((now_s, now))
         while len(self._sent) > 1 and self._sent[1][0] <= now_s - SENT_BEFORE_S + 1e-6:
             self._sent.popleft()

@@ -14,7 +14,7 @@ from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic_core import from_json
+from pydantic_core import from_json, to_json
 
 from gcs.formation.orbit import Center
 from gcs.model.errors import LinkError
@@ -93,8 +93,7 @@ class Echo(NamedTuple):
     held_s: float  # since its arrival
 
 
-@dataclass(frozen=True, slots=True)
-class BatchHead:
+class BatchHead(NamedTuple):
     """What a station reports of itself at one tick."""
 
     sequence: int
@@ -147,13 +146,9 @@ class StateBatch:
         masks = (self.airborne, self.formed, self.slot_stays, self.armed, self.ready, self.owned)
         codes = (self.phases, self.modes, self.epochs)
         # put together first: the compiled code then always gets the same kinds of arrays
-        parts = (
-            np.concatenate([self.position_m, *velocities], axis=1),
-            np.stack(columns),
-            np.stack(masks),
-            np.stack(codes),
-        )
-        return self.head.encode(len(self.position_m)) + _packed(*parts).tobytes()
+        motion = np.concatenate([self.position_m, *velocities], axis=1)
+        rows = _packed(motion, np.concatenate(columns), np.concatenate(masks), np.concatenate(codes))
+        return self.head.encode(len(motion)) + rows.tobytes()
 
 
 def decode_batch(payload: bytes) -> tuple[BatchHead, NDArray[np.void]]:
@@ -195,9 +190,7 @@ class FormationMessage:
         numbers = np.concatenate([center.position_m, center.velocity_m_s, center.acceleration_m_s2]).tolist()
         show, exists = SHOW_PHASES.index(self.show), self.center is not None
         head = (VERSION, FORMATION, self.site, self.term, self.lead, self.plan, show, exists)
-        return (
-            _FORMATION.pack(*head, self.radius_m, self.spin_rad_s, *numbers) + json.dumps(self.sides).encode()
-        )
+        return _FORMATION.pack(*head, self.radius_m, self.spin_rad_s, *numbers) + to_json(self.sides)
 
     @staticmethod
     def decode(payload: bytes) -> "FormationMessage":
@@ -298,9 +291,9 @@ def _packed(
 
     Args:
         motion: (n, 15) position, velocity, velocity before the safety filter and after it, setpoint.
-        columns: (5, n) uncertainty, age, yaw, battery, link quality.
-        masks: (6, n) in the order of the flags.
-        codes: (3, n) phase, mode, epoch.
+        columns: (5 n,) uncertainty, age, yaw, battery, link quality.
+        masks: (6 n,) in the order of the flags.
+        codes: (3 n,) phase, mode, epoch.
     """
     n = len(motion)
     rows = np.zeros(n, ROW)
@@ -311,14 +304,15 @@ def _packed(
         for axis in range(12):
             motion_cm_s[i, axis] = _cm_s(motion[i, 3 + axis])
         flags[i] = COMMANDED if np.isfinite(motion[i, 9]) else 0
-        for bit in range(len(masks)):
-            flags[i] |= masks[bit, i] << bit
-        rows[i].phase, rows[i].mode, rows[i].epoch = codes[0, i], codes[1, i], codes[2, i]
-        rows[i].uncertainty_cm = _bounded(100.0 * columns[0, i])
-        rows[i].age_ms = _bounded(1000.0 * columns[1, i])
-        rows[i].yaw = 0 if np.isnan(columns[2, i]) else int(np.rint(1e4 * columns[2, i]))
-        rows[i].battery_percent = _percent(columns[3, i])
-        rows[i].quality_percent = _percent(columns[4, i])
+        for bit in range(6):
+            flags[i] |= masks[bit * n + i] << bit
+        rows[i].phase, rows[i].mode, rows[i].epoch = codes[i], codes[n + i], codes[2 * n + i]
+        rows[i].uncertainty_cm = _bounded(100.0 * columns[i])
+        rows[i].age_ms = _bounded(1000.0 * columns[n + i])
+        yaw_rad = columns[2 * n + i]
+        rows[i].yaw = 0 if np.isnan(yaw_rad) else int(np.rint(1e4 * yaw_rad))
+        rows[i].battery_percent = _percent(columns[3 * n + i])
+        rows[i].quality_percent = _percent(columns[4 * n + i])
     return rows
 
 

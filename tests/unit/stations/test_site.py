@@ -26,8 +26,8 @@ def site(own: str = "north") -> Site:
 
 
 def head(of: Site, **changed: Any) -> BatchHead:
-    usual = replace(HEAD, site=of.site, term=1, lead=0, echoes=())
-    return replace(usual, **changed)
+    usual = HEAD._replace(site=of.site, term=1, lead=0, echoes=())
+    return usual._replace(**changed)
 
 
 def from_south(of: Site, about: BatchHead | None = None, **changed: Any) -> bytes:
