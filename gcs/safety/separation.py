@@ -381,7 +381,7 @@ def _found(
     normals, bounds_m_s = np.empty((count, 3)), np.empty(count)
     sides, seen, answers, kept = np.empty((2, BLOCK), np.intp), np.empty((17, BLOCK)), np.empty((5, BLOCK)), 0
     motion, own = (position_m, course_m_s, measured_m_s), (uncertainty_m, wander_m, spare_m_s)
-    about = _side_by_side(motion, own, each)
+    about = _side_by_side(first, second, motion, own, each)
     for begin in range(0, count, BLOCK):
         block = slice(begin, begin + BLOCK)
         many = _relative(first[block], second[block], about, (commanded, airborne), numbers[3], sides, seen)
@@ -408,17 +408,31 @@ POSITION, COURSE, MEASURED, UNCERTAINTY, WANDER, SPARE, STOPS, WIDE = 0, 3, 6, 9
 
 
 @kernel
-def _side_by_side(motion: tuple[Array, Array, Array], own: tuple[Array, Array, Array], each: Array) -> Array:
+def _side_by_side(
+    first: Rows,
+    second: Rows,
+    motion: tuple[Array, Array, Array],
+    own: tuple[Array, Array, Array],
+    each: Array,
+) -> Array:
     """(n, WIDE) all that a pair needs of a vehicle, in one place of memory: pairs are in no order.
 
+    Rows in no pair are not written.
+
     Args:
+        first: (k,) rows.
+        second: (k,) rows.
         motion: positions, course and measured velocities, (n, 3) each.
         own: uncertainty, wander and spare speed, (n,) each.
         each: (4, n) as of `Braking.of_each`.
     """
     (position_m, course_m_s, measured_m_s), (uncertainty_m, wander_m, spare_m_s) = motion, own
-    about = np.empty((len(position_m), WIDE))
+    about, in_pair = np.empty((len(position_m), WIDE)), np.zeros(len(position_m), np.bool_)
+    for k in range(len(first)):
+        in_pair[first[k]], in_pair[second[k]] = True, True
     for i in range(len(position_m)):
+        if not in_pair[i]:
+            continue
         for axis in range(3):
             about[i, POSITION + axis] = position_m[i, axis]
             about[i, COURSE + axis] = course_m_s[i, axis]
