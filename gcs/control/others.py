@@ -60,7 +60,6 @@ class Others:
             memory: n + k vehicles, of the previous tick.
         """
         n, k = len(fleet.ids), len(self.ids)
-        none, nowhere = np.zeros(k, np.bool_), np.full((k, 3), np.nan)
         together = FleetState(
             fleet.time_s,
             _all_ids(fleet.ids, self.ids),
@@ -69,21 +68,12 @@ class Others:
             np.concatenate([fleet.yaw_rad, np.zeros(k)]),
             np.concatenate([fleet.age_s, np.zeros(k)]),
         )
-        lost = len(tasks.segments_m) - tasks.silent_segments
-        own_of = np.zeros(0, np.intp) if tasks.segments_of is None else tasks.segments_of
-        follows = tasks.follows_planned_path
-        on_sphere = self.formed & (tasks.drawn is None)  # while a drawing leads there is no formation
-        theirs = np.where(on_sphere, Task.ELSEWHERE, Task.NONE).astype(np.int8)
-        with_theirs = replace(
-            tasks,
-            task=np.concatenate([tasks.task, theirs]),
-            goal_m=np.concatenate([tasks.goal_m, nowhere]),
-            airborne=np.concatenate([tasks.airborne, self.airborne]),
-            descending=np.concatenate([tasks.descending, none]),
-            follows_planned_path=None if follows is None else np.concatenate([follows, none]),
-            drift=self._drift_after(tasks.drift, n),
-        )
+        with_theirs = _all_tasks(tasks, self.formed.tobytes(), self.airborne.tobytes())
+        if tasks.drift is not None or self.drift is not None:
+            with_theirs = replace(with_theirs, drift=self._drift_after(tasks.drift, n))
         if len(self.segments_m):  # before those of vehicles that are silent: they are the last
+            lost = len(tasks.segments_m) - tasks.silent_segments
+            own_of = np.zeros(0, np.intp) if tasks.segments_of is None else tasks.segments_of
             with_theirs = replace(
                 with_theirs,
                 segments_m=np.concatenate(
@@ -122,6 +112,24 @@ class Others:
         first = own or (np.full((count, 3), np.nan), np.full((count, 3), np.nan))
         second = self.drift or (np.full((len(self.ids), 3), np.nan), np.full((len(self.ids), 3), np.nan))
         return np.concatenate([first[0], second[0]]), np.concatenate([first[1], second[1]])
+
+
+@lru_cache(maxsize=2)  # the own ones stay the same object while all fly in formation
+def _all_tasks(own: Tasks, formed: bytes, airborne: bytes) -> Tasks:
+    """Of the own vehicles and of k others, by their masks; without the paths and drift of these."""
+    on_sphere, in_the_air = np.frombuffer(formed, np.bool_), np.frombuffer(airborne, np.bool_)
+    k, follows = len(on_sphere), own.follows_planned_path
+    on_sphere = on_sphere & (own.drawn is None)  # while a drawing leads there is no formation
+    theirs = np.where(on_sphere, Task.ELSEWHERE, Task.NONE).astype(np.int8)
+    none = np.zeros(k, np.bool_)
+    return replace(
+        own,
+        task=np.concatenate([own.task, theirs]),
+        goal_m=np.concatenate([own.goal_m, np.full((k, 3), np.nan)]),
+        airborne=np.concatenate([own.airborne, in_the_air]),
+        descending=np.concatenate([own.descending, none]),
+        follows_planned_path=None if follows is None else np.concatenate([follows, none]),
+    )
 
 
 Own = TypeVar("Own")

@@ -8,6 +8,7 @@ import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields, replace
+from functools import lru_cache
 from itertools import chain
 from operator import attrgetter, is_
 from typing import Any, Final, TypeAlias
@@ -110,6 +111,10 @@ def joined(
 
 
 _COLUMNS: Final = {field.name: attrgetter(field.name) for field in fields(Telemetry)}
+
+
+_in_formation = lru_cache(maxsize=4)(Tasks.of_formation)
+"""The same object from tick to tick: what is computed of it is kept as well."""
 
 
 class Fleet:
@@ -501,8 +506,8 @@ class Fleet:
         flown = show_flies and now_s >= states.frozen_until_s and phases.count(Phase.FORMATION) == len(phases)
         age_s = self.fleet.age_s
         silent = self.uncontrolled.silent(age_s, self.control.telemetry_age_max_s)
-        if flown and len(silent) == 0:
-            return Tasks.of_formation(len(phases), center_moves=show is ShowPhase.RUNNING)  # the usual case
+        if flown and len(silent) == 0:  # the usual case
+            return _in_formation(len(phases), center_moves=show is ShowPhase.RUNNING)
         task = np.full(len(vehicles), Task.FORMATION, dtype=np.int8)
         goal_m = np.full((len(vehicles), 3), np.nan)
         for row, vehicle in enumerate(vehicles):

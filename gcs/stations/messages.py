@@ -114,8 +114,7 @@ class BatchHead(NamedTuple):
         return b"".join([_STATION.pack(*head, self.pace, self.return_s), bytes([len(echoes)]), *echoes])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class StateBatch:
+class StateBatch(NamedTuple):
     """One station and its n vehicles at one tick, show frame. Owns its arrays."""
 
     head: BatchHead

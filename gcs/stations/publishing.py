@@ -1,9 +1,8 @@
 """What a station sends the others after each tick: its vehicles, and while it leads the whole formation."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from math import nan
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -27,8 +26,7 @@ MOVED: Final = 5e-4
 """A slot has moved if a coordinate of its unit vector has changed by more: by 5 cm on a sphere of 100 m."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Reported:
+class Reported(NamedTuple):
     """What the own n vehicles report, and the station says, beside positions and setpoints."""
 
     phases: Codes  # (n,) places in PHASES

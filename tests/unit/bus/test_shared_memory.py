@@ -102,7 +102,7 @@ def test_what_is_overwritten_meanwhile_is_dropped(at: int, tmp_path: Path) -> No
         assert list(reader.newest())[-1:] == [b"third"]
 
 
-def test_a_station_that_was_killed_is_not_read_and_one_started_again_is(tmp_path: Path) -> None:
+def test_a_killed_station_is_not_read_and_a_restarted_one_is(tmp_path: Path) -> None:
     file = tmp_path / "north"
     for bundle in ("first", "second"):
         command = [sys.executable, "-c", WRITES, str(file), bundle]

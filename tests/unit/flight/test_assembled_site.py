@@ -37,7 +37,7 @@ def side_by_side(station: str) -> tuple[Fleet, SiteMember]:
 def reports(of: Site, show: ShowPhase) -> bytes:
     head = HEAD._replace(site=of.site, term=1, lead=0, echoes=(), show=show)
     nowhere = np.zeros(2, np.bool_)
-    return replace(batch(2, head), formed=nowhere, owned=~nowhere).encode()
+    return batch(2, head)._replace(formed=nowhere, owned=~nowhere).encode()
 
 
 @pytest.mark.parametrize(("show", "assembled"), [(ShowPhase.RUNNING, True), (ShowPhase.ASSEMBLING, False)])

@@ -1,7 +1,5 @@
 """What stations send each other, as bytes."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -72,7 +70,7 @@ def batch(count: int, head: BatchHead = HEAD) -> StateBatch:
 @pytest.mark.parametrize("count", [0, 1, 50])
 def test_batch_arrives_as_it_was(count: int) -> None:
     flown = np.ones(count, np.bool_)
-    sent = replace(batch(count), owned=flown, epochs=np.ones(count, np.uint8))
+    sent = batch(count)._replace(owned=flown, epochs=np.ones(count, np.uint8))
     head, wire = decode_batch(sent.encode())
     assert head == HEAD
     received = ReportedVehicles.unknown(count)

@@ -1,6 +1,5 @@
 """What one station knows of the others."""
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -32,8 +31,7 @@ def head(of: Site, **changed: Any) -> BatchHead:
 
 def from_south(of: Site, about: BatchHead | None = None, **changed: Any) -> bytes:
     flying = np.ones(3, np.bool_)
-    usual = replace(
-        batch(3, about or head(of)),
+    usual = batch(3, about or head(of))._replace(
         age_s=np.full(3, 0.1),
         position_m=np.array([[0.0, 0.0, -20.0], [10.0, 0.0, -20.0], [20.0, 0.0, -20.0]]),
         velocity_m_s=np.tile([2.0, 0.0, 0.0], (3, 1)),
@@ -45,7 +43,7 @@ def from_south(of: Site, about: BatchHead | None = None, **changed: Any) -> byte
         owned=flying,
         epochs=np.ones(3, np.uint8),
     )
-    return replace(usual, **changed).encode()
+    return usual._replace(**changed).encode()
 
 
 def test_vehicles_are_brought_forward_from_the_batch() -> None:
@@ -227,8 +225,8 @@ MIRRORED = {
 def claimed(of: Site, count: int, owned: list[bool], epochs: list[int]) -> bytes:
     usual = batch(count, head(of))
     where_m = np.tile([5.0, 0.0, -20.0], (count, 1))
-    seen = replace(usual, position_m=where_m, age_s=np.full(count, 0.1))
-    return replace(seen, owned=np.array(owned), epochs=np.array(epochs, np.uint8)).encode()
+    seen = usual._replace(position_m=where_m, age_s=np.full(count, 0.1))
+    return seen._replace(owned=np.array(owned), epochs=np.array(epochs, np.uint8)).encode()
 
 
 def test_standby_takes_over_with_a_higher_epoch() -> None:
