@@ -1,4 +1,4 @@
-"""Carries the newest messages between the stations of one site: Zenoh, or memory in virtual time."""
+"""Carries the newest messages between a site's stations: Zenoh, on one machine memory, or a virtual bus."""
 
 from gcs.bus.interface import PAYLOAD_MAX, Bus, Received, keep_bus_open
 

@@ -4,6 +4,7 @@
 network namespace of its own.
 """
 
+import fcntl
 import threading
 import time
 from collections import Counter
@@ -20,6 +21,7 @@ import numpy as np
 import yaml
 from pydantic import TypeAdapter
 
+from gcs.bus.shared_memory import shared_file
 from gcs.cli.demo_report import GroundTruth, separation
 from gcs.client import Client
 from gcs.config import schema as configuration
@@ -355,11 +357,20 @@ def running_site(
     each: int = 3,
     *options: str,
     operation: Mapping[str, object] | None = None,
+    shares_memory: bool = True,
 ) -> Iterator[SiteProcesses]:
-    """Run stations and vehicles until the block ends; `options` are those of `gcs sim`."""
+    """Run stations and vehicles until the block ends; `options` are those of `gcs sim`.
+
+    Without `shares_memory` the stations exchange their messages over Zenoh, as in containers of their own.
+    """
     config = site_config(stations, each, free_ports(ports_of(stations, each)), operation=operation)
     site = SiteProcesses(config, folder)
     with ExitStack() as stack:
+        for station in () if shares_memory else config.stations:
+            file = shared_file(station.endpoint)
+            taken = stack.enter_context(file.open("wb"))
+            stack.callback(file.unlink)
+            fcntl.flock(taken, fcntl.LOCK_EX)  # as of another process that writes it, and is no station
         stack.enter_context(fleet(site, *options))
         stack.callback(site.end)
         for name in site.names:

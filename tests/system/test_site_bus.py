@@ -81,24 +81,25 @@ def flood(site: SiteProcesses, name: str) -> Iterator[None]:
 
 
 @pytest.mark.soak
-def test_a_flood_of_junk_is_refused_and_the_show_goes_on(tmp_path: Path) -> None:
-    with running_site(tmp_path) as site, Pauses() as machine:
+@pytest.mark.parametrize("shares_memory", [False, True])
+def test_a_flood_of_junk_is_refused_and_the_show_goes_on(tmp_path: Path, shares_memory: bool) -> None:
+    """Where stations share memory none subscribes, and the junk reaches none."""
+
+    def refused(more: int) -> bool:
+        """Whether north has refused more than so many messages since the flood began."""
+        return shares_memory or site.metric("north", "gcs_bus_messages_refused_total") > before + more
+
+    with running_site(tmp_path, shares_memory=shares_memory) as site, Pauses() as machine:
         site.start_show()
         before = site.metric("north", "gcs_bus_messages_refused_total")  # until a station's first batch
         usual = watched(site, NAMES, WATCHED_S)
         with flood(site, "north"):
-            wait_until(
-                "flooded", SOON_S, lambda: site.metric("north", "gcs_bus_messages_refused_total") > before
-            )
+            wait_until("flooded", SOON_S, lambda: refused(0))
             began_s = time.monotonic()
             during = watched(site, NAMES, WATCHED_S)
             paused_s = len(NAMES) * machine.stalled_s(began_s, time.monotonic())
             keep_time(usual, during, site.config.tick_rate_hz, paused_s)
-            wait_until(
-                "refused",
-                SOON_S,
-                lambda: site.metric("north", "gcs_bus_messages_refused_total") > before + JUNK,
-            )
+            wait_until("refused", SOON_S, lambda: refused(JUNK))
             assert site.all_show("running")
             assert all(one.received for one in site.stations("north").values())
             assert "holds_for_station" not in site.log("north")
