@@ -1,4 +1,4 @@
-"""Carries the newest messages between a site's stations: Zenoh, on one machine memory, or a virtual bus."""
+"""Carries the newest messages between a site's stations: Zenoh, shared memory, or a bus in virtual time."""
 
 from gcs.bus.interface import PAYLOAD_MAX, Bus, Received, keep_bus_open
 

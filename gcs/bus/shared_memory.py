@@ -10,10 +10,9 @@ import fcntl
 import mmap
 import os
 import struct
-import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Final
 from zlib import crc32
@@ -29,22 +28,28 @@ PREFIX: Final = "gcs-bus-"
 """Of the names of these files."""
 
 ATTEMPTS, AGAIN_S = 20, 0.01
-"""A lock that another process has only to look whether a station writes the file is free soon."""
+"""Of taking the lock: a process that only checks whether a station writes the file has it for a moment."""
 
 PAGE: Final = 4096
-SLOT_BYTES: Final = 15 * PAGE
-FILE_BYTES: Final = PAGE + SLOTS * SLOT_BYTES
 
 _NEWEST: Final = struct.Struct("<Q")
 _SLOT: Final = struct.Struct("<QII")
-assert _SLOT.size + BUNDLE_MAX <= SLOT_BYTES  # noqa: S101 (constants of this module)
+
+SLOT_BYTES: Final = -(-(_SLOT.size + BUNDLE_MAX) // PAGE) * PAGE
+FILE_BYTES: Final = PAGE + SLOTS * SLOT_BYTES
 
 
 def shared_file(endpoint: Endpoint) -> Path:
     """The file of the station at this endpoint."""
-    memory = Path("/dev/shm")  # noqa: S108 (the owner is checked)
-    folder = memory if memory.is_dir() else Path(tempfile.gettempdir())
-    return folder / f"{PREFIX}{endpoint.host}-{endpoint.port}"
+    return Path("/dev/shm") / f"{PREFIX}{endpoint.host}-{endpoint.port}"  # noqa: S108 (the owner is checked)
+
+
+@contextmanager
+def _link_errors(file: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        raise LinkError(f"{file}: {error.strerror}") from None
 
 
 def _opened(file: Path, flags: int) -> int:
@@ -77,7 +82,7 @@ def _lock(handle: int) -> bool:
 
 
 def _remove_abandoned(folder: Path) -> None:
-    """Remove what stations of this user left that were killed."""
+    """Remove the files of this user's stations that were killed."""
     for file in folder.glob(f"{PREFIX}*"):
         with suppress(LinkError, OSError):  # another user's, or gone already
             handle = _opened(file, os.O_RDONLY)
@@ -94,17 +99,15 @@ class Writer:
     def __init__(self, file: Path) -> None:
         """Raises: LinkError when another process writes it, or there is no memory for it."""
         self._file = file
-        try:
+        with _link_errors(file):
             _remove_abandoned(file.parent)
             self._handle = _locked(file)
-        except OSError as error:
-            raise LinkError(f"{file}: {error.strerror}") from None
-        try:
-            os.posix_fallocate(self._handle, 0, FILE_BYTES)  # else the first write without memory is fatal
-            self._memory = mmap.mmap(self._handle, FILE_BYTES)
-        except OSError as error:
-            os.close(self._handle)
-            raise LinkError(f"{file}: {error.strerror}") from None
+            try:
+                os.posix_fallocate(self._handle, 0, FILE_BYTES)  # else a write without memory is fatal
+                self._memory = mmap.mmap(self._handle, FILE_BYTES)
+            except OSError:
+                os.close(self._handle)
+                raise
         self._number: int = _NEWEST.unpack_from(self._memory)[0]
 
     def put(self, bundle: bytes) -> None:
@@ -128,18 +131,14 @@ class Reader:
 
     def __init__(self, file: Path) -> None:
         """What was written before is not read. Raises: LinkError when no process writes it."""
-        try:
+        with _link_errors(file):
             handle = _opened(file, os.O_RDONLY)
-        except OSError as error:
-            raise LinkError(f"{file}: {error.strerror}") from None
-        try:
-            if os.fstat(handle).st_size != FILE_BYTES or _lock(handle):
-                raise LinkError(f"{file}: no station writes it")
-            self._memory = mmap.mmap(handle, FILE_BYTES, prot=mmap.PROT_READ)
-        except OSError as error:
-            raise LinkError(f"{file}: {error.strerror}") from None
-        finally:
-            os.close(handle)
+            try:
+                if os.fstat(handle).st_size != FILE_BYTES or _lock(handle):
+                    raise LinkError(f"{file}: no station writes it")
+                self._memory = mmap.mmap(handle, FILE_BYTES, prot=mmap.PROT_READ)
+            finally:
+                os.close(handle)
         self._number: int = _NEWEST.unpack_from(self._memory)[0]
 
     def newest(self) -> Iterator[bytes]:

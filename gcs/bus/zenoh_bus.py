@@ -1,6 +1,6 @@
 """The bus over Eclipse Zenoh: peers with fixed endpoints, no discovery (decision 0045).
 
-Stations on one machine read each other's messages in memory (decision 0053): Zenoh then carries what tells
+Stations on one machine read each other's messages in shared memory (decision 0053): Zenoh then carries only
 which stations are present. Needs the extra `stations`.
 """
 
@@ -54,7 +54,7 @@ class _Open:
         liveliness = session.liveliness()
         for name in others:
             self._subscribe(name)
-        alive = {name: partial(self._note, name) for name in others}
+        alive = {name: partial(self._note_presence, name) for name in others}
         self._tokens = [
             liveliness.declare_subscriber(f"{ROOT}/{name}/{ALIVE}", note, history=True)
             for name, note in alive.items()
@@ -69,7 +69,7 @@ class _Open:
         self._subscribed = True  # by a station that does not share memory, as far as is known
         self._listener = self._publisher.declare_matching_listener(self._note_subscribed)
 
-    def _note(self, name: str, sample: zenoh.Sample) -> None:
+    def _note_presence(self, name: str, sample: zenoh.Sample) -> None:
         self.changes.append((name, sample.kind == zenoh.SampleKind.PUT))
 
     def _note_subscribed(self, status: zenoh.MatchingStatus) -> None:

@@ -5,6 +5,7 @@ import json
 import os
 import signal
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
@@ -60,6 +61,18 @@ class Inbox:
         await until(f"{topic} of {sender}", arrived)
 
 
+async def receive_each_other(buses: Sequence[ZenohBus]) -> None:
+    """Each publishes its name, and receives that of every other one, and no more."""
+    await all_present(*buses)
+    for bus in buses:
+        bus.publish({"states": bus.station.encode()})
+    for bus in buses:
+        inbox, others = Inbox(bus), {one.station for one in buses if one is not bus}
+        for name in others:
+            await inbox.has(name, "states", name.encode())
+        assert inbox.newest.keys() == {(name, "states") for name in others}
+
+
 @pytest.mark.parametrize("stations", [2, 3, 4])
 def test_stations_exchange_their_newest_messages(stations: int) -> None:
     endpoints = endpoints_of(*FOUR[:stations])
@@ -83,7 +96,7 @@ def test_stations_exchange_their_newest_messages(stations: int) -> None:
 
 
 def test_a_station_that_shares_no_memory_is_received_too(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     endpoints = endpoints_of("north", "south", "west")
     buses = [bus_of(name, endpoints) for name in endpoints]
@@ -92,15 +105,10 @@ def test_a_station_that_shares_no_memory_is_received_too(
 
     async def story() -> None:
         async with opened(*buses):
-            await all_present(*buses)
-            for bus in buses:
-                bus.publish({"states": bus.station.encode()})
-            for bus in buses:
-                inbox = Inbox(bus)
-                for name in endpoints.keys() - {bus.station}:
-                    await inbox.has(name, "states", name.encode())
+            await receive_each_other(buses)
 
     asyncio.run(story())
+    assert {vars(one)["other"] for one in caplog.records if one.msg == "memory_not_shared"} == {"west"}
 
 
 def test_only_the_newest_of_many_messages_is_returned() -> None:
@@ -139,6 +147,7 @@ def test_a_killed_station_is_gone_and_returns() -> None:
                     await inbox.has("south", "states", b"south")
                     process.kill()
                     await all_present(north, west)
+                assert north.present == {"west"}
 
     asyncio.run(story())
 
@@ -280,13 +289,7 @@ def test_stations_with_keys_exchange_messages(site: tuple[dict[str, Endpoint], P
 
     async def story() -> None:
         async with opened(*buses):
-            await all_present(*buses)
-            for bus in buses:
-                bus.publish({"states": bus.station.encode()})
-            for bus in buses:
-                inbox = Inbox(bus)
-                for name in endpoints.keys() - {bus.station}:
-                    await inbox.has(name, "states", name.encode())
+            await receive_each_other(buses)
 
     asyncio.run(story())
 
