@@ -15,7 +15,7 @@ from gcs.config.setting_errors import Misfit, explained, located
 from gcs.config.stations import SiteRows, StationSettings, check_stations, check_timecode
 from gcs.config.yaml_files import Loc, Source
 from gcs.control import ControlSettings
-from gcs.estimation.fleet_state import Positioning
+from gcs.estimation.positioning import Positioning
 from gcs.failsafe.policy import FailsafePolicy
 from gcs.formation.orbit import CLEAR_OF_FENCE_M
 from gcs.links.settings import INSTANCES_MAX, LightSettings, RecordSettings, RtkSettings, instances, occupied

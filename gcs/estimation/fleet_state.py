@@ -2,15 +2,15 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import accumulate, zip_longest
+from itertools import zip_longest
 from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.estimation.positioning import Positioning
 from gcs.model.frames import ShowFrame
 from gcs.model.jit import kernel
-from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array, Bits, FleetState, Mask, Telemetry, VehicleId
 
 FORWARD_MAX_S: Final = 0.5
@@ -340,43 +340,6 @@ def tuple3(row: Array) -> tuple[float, float, float] | None:
     return float(row[0]), float(row[1]), float(row[2])
 
 
-class Positioning(Settings):
-    """What a reported accuracy and a jump say about the error of a position (decision 0036).
-
-    A vehicle's standard deviation is what its receiver reports, but no less than its kind of fix can mean.
-    """
-
-    rtk_fixed_m: Positive = (
-        0.05  # least standard deviation sideways of each kind of fix; up as the floor has it
-    )
-    rtk_float_m: Positive = 0.2
-    dgps_m: Positive = 0.5
-    fix_3d_m: Positive = 1.0
-    share: Positive = 1.0  # of the reported accuracy that is a vehicle's own error, and not common to all
-    poor_m: Positive = 1.0  # what is reported beyond this counts twice
-    uncertainty_max_m: Positive = 3.0  # if wider, the vehicles of a fleet could only flee from each other
-    reset_uncertainty_m: NotNegative = 0.2  # added after a position jumped
-    reset_margin_s: NotNegative = 30.0
-    freeze_s: NotNegative = 3.0  # a vehicle whose position jumped first stands still for this time
-
-    @property
-    def accepted_m(self) -> float:
-        """Accuracy that a receiver may report before take-off: it counts as `uncertainty_max_m`."""
-        most_m = self.uncertainty_max_m
-        return min(most_m, 0.5 * (most_m + self.poor_m)) / self.share
-
-    @property
-    def least_by_type_m(self) -> Array:
-        """(9,) least standard deviation of each GPS_FIX_TYPE, sideways: inf without a height.
-
-        Types above RTK fixed (a base station, precise point positioning) count as RTK float.
-        """
-        fixed_m, float_m, dgps_m, fix_3d_m = accumulate(  # a worse fix is no better
-            (self.rtk_fixed_m, self.rtk_float_m, self.dgps_m, self.fix_3d_m), max
-        )
-        return np.array([np.inf, np.inf, np.inf, fix_3d_m, dgps_m, float_m, fixed_m, float_m, float_m])
-
-
 def uncertainty_m(
     configured_m: float,
     up_share: float,
@@ -400,7 +363,7 @@ def uncertainty_m(
     Returns: (n,) at most `uncertainty_max_m` (or the configured one, where that is more).
     """
     numbers = (
-        *(configured_m, up_share, positioning.share, positioning.poor_m),
+        *(configured_m, up_share, positioning.own_share(fix_type), positioning.poor_m),
         *(positioning.reset_margin_s, positioning.reset_uncertainty_m),
         max(configured_m, positioning.uncertainty_max_m),
     )

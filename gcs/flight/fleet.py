@@ -226,13 +226,20 @@ class Fleet:
             position_m, elsewhere = self.fleet.position_m.copy(), ~site.owned
             position_m[elsewhere] = np.nan
             self.fleet = replace(self.fleet, position_m=position_m)
+        wide_m = self._uncertainty_m(now_s - self._table.reset_time_s)
+        self.traits = replace(self.traits, uncertainty_m=wide_m)
+        return self.fleet
+
+    def _uncertainty_m(self, since_jump_s: Array) -> Array:
         telemetry, floor = self.telemetry, self.control.safety.floor
         least = floor.uncertainty_m, floor.vertical_uncertainty
         reported = telemetry.horizontal_accuracy_m, telemetry.vertical_accuracy_m, telemetry.fix_type
-        since_jump_s = now_s - self._table.reset_time_s
-        wide_m = uncertainty_m(*least, *reported, since_jump_s, self.config.positioning)
-        self.traits = replace(self.traits, uncertainty_m=wide_m)
-        return self.fleet
+        return uncertainty_m(*least, *reported, since_jump_s, self.config.positioning)
+
+    @property
+    def uncertainty_on_pads_m(self) -> Array:
+        """(n,) Without what jumps add in flight: when a neighbour's estimator resets, no pad moves."""
+        return self._uncertainty_m(np.full(len(self.vehicles), np.inf))
 
     def note_links(self) -> None:
         """Note how the newest telemetry arrived. After the setpoints: delays change over seconds."""

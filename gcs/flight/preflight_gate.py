@@ -20,8 +20,9 @@ from gcs.model.state import Array, VehicleId
 from gcs.planning.feasibility import check_formation, check_obstacle
 from gcs.planning.landing_sites import column_m, describe_columns, most_overlapping
 from gcs.planning.setpoint_loss import PREDICTED_MAX, check_setpoint_loss, formation_m
-from gcs.preflight.fleet import Pattern, Stand, room_to_wander, spacing, standing
-from gcs.preflight.vehicles import PreflightInputs, own_checks
+from gcs.preflight.fleet import Pattern, Stand, standing
+from gcs.preflight.pad_distances import room_to_wander, spacing
+from gcs.preflight.vehicles import PreflightInputs, fix_words, own_checks
 from gcs.service import CALLER, CommandRecord
 
 log = logging.getLogger(__name__)
@@ -40,7 +41,7 @@ AS_CHECKED = "as it was checked, with as many vehicles"
 TO_DO: Final = {
     "vehicles": "wait until it is received on the ground, or take it out of the show",
     "show": "check and select the show again, name the vehicles that fly, or take the others out",
-    "formation": "choose a larger radius, or fewer vehicles",
+    "formation": "choose a larger radius, better receivers, or fewer vehicles",
     "loss of the ground station": "do as the text says, or choose a larger radius",
     "obstacles": "remove the obstacle, or move the pad",
 }
@@ -210,7 +211,7 @@ class PreflightGate:
             telemetry=flight.telemetry,
             conflicts={name: text for link in flight.links for name, text in link.conflicts.items()},
             foreign={name: text for link in flight.links for name, text in link.foreign.items()},
-            uncertainty_m=flight.traits.uncertainty_m,
+            uncertainty_m=flight.uncertainty_on_pads_m,
             age_max_s=flight.control.telemetry_age_max_s,
             floor=flight.control.safety.floor,
             fence=flight.control.safety.fence,
@@ -274,9 +275,16 @@ class PreflightGate:
             try:
                 check_formation(plan.formation, len(uncertainty_m), flight.control.safety, uncertainty_m)
             except InvalidError as error:
+                whose = self._least_certain(chosen) if error.field == "radius_m" else ""
                 if not cue:
-                    raise
-                raise RefusedError(f"at '{cue}': {error}") from None
+                    raise InvalidError(error.field, error.value, error.allowed + whose) from None
+                raise RefusedError(f"at '{cue}': {error}{whose}") from None
+
+    def _least_certain(self, chosen: Sequence[VehicleId]) -> str:
+        """Which vehicle's receiver decides the least radius, in words."""
+        inputs = self._inputs()
+        name = max(chosen, key=lambda name: float(inputs.uncertainty_m[inputs.rows[name]]))
+        return f"; the least certain is {name}, with {fix_words(inputs, inputs.rows[name])}"
 
     def _check_obstacles(self, chosen: Sequence[VehicleId]) -> None:
         flight = self.flight

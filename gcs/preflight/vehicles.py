@@ -7,7 +7,7 @@ from math import inf, isfinite, isnan
 import numpy as np
 
 from gcs.config.sections import PreflightSettings
-from gcs.estimation.fleet_state import Positioning
+from gcs.estimation.positioning import Positioning
 from gcs.model.preflight_report import Check, State
 from gcs.model.state import Array, FleetState, Telemetry, VehicleId
 from gcs.safety.separation import Floor
@@ -69,6 +69,16 @@ SENSOR_NAMES = {
     0x200000: "position and attitude estimate",
 }
 """Of MAV_SYS_STATUS_SENSOR, those that it flies by."""
+
+
+def fix_words(inputs: PreflightInputs, row: int) -> str:
+    """The kind of its receiver's fix, and the accuracy that decides its margin, as reported."""
+    received = inputs.telemetry
+    kind, level_m = float(received.fix_type[row]), float(received.horizontal_accuracy_m[row])
+    named = FIXES.get(int(kind)) if isfinite(kind) else None
+    reported_m = np.fmax(level_m, received.vertical_accuracy_m[row] / inputs.floor.vertical_uncertainty)
+    fix = "an unknown fix" if named is None else f"{'an' if named.startswith('R') else 'a'} {named} fix"
+    return f"{fix} of {reported_m:.2g} m" if isfinite(reported_m) else fix
 
 
 def judged(name: str, value: float, unit: str, limit: str, problem: str, to_do: str, *, good: bool) -> Check:
@@ -135,7 +145,7 @@ def _receiver(inputs: PreflightInputs, row: int) -> Iterator[Check]:
     if isfinite(level_m) and isfinite(up_m):
         of = f"its receiver reports an accuracy of {level_m:.1f} m sideways and {up_m:.1f} m up"
         problem = f"{of}: too little for any margin"
-    widest_m = positioning.accepted_m
+    widest_m = positioning.accepted_m(received.fix_type)
     for value_m, name, most_m in (
         (level_m, "accuracy sideways", widest_m),
         (up_m, "accuracy up", inputs.floor.vertical_uncertainty * widest_m),

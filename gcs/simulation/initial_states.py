@@ -5,13 +5,13 @@ from math import ceil, cos, pi, sin, sqrt
 
 import numpy as np
 
-from gcs.estimation.fleet_state import Positioning, uncertainty_m
+from gcs.estimation.fleet_state import uncertainty_m
+from gcs.estimation.positioning import Positioning
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse
 from gcs.model.errors import ConfigError
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array
 from gcs.planning.feasibility import radius_allowed, smallest_formation_radius_m
-from gcs.sim.vehicle.sensors import accuracy_m, fix_type
 from gcs.simulation.reference_shapes import best
 from gcs.simulation.scenario import FormationFlight, GoalFlight, RandomObstacles, Scenario
 
@@ -357,10 +357,16 @@ def _leaves_passage(box: Obstacle, other: Obstacle, passage_m: float) -> bool:
     return bool((gap_m >= passage_m).all())
 
 
+RECORDED_M = np.array((0.2, 0.4))
+"""Errors of the recorded estimates, sideways and up, one sigma."""
+
+FIX_UP_TO_M = (0.06, 0.5, 1.0)
+"""Error of RTK fixed, RTK float and DGPS at most; above it is a 3D fix."""
+
+
 def reported_accuracy_m(scenario: Scenario) -> tuple[float, float]:
     world = scenario.world
-    error_m = np.hypot(np.multiply(world.noise, accuracy_m(1.0)), world.bias_m)
-    return _pair(world.reported_share * error_m)
+    return _pair(world.reported_share * np.hypot(world.noise * RECORDED_M, world.bias_m))
 
 
 def reported_uncertainty_m(scenario: Scenario) -> float:
@@ -369,11 +375,9 @@ def reported_uncertainty_m(scenario: Scenario) -> float:
     Their fix is of the kind that has the error they report, also where the world's is greater.
     """
     world, floor = scenario.world, scenario.control.safety.floor
-    horizontal_m, vertical_m = world.reported_share * np.hypot(
-        np.multiply(world.noise, accuracy_m(1.0)), world.bias_m
-    )
-    scale = max(horizontal_m, vertical_m / floor.vertical_uncertainty) / accuracy_m(1.0)[0]
-    reported = *reported_accuracy_m(scenario), float(fix_type(scale)), np.inf
+    horizontal_m, vertical_m = world.reported_share * np.hypot(world.noise * RECORDED_M, world.bias_m)
+    fix_type = 6.0 - np.searchsorted(FIX_UP_TO_M, max(horizontal_m, vertical_m / floor.vertical_uncertainty))
+    reported = *reported_accuracy_m(scenario), fix_type, np.inf
     level_m, up_m, fix, since_s = (np.full(1, value) for value in reported)
     least = floor.uncertainty_m, floor.vertical_uncertainty
     wide_m = uncertainty_m(*least, level_m, up_m, fix, since_s, Positioning())

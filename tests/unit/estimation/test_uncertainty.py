@@ -5,7 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gcs.estimation.fleet_state import Positioning, uncertainty_m
+from gcs.estimation.fleet_state import uncertainty_m
+from gcs.estimation.positioning import LEAST_M, SHARE_3D, Positioning
+from gcs.model.state import Array
 
 P = Positioning()
 NEVER = np.inf
@@ -13,11 +15,14 @@ WORST_FIRST = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 ACCURACY_M = st.floats(0.0, 20.0) | st.just(np.inf)
 
 
+def fleet(*reported: tuple[float, float, float], given: Positioning = P, since_s: float = NEVER) -> Array:
+    """Of vehicles that report an accuracy sideways, up, and a fix."""
+    accuracy_m, up_m, fix = np.array(reported).T.copy()
+    return uncertainty_m(0.3, 2.0, accuracy_m, up_m, fix, np.full(len(fix), since_s), given)
+
+
 def one(horizontal_m: float, vertical_m: float, fix_type: float, since_s: float = NEVER) -> float:
-    accuracy_m, up_m, fix, since = (
-        np.array([value]) for value in (horizontal_m, vertical_m, fix_type, since_s)
-    )
-    return float(uncertainty_m(0.3, 2.0, accuracy_m, up_m, fix, since, P)[0])
+    return float(fleet((horizontal_m, vertical_m, fix_type), since_s=since_s)[0])
 
 
 @pytest.mark.parametrize(
@@ -61,24 +66,61 @@ def test_after_a_jump_it_is_wider_for_a_while() -> None:
 def test_no_margin_shrinks_when_accuracy_or_fix_worsens(
     horizontal_m: float, worse_m: float, vertical_m: float, worse_up_m: float, fix: float, other: float
 ) -> None:
-    better = one(min(horizontal_m, worse_m), min(vertical_m, worse_up_m), max(fix, other))
-    worse = one(max(horizontal_m, worse_m), max(vertical_m, worse_up_m), min(fix, other))
+    good = (min(horizontal_m, worse_m), min(vertical_m, worse_up_m), max(fix, other))
+    bad = (max(horizontal_m, worse_m), max(vertical_m, worse_up_m), min(fix, other))
+    better, worse = fleet(good, bad)  # one fleet has one share
     assert 0.05 <= better <= worse <= 3.0
 
 
-@given(st.floats(0.1, 5.0), st.floats(0.1, 5.0), st.floats(0.1, 2.0))
+@given(st.floats(0.1, 5.0), st.floats(0.1, 5.0), st.none() | st.floats(0.1, 2.0), st.sampled_from((3.0, 5.0)))
 def test_accuracy_accepted_on_the_ground_is_what_the_cap_means(
-    poor_m: float, most_m: float, share: float
+    poor_m: float, most_m: float, share: float | None, fix_type: float
 ) -> None:
-    given = Positioning(poor_m=poor_m, uncertainty_max_m=most_m, share=share)
-    reported_m = given.accepted_m * np.array([0.99, 1.0])
-    unknown, never = np.full(2, np.nan), np.full(2, NEVER)
-    below_m, at_m = uncertainty_m(0.0, 2.0, reported_m, unknown, unknown, never, given)
+    least = dict.fromkeys(LEAST_M, 0.01)
+    given = Positioning(poor_m=poor_m, uncertainty_max_m=most_m, share=share, **least)
+    fix, never = np.full(2, fix_type), np.full(2, NEVER)
+    reported_m = given.accepted_m(fix) * np.array([0.99, 1.0])
+    below_m, at_m = uncertainty_m(0.0, 2.0, reported_m, np.full(2, np.nan), fix, never, given)
     assert below_m < most_m == pytest.approx(at_m)
 
 
-@given(st.lists(st.floats(0.01, 5.0), min_size=4, max_size=4))
-def test_a_worse_kind_of_fix_is_never_configured_better(least_m: list[float]) -> None:
-    fixed_m, float_m, dgps_m, fix_3d_m = least_m
-    given = Positioning(rtk_fixed_m=fixed_m, rtk_float_m=float_m, dgps_m=dgps_m, fix_3d_m=fix_3d_m)
-    assert (np.diff(given.least_by_type_m[np.array(WORST_FIRST[3:], int)]) <= 0.0).all()
+def test_receivers_without_corrections_share_most_of_their_error() -> None:
+    reported_m, beyond_m = 1.8, SHARE_3D * 1.8 - 1.0
+    assert fleet((reported_m, 1.0, 3.0), (reported_m, 1.0, 3.0)) == pytest.approx([1.0 + 2 * beyond_m] * 2)
+    assert fleet((0.9, 1.78, 3.0)) == 1.0, "what a 3D fix can mean at least is each receiver's own"
+
+
+def test_corrections_leave_an_error_that_is_not_common() -> None:
+    uncorrected = (1.8, 1.0, 3.0)
+    assert fleet(uncorrected, (0.02, 0.04, 6.0)) == pytest.approx([2.6, 0.05])
+    assert fleet(uncorrected, (np.nan, np.nan, np.nan))[0] < 2.0, "nothing reported is no correction"
+
+
+def test_a_configured_share_holds_for_every_kind_of_fix() -> None:
+    given = Positioning(share=0.25, fix_3d_m=0.2)
+    assert fleet((0.9, 1.78, 3.0), (0.9, 0.4, 6.0), given=given) == pytest.approx([0.225, 0.225])
+
+
+@given(st.lists(st.none() | st.floats(0.01, 3.0), min_size=4, max_size=4))
+def test_a_configured_accuracy_is_what_it_says(least_m: list[float | None]) -> None:
+    configured = sorted(value for value in least_m if value is not None)
+    values = [None if value is None else configured.pop(0) for value in least_m]
+    given = Positioning.model_validate(dict(zip(LEAST_M, values, strict=True)))
+    best_first_m = given.least_by_type_m[[6, 5, 4, 3]]
+    assert (np.diff(best_first_m) >= 0.0).all(), "a worse fix is no better"
+    assert all(value in (None, used_m) for value, used_m in zip(values, best_first_m, strict=True))
+    assert Positioning.model_validate(given.model_dump()) == given
+
+
+def test_of_px4s_simulator_a_configured_3d_fix_counts() -> None:
+    assert Positioning(fix_3d_m=0.2).least_by_type_m[[6, 5, 4, 3]] == pytest.approx([0.05, 0.2, 0.2, 0.2])
+    assert Positioning(rtk_float_m=0.7).least_by_type_m[[6, 5, 4, 3]] == pytest.approx([0.05, 0.7, 0.7, 1.0])
+
+
+def test_contradiction_names_both_keys() -> None:
+    with pytest.raises(
+        ValueError, match=r"rtk_fixed_m is 0\.5 and fix_3d_m 0\.2: .*lower rtk_fixed_m or raise fix_3d_m"
+    ):
+        Positioning(rtk_fixed_m=0.5, fix_3d_m=0.2)
+    with pytest.raises(ValueError, match=r"fix_3d_m is 5, .*lower fix_3d_m or raise uncertainty_max_m"):
+        Positioning(fix_3d_m=5.0)

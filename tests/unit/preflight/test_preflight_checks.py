@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from gcs.config.sections import PreflightSettings
-from gcs.estimation.fleet_state import Positioning, uncertainty_m
+from gcs.estimation.fleet_state import uncertainty_m
+from gcs.estimation.positioning import Positioning
 from gcs.model.preflight_report import Check, State, describe
 from gcs.model.state import Array, FleetState, Landed, Mode, Telemetry
-from gcs.preflight.fleet import Pattern, spacing, standing
+from gcs.preflight.fleet import Pattern, standing
+from gcs.preflight.pad_distances import spacing
 from gcs.preflight.vehicles import PAD_HEIGHT_MAX_M, PreflightInputs, own_checks
 from gcs.safety.separation import Floor
 from gcs.safety.walls import Fence
@@ -225,7 +227,7 @@ def test_unknown_accuracy_is_not_reported_as_infinite() -> None:
 
 def test_pads_too_close_to_climb_are_named_once_per_pair() -> None:
     assert [(vehicle, check.problem) for vehicle, check in failed(known(east_m=(0.0, 2.5, 8.0)))] == [
-        ("a", "stands 2.5 m from b, at least 3 m is needed"),
+        ("a", "stands 2.5 m from b, at least 3.0 m is needed with an RTK fixed fix of 0.05 m"),
     ]
     assert [vehicle for vehicle, _ in failed(known(east_m=(0.0, 2.5, 5.0)))] == ["a", "b"]
     assert failed(known(east_m=(0.0, 3.0, 6.0))) == []
@@ -239,7 +241,9 @@ def test_grounded_neighbour_counts_as_too_close() -> None:
 def test_pad_distance_depends_on_the_reported_accuracies() -> None:
     worse = replace(GOOD, horizontal_accuracy_m=np.array([0.45, 0.45, 0.05]))  # times 4 each
     found = failed(known(worse))
-    assert found[0][1].problem == "stands 4.0 m from b, at least 4.6 m is needed"
+    assert found[0][1].problem == (
+        "stands 4.0 m from b, at least 4.6 m is needed with an RTK fixed fix of 0.45 m"
+    )
 
 
 def test_fence_of_the_autopilot_bounds_the_pads() -> None:

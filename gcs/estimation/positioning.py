@@ -1,0 +1,97 @@
+"""What a kind of fix, a reported accuracy and a jump say about the error of a position."""
+
+from itertools import combinations
+from typing import Final
+
+import numpy as np
+from pydantic import model_validator
+
+from gcs.model.settings import NotNegative, Positive, Settings
+from gcs.model.state import Array
+
+FIX_3D, RTK_FIXED = 3, 6
+
+LEAST_M: Final = {"rtk_fixed_m": 0.05, "rtk_float_m": 0.2, "dgps_m": 0.5, "fix_3d_m": 1.0}
+"""Least standard deviation of each kind of fix, sideways, the best first, where nothing is configured."""
+
+SHARE_3D: Final = 0.7
+"""Of the accuracy that receivers without corrections report, each one's own part (decision 0054)."""
+
+
+class Positioning(Settings):
+    """How uncertain the positions of neighbours are towards each other (decisions 0036 and 0054).
+
+    A vehicle's standard deviation is its own share of what its receiver reports, but no less than its kind of
+    fix can mean.
+    """
+
+    # Least standard deviation sideways of each kind of fix; up as the floor has it. What is configured holds.
+    # None: as LEAST_M, but no more than a worse kind as configured, and no less than a better one.
+    rtk_fixed_m: Positive | None = None
+    rtk_float_m: Positive | None = None
+    dgps_m: Positive | None = None
+    fix_3d_m: Positive | None = None
+    # Of the reported accuracy, what neighbours do not have in common. None: SHARE_3D where no receiver of the
+    # fleet has corrections, else all.
+    share: Positive | None = None
+    poor_m: Positive = 1.0  # what is reported beyond this counts twice
+    uncertainty_max_m: Positive = 3.0  # if wider, the vehicles of a fleet could only flee from each other
+    reset_uncertainty_m: NotNegative = 0.2  # added after a position jumped
+    reset_margin_s: NotNegative = 30.0
+    freeze_s: NotNegative = 3.0  # a vehicle whose position jumped first stands still for this time
+
+    @model_validator(mode="after")
+    def _consistent(self) -> "Positioning":
+        for (better, better_m), (worse, worse_m) in combinations(self._configured.items(), 2):
+            if better_m > worse_m:
+                text = f"{better} is {better_m:g} and {worse} {worse_m:g}: a better fix is no less accurate"
+                raise ValueError(f"{text}; lower {better} or raise {worse}")
+        for key, least_m in self._configured.items():
+            if least_m > (most_m := self.uncertainty_max_m):
+                text = (
+                    f"{key} is {least_m:g}, and no position counts as more than uncertainty_max_m, {most_m:g}"
+                )
+                raise ValueError(f"{text}; lower {key} or raise uncertainty_max_m")
+        return self
+
+    @property
+    def _configured(self) -> dict[str, float]:
+        values = {key: getattr(self, key) for key in LEAST_M}
+        return {key: value for key, value in values.items() if value is not None}
+
+    @property
+    def least_by_type_m(self) -> Array:
+        """(9,) least standard deviation of each GPS_FIX_TYPE, sideways: inf without a height.
+
+        Types above RTK fixed (a base station, precise point positioning) count as RTK float.
+        """
+        keys, configured, least_m = list(LEAST_M), self._configured, []
+        for at, (key, usual_m) in enumerate(LEAST_M.items()):
+            better_m = max((configured[one] for one in keys[:at] if one in configured), default=0.0)
+            worse_m = min((configured[one] for one in keys[at:] if one in configured), default=np.inf)
+            least_m.append(configured.get(key, min(max(usual_m, better_m), worse_m)))
+        fixed_m, float_m, dgps_m, fix_3d_m = least_m
+        return np.array([np.inf, np.inf, np.inf, fix_3d_m, dgps_m, float_m, fixed_m, float_m, float_m])
+
+    def own_share(self, fix_type: Array) -> float:
+        """Share of the reported accuracies that counts between neighbours.
+
+        Without corrections all receivers of a field have most of their error in common. What corrections
+        leave is each receiver's own, and a receiver with them has nothing in common with one without.
+
+        Args:
+            fix_type: (n,) GPS_FIX_TYPE of the fleet's receivers; NaN unknown.
+        """
+        if self.share is not None:
+            return self.share
+        known = fix_type[np.isfinite(fix_type)]
+        return SHARE_3D if len(known) and not (known > FIX_3D).any() else 1.0
+
+    def accepted_m(self, fix_type: Array) -> float:
+        """Accuracy that a receiver may report before take-off: it counts as `uncertainty_max_m`.
+
+        Args:
+            fix_type: (n,) as of `own_share`.
+        """
+        most_m = self.uncertainty_max_m
+        return min(most_m, 0.5 * (most_m + self.poor_m)) / self.own_share(fix_type)
