@@ -102,10 +102,12 @@ screenshots: .venv/ready console  ## docs/screenshots, of a flight over the fake
 	$(BIN)/python -m tests.browser.screenshots
 	$(BIN)/python -m tests.browser.status_pictures
 
-# PX4=folder of a PX4 build, PX4_IMAGE=container image that runs PX4's SIH, ARDUPILOT=arducopter itself, or FAKE=1
-# with AUTOPILOT=px4, ardupilot or mixed; VEHICLES=4
-SITL = $(if $(PX4),--px4 "$(PX4)",$(if $(PX4_IMAGE),--image "$(PX4_IMAGE)",$(if $(ARDUPILOT),--arducopter "$(ARDUPILOT)",$(if $(FAKE),--fake $(if $(AUTOPILOT),--autopilot $(AUTOPILOT))))))
-sitl: .venv/ready  ## the whole story with real autopilots: PX4=BUILD, PX4_IMAGE=IMAGE, ARDUPILOT=PROGRAM or FAKE=1; docs/sitl.md
+# PX4= or ARDUPILOT=a tree, a build or the program; PX4_IMAGE=container image that runs PX4's SIH; FAKE=1 with AUTOPILOT=
+# px4, ardupilot or mixed, VERSION= and SEED=. Without any of them it is looked for. TRANSPORT=, STORY=, STATIONS=, VEHICLES=4
+SITL = $(if $(PX4),--px4 "$(PX4)",$(if $(PX4_IMAGE),--image "$(PX4_IMAGE)",$(if $(ARDUPILOT),--arducopter "$(ARDUPILOT)",$(if $(FAKE),--fake)))) \
+  $(foreach option,autopilot $(if $(FAKE),version seed) transport story stations,$(if $($(call upper,$(option))),--$(option) $($(call upper,$(option)))))
+upper = $(shell echo $(1) | tr a-z A-Z)
+sitl: .venv/ready  ## a story with real autopilots: PX4=PATH, PX4_IMAGE=IMAGE, ARDUPILOT=PATH, FAKE=1, or what is found; docs/sitl.md
 	$(BIN)/python -m tests.sitl.fly $(SITL) --vehicles $(or $(VEHICLES),4) $(ARGS)
 
 docs: .venv/docs  ## the documentation site in build/site, strictly; no network; decision 0032

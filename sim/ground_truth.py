@@ -102,7 +102,10 @@ LEVEL_MG = -1000
 
 
 class SimulatorLink:
-    """Sends the true state of vehicle i to 127.0.0.1, port `first_port` + i. Nothing is received."""
+    """Sends the true state of vehicle i to 127.0.0.1, port `first_port` + i. Nothing is received.
+
+    As PX4 v1.16 does: the time is in HIL_ACTUATOR_CONTROLS, and that of HIL_STATE_QUATERNION is 0.
+    """
 
     def __init__(self, first_port: int, count: int) -> None:
         self._first_port = first_port
@@ -113,7 +116,7 @@ class SimulatorLink:
         self._due = Period(SIMULATOR_PERIOD_S)
 
     def offer(self, fleet: AnyFleet, time_s: float) -> None:
-        """Send one message per vehicle when it is due; `time_s` is the fleet's simulated time."""
+        """Send the messages of each vehicle when they are due; `time_s` is the fleet's simulated time."""
         if not self._due.is_due(time_s):
             return
         geodetic = np.round(fleet.geodetic(fleet.position_m) * (1e7, 1e7, 1e3)).astype(np.int64).tolist()
@@ -121,8 +124,8 @@ class SimulatorLink:
         rows = zip(fleet.autopilots, self._encoders, geodetic, velocity_cm_s, strict=True)
         for index, (autopilot, encoder, place, speed_cm_s) in zip(fleet.settings.indices, rows, strict=True):
             encoder.srcSystem, encoder.srcComponent = autopilot.system_id, COMPONENT_ID
-            message = encoder.hil_state_quaternion_encode(
-                round(1e6 * time_s),
+            state = encoder.hil_state_quaternion_encode(
+                0,
                 [1.0, 0.0, 0.0, 0.0],
                 *(0.0, 0.0, 0.0),
                 *place,
@@ -130,7 +133,9 @@ class SimulatorLink:
                 *(0, 0),
                 *(0, 0, LEVEL_MG),
             )
+            clock = encoder.hil_actuator_controls_encode(round(1e6 * time_s), [0.0] * 16, 0, 0)
+            data = state.pack(encoder) + clock.pack(encoder)
             try:
-                self._socket.sendto(message.pack(encoder), (HOST, self._first_port + index))
+                self._socket.sendto(data, (HOST, self._first_port + index))
             except (BlockingIOError, ConnectionRefusedError):
                 continue  # no reader on that port: the flight does not depend on it

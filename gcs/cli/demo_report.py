@@ -73,23 +73,39 @@ def separation(truth: GroundTruth, floor: Floor) -> tuple[float, int]:
 
 
 def shape(truth: GroundTruth, commanded: Commanded) -> dict[str, float]:
-    """Measure the formation over a steady window, from each vehicle's mean position about the centre.
+    """Measure the formation over a steady window, from each vehicle's mean position.
 
-    Returns: energy and nearest distance relative to those of the best known configuration, and the mean
-        radius error of the worst vehicle in metres.
+    Directions are those from the centre of the sphere through the vehicles: a barometer's scale error moves
+    all of them alike, which is no error of the shape.
+
+    Returns: energy and nearest distance relative to those of the best known configuration; in metres the mean
+        radius error of the worst vehicle about the commanded centre, and how far that is from the sphere's.
     """
     desired = commanded.at(truth.time_s)
     offset_m = truth.position_m - desired.center_m[:, None, :]
     radius_m = np.linalg.norm(offset_m, axis=2)
     error_m = np.abs(radius_m - desired.radius_m[:, None]).mean(axis=0).max()
     mean_m = offset_m.mean(axis=0)
-    direction = mean_m / np.linalg.norm(mean_m, axis=1, keepdims=True)
+    center_m = sphere_center_m(mean_m)
+    direction = mean_m - center_m
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     best = best_configuration(len(direction))
     return {
         "energy_ratio": energy(direction) / energy(best),
         "nearest_ratio": nearest_m(direction) / nearest_m(best),
         "radius_error_m": float(error_m),
+        "center_error_m": float(np.linalg.norm(center_m)),
     }
+
+
+def sphere_center_m(position_m: Array) -> Array:
+    """Centre of the sphere through (n, 3) points, by least squares; of several that nearest to their mean."""
+    mean_m = position_m.mean(axis=0)
+    around_m = position_m - mean_m
+    system = np.column_stack([2.0 * around_m, np.ones(len(around_m))])  # |p|^2 = 2 p c + (r^2 - |c|^2)
+    solved, *_ = np.linalg.lstsq(system, (around_m**2).sum(axis=1), rcond=1e-6)
+    center_m: Array = mean_m + solved[:3]
+    return center_m
 
 
 def orbit_error_m(truth: GroundTruth, commanded: Commanded, orbit_radius_m: float) -> float:

@@ -19,7 +19,8 @@ from gcs.config.schema import Config
 from gcs.control import ControlSettings, Memory, Task, Tasks
 from gcs.control.late_links import LATE_S, fleet_delay_s, for_late_links
 from gcs.estimation.fleet_state import FORWARD_MAX_S, Table, uncertainty_m
-from gcs.estimation.link_health import LinkDelay, LinkQuality, SetpointGaps
+from gcs.estimation.link_delay import LinkDelay
+from gcs.estimation.link_health import LinkQuality, SetpointGaps
 from gcs.failsafe.autopilot_failsafe import TEXTS_COUNT_S, FailsafeInputs
 from gcs.flight.corrections import Corrections
 from gcs.flight.elsewhere import Elsewhere

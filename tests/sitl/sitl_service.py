@@ -24,18 +24,22 @@ class ServiceError(RuntimeError):
 
 
 class Service:
-    """`gcs serve` with its own configuration and record; can be stopped, continued, killed and restarted."""
+    """`gcs serve` with its own configuration and record; can be stopped, continued, killed and restarted.
+
+    Where the configuration has several stations, each is a process. The client is that of the first one.
+    """
 
     def __init__(self, config: configuration.Config, folder: Path) -> None:
         """Writes the configuration into `folder`; starts nothing."""
         self.config = config
-        self._folder = folder
+        self.folder = folder
         self._file = folder / "sitl.yaml"
         raw = config.model_dump(mode="json") | {"record": {"folder": str(folder)}}
         self._file.write_text(yaml.safe_dump(raw), encoding="utf-8")
-        self._process: subprocess.Popen[str] | None = None
-        self.client: Client | None = None
-        self.url = ""
+        self.stations = [station.name for station in config.stations] or [""]
+        self._processes: dict[str, subprocess.Popen[str]] = {}
+        self._clients: dict[str, Client] = {}
+        self.urls: dict[str, str] = {}
 
     def config_alone(self) -> dict[str, bool]:
         """Whether each vehicle changes its mode by itself without setpoints."""
@@ -52,50 +56,69 @@ class Service:
         if done.returncode != 0:
             raise ServiceError(f"gcs params apply: exit {done.returncode}\n{done.stdout}{done.stderr}")
 
-    def start(self) -> Client:
-        """Start it and wait until it answers. Raises: ServiceError."""
-        command = [*GCS, "serve", "--config", str(self._file), "--quiet"]
-        with (self._folder / "service.log").open("a") as log:
-            self._process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)
-        greeting = "" if self._process.stdout is None else self._process.stdout.readline()
-        address = re.search(r"http://\S+:\d+", greeting)
+    @property
+    def client(self) -> Client:
+        """Of the first station that runs. Raises: ServiceError when none does."""
+        for station in self.stations:
+            if station in self._clients:
+                return self._clients[station]
+        raise ServiceError("gcs serve was not started")
+
+    @property
+    def url(self) -> str:
+        """Of the same station."""
+        return next((self.urls[station] for station in self.stations if station in self._clients), "")
+
+    def start(self) -> None:
+        """Start what does not run, and wait until it answers. Raises: ServiceError."""
+        waiting = [station for station in self.stations if station not in self._processes]
+        for station in waiting:
+            command = [*GCS, "serve", "--config", str(self._file), "--quiet"]
+            command += ["--station", station] if station else []
+            with self._log(station).open("a") as log:
+                process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=log, text=True)
+            self._processes[station] = process
+        for station in waiting:
+            self._clients[station] = self._connected(station)
+
+    def _connected(self, station: str) -> Client:
+        output = self._processes[station].stdout
+        address = re.search(r"http://\S+:\d+", "" if output is None else output.readline())
         if address is None:
-            raise ServiceError(f"gcs serve did not start; see {self._folder / 'service.log'}")
-        if self.client is not None:
-            self.client.close()
-        self.url = address[0]
-        self.client = Client(self.url, timeout_s=30.0)
+            raise ServiceError(f"gcs serve did not start; see {self._log(station)}")
+        self.urls[station] = address[0]
+        client = Client(address[0], timeout_s=30.0)
         deadline_s = time.monotonic() + ANSWERS_S
         while True:
             try:
-                self.client.health()
+                client.health()
             except GcsError as error:
                 if time.monotonic() > deadline_s:
                     raise ServiceError(f"gcs serve does not answer: {error}") from error
                 time.sleep(0.1)
             else:
-                return self.client
+                return client
+
+    def _log(self, station: str) -> Path:
+        return self.folder / f"service{station and '-'}{station}.log"
 
     def stop_for(self, seconds: float) -> None:
         """SIGSTOP, wait, SIGCONT: as a machine that hangs."""
-        self._signal(signal.SIGSTOP)
+        for process in self._processes.values():
+            process.send_signal(signal.SIGSTOP)
         time.sleep(seconds)
-        self._signal(signal.SIGCONT)
+        for process in self._processes.values():
+            process.send_signal(signal.SIGCONT)
 
-    def kill(self) -> None:
-        """SIGKILL: as a crash."""
-        self._signal(signal.SIGKILL)
-        if self._process is not None:
-            self._process.communicate()
+    def kill(self, station: str | None = None) -> None:
+        """SIGKILL: as a crash, of one station or all."""
+        for name in list(self._processes) if station is None else [station]:
+            process = self._processes.pop(name)
+            process.send_signal(signal.SIGKILL)
+            process.communicate()
+            if name in self._clients:
+                self._clients.pop(name).close()
 
     def close(self) -> None:
         """End it, whatever state it is in."""
-        if self.client is not None:
-            self.client.close()
-        if self._process is not None and self._process.poll() is None:
-            self.kill()
-
-    def _signal(self, number: signal.Signals) -> None:
-        if self._process is None:
-            raise ServiceError("gcs serve was not started")
-        self._process.send_signal(number)
+        self.kill()

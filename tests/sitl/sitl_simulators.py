@@ -1,4 +1,4 @@
-"""The vehicles of a SITL flight: instances of a real PX4 or ArduCopter, of a container, or of the fake fleet.
+"""The vehicles of a SITL flight: instances of a real PX4 or ArduCopter, or of a container.
 
 All stand on the same pads and talk to port 14540 + i (or another base). PX4 and the fake fleet send the
 simulator's true state (HIL_STATE_QUATERNION) to port 19410 + i; what ArduCopter sends: `sitl_truth`.
@@ -6,27 +6,24 @@ simulator's true state (HIL_STATE_QUATERNION) to port 19410 + i; what ArduCopter
 
 import os
 import re
-import shutil
 import subprocess
-import sys
-from collections.abc import Sequence
-from dataclasses import dataclass
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol
+from typing import ClassVar, Protocol, TypeAlias
 
 import numpy as np
 
-from gcs.cli.demo import MIXED
-from gcs.links.autopilots import AUTOPILOTS, DEFAULT
 from gcs.model.frames import ShowFrame
+from gcs.model.state import Array
 from gcs.sim.autopilots.ardupilot.parameters import defaults as ardupilot_defaults
-from tests.support.processes import AT_ONCE, READY_AT_ONCE
+from tests.sitl.sitl_programs import ARDUCOPTER, PX4, container_engine, find, px4_files
 
-PX4_PORT, PX4_SIMULATOR_PORT = 14540, 19410
+STATION_PORT, SIMULATOR_PORT = 14540, 19410
+"""Instance i of PX4 sends to these ports + i by itself; ArduCopter is given the same."""
+
 PX4_MODEL = "sihsim_quadx"
-STATION_PORT, TRUTH_PORT = PX4_PORT, PX4_SIMULATOR_PORT
-"""Addresses that are given to ArduCopter: the same ports."""
-
 DELIVERED = Path("Tools/autotest/default_params/copter.parm")
 CALIBRATION = re.compile(
     r"FRAME_|RC\d+_(MIN|MAX|TRIM)$|COMPASS_(OFS|DIA|ODI)|INS_ACC\d?(OFFS|SCAL)|BATT_MONITOR$"
@@ -36,6 +33,17 @@ COLUMNS = 3
 """Pads stand in rows of three: row i // 3 to the north, column i % 3 to the east of the show's origin."""
 
 ENDS_S = 10.0
+LAST_LINES = 5
+
+Place: TypeAlias = tuple[float, float, float]
+"""Latitude, longitude (degrees) and altitude AMSL (m)."""
+
+Faults: TypeAlias = Mapping[str, Mapping[str, float | int]]
+"""Parameters of a simulation that make each fault; whole numbers are integers."""
+
+
+class CannotError(Exception):
+    """These simulators cannot do what a chapter needs; the message says what."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,69 +54,104 @@ class Pads:
     count: int
     spacing_m: float
 
-    def geodetic(self) -> list[tuple[float, float, float]]:
-        """Latitude, longitude (degrees) and altitude AMSL (m) of each pad."""
-        index = np.arange(self.count)
-        ned_m = self.spacing_m * np.stack([index // COLUMNS, index % COLUMNS, 0 * index], axis=1).astype(
-            np.float64
-        )
-        places = zip(*self.frame.geodetic(self.frame.from_ned(ned_m)), strict=True)
+    def ned_m(self) -> Array:
+        """(n, 3) each pad, north, east and down of the show's origin."""
+        row, column = np.divmod(np.arange(self.count, dtype=np.float64), COLUMNS)
+        return np.asarray(self.spacing_m * np.stack([row, column, np.zeros(self.count)], axis=1))
+
+    def geodetic(self) -> list[Place]:
+        """The place of each pad."""
+        places = zip(*self.frame.geodetic(self.frame.from_ned(self.ned_m())), strict=True)
         return [
             (float(latitude), float(longitude), float(altitude)) for latitude, longitude, altitude in places
         ]
 
 
-class Simulators(Protocol):
-    """The running vehicles."""
+class SimulatorLink(Protocol):
+    """Sets parameters of one instance over its simulator link."""
 
-    @property
-    def autopilot(self) -> str:
-        """What flies: for the report."""
+    def set_parameters(self, index: int, values: Mapping[str, float | int]) -> None:
+        """Raises: OSError when that instance has sent nothing yet."""
         ...
 
+
+@dataclass(frozen=True, slots=True)
+class Started:
+    """How a process is started."""
+
+    command: Sequence[str]
+    environment: Mapping[str, str] = field(default_factory=dict)
+
+
+class Simulators(ABC):
+    """The running vehicles, each a process with a working folder of its own.
+
+    Attributes:
+        autopilot: what flies, for the report.
+        kinds: autopilot of each vehicle, as in a configuration; in turn from the first.
+        faults: what can go wrong in them.
+        pads: where they stand.
+    """
+
+    autopilot: str
+    kinds: Sequence[str]
+    faults: ClassVar[Faults] = {}
+
+    def __init__(self, pads: Pads, folder: Path) -> None:
+        self.pads, self._folder = pads, folder
+        self._running: dict[int, subprocess.Popen[bytes]] = {}
+
+    @abstractmethod
+    def _started(self, index: int, working: Path) -> Started:
+        """How instance `index` is started in that folder."""
+
     @property
-    def kinds(self) -> Sequence[str]:
-        """Autopilot of each vehicle, as in a configuration; in turn from the first."""
-        ...
+    def _firsts(self) -> Sequence[int]:
+        """Instances that have a process."""
+        return range(self.pads.count)
 
     def start(self) -> None:
         """Start every vehicle. Raises: OSError when a program is missing."""
-        ...
+        for index in self._firsts:
+            self.restart(index)
 
-    def kill(self, index: int) -> None:
-        """End one vehicle with SIGKILL, as a crash does."""
-        ...
+    def restart(self, index: int) -> None:
+        """Start a vehicle, also again, on its pad.
 
-    def close(self) -> None:
-        """End all vehicles."""
-        ...
-
-
-class Processes:
-    """Processes that are ended together."""
-
-    def __init__(self) -> None:
-        self._running: dict[int, subprocess.Popen[bytes]] = {}
-
-    def start(
-        self, index: int, command: Sequence[str], *, folder: Path, environment: dict[str, str] | None = None
-    ) -> None:
-        """Start the process of vehicle `index`; its output lies in `folder`."""
-        folder.mkdir(parents=True, exist_ok=True)
-        with (folder / "log").open("wb") as log:
+        What it prints lies beside its working folder: a program may make any file there, as PX4 its `log`.
+        """
+        name = f"{type(self).__name__.lower()}-{index}"
+        working = self._folder / name
+        working.mkdir(parents=True, exist_ok=True)
+        how = self._started(index, working)
+        with self._output(index).open("ab") as output:
             self._running[index] = subprocess.Popen(
-                command,
+                how.command,
                 stdin=subprocess.DEVNULL,
-                stdout=log,
+                stdout=output,
                 stderr=subprocess.STDOUT,
-                cwd=folder,
-                env=os.environ | (environment or {}),
+                cwd=working,
+                env=os.environ | how.environment,
             )
 
     def kill(self, index: int) -> None:
-        """End one with SIGKILL."""
+        """End one vehicle with SIGKILL, as a crash does."""
         self._running[index].kill()
         self._running[index].wait()
+
+    def inject(self, fault: str, index: int, link: SimulatorLink) -> None:
+        """Let something go wrong in one vehicle. Raises: CannotError."""
+        if fault not in self.faults:
+            raise CannotError(f"{self.autopilot} has no fault '{fault}'")
+        link.set_parameters(index, self.faults[fault])
+
+    def ended(self) -> str:
+        """Which processes have ended by themselves, with their last lines; empty: none has."""
+        return "; ".join(
+            f"instance {index} ended with exit code {process.returncode}: {self._last_lines(index)}"
+            for index, process in self._running.items()
+            if process.poll() is not None
+        )
 
     def close(self) -> None:
         """End all; what does not end is killed."""
@@ -121,141 +164,124 @@ class Processes:
                 process.kill()
                 process.wait()
 
+    def _output(self, index: int) -> Path:
+        return self._folder / f"{type(self).__name__.lower()}-{index}.out"
 
-class Px4Build:
+    def _last_lines(self, index: int) -> str:
+        lines = self._output(index).read_text(encoding="utf-8", errors="replace").splitlines()
+        return " | ".join(lines[-LAST_LINES:]) or "it printed nothing"
+
+
+class Px4Build(Simulators):
     """Instances of a PX4 that was built with `make px4_sitl_default` (v1.14 or newer has SIH on a host)."""
 
     autopilot = "PX4"
     kinds = ("px4",)
+    faults: ClassVar[Faults] = {
+        "gps-lost": {"SIM_GPS_USED": 0},
+        "gps-back": {"SIM_GPS_USED": 10},
+        "battery-low": {"SIM_BAT_MIN_PCT": 3.0, "SIM_BAT_DRAIN": 30.0},
+        "battery-full": {"SIM_BAT_MIN_PCT": 100.0},
+    }
 
-    def __init__(self, build: Path, pads: Pads, folder: Path) -> None:
-        """`build` holds bin/px4 and etc. Raises: FileNotFoundError saying what is missing."""
-        for name in ("bin/px4", "etc/init.d-posix/rcS"):
-            if not (build / name).exists():
-                raise FileNotFoundError(
-                    f"{build / name} is missing: PX4 must be a build folder, as .../build/px4_sitl_default"
-                )
-        self._build = build.resolve()
-        self._pads = pads
-        self._folder = folder
-        self._processes = Processes()
+    def __init__(self, given: str | None, pads: Pads, folder: Path) -> None:
+        """`given`: the program or a folder above it; None: it is looked for. Raises: NotFoundError."""
+        super().__init__(pads, folder)
+        self._program = find(PX4, given)
+        self._files = px4_files(self._program)
+        self._places = pads.geodetic()
 
-    def start(self) -> None:
-        """Each in a folder of its own, where it keeps its parameters and logs."""
-        for index, place in enumerate(self._pads.geodetic()):
-            command = [str(self._build / "bin/px4"), "-i", str(index), "-d", str(self._build / "etc")]
-            self._processes.start(
-                index, command, folder=self._folder / f"px4-{index}", environment=_environment(place)
-            )
-
-    def kill(self, index: int) -> None:
-        """End one vehicle with SIGKILL."""
-        self._processes.kill(index)
-
-    def close(self) -> None:
-        """End all vehicles."""
-        self._processes.close()
+    def _started(self, index: int, working: Path) -> Started:
+        command = [str(self._program), "-i", str(index), "-d", str(self._files)]
+        return Started(command, _environment(self._places[index]))
 
 
-class Px4Image:
+class Px4Image(Simulators):
     """Instances of a PX4 in containers of one image, on the host's network."""
 
     autopilot = "PX4 (container)"
     kinds = ("px4",)
+    faults = Px4Build.faults
 
     def __init__(self, image: str, pads: Pads, folder: Path) -> None:
-        """Raises: FileNotFoundError without docker or podman."""
-        engine = shutil.which("docker") or shutil.which("podman")
-        if engine is None:
-            raise FileNotFoundError("neither docker nor podman is installed: PX4_IMAGE needs one of them")
-        self._engine, self._image, self._pads, self._folder = engine, image, pads, folder
-        self._processes = Processes()
+        """Raises: NotFoundError without docker or podman, or the image."""
+        super().__init__(pads, folder)
+        self._engine, self._image, self._places = container_engine(image), image, pads.geodetic()
 
     def _name(self, index: int) -> str:
         return f"formation-gcs-sitl-{os.getpid()}-{index}"
 
-    def start(self) -> None:
+    def _started(self, index: int, working: Path) -> Started:
         """The image's own entry point starts PX4, and passes `-i` on to it, as px4io/px4-sitl does."""
-        for index, place in enumerate(self._pads.geodetic()):
-            command = [self._engine, "run", "--rm", "--network", "host", "--name", self._name(index)]
-            for name, value in _environment(place).items():
-                command += ["--env", f"{name}={value}"]
-            command += [self._image, "-i", str(index)]
-            self._processes.start(index, command, folder=self._folder / f"px4-{index}")
+        command = [self._engine, "run", "--rm", "--network", "host", "--name", self._name(index)]
+        for name, value in _environment(self._places[index]).items():
+            command += ["--env", f"{name}={value}"]
+        return Started([*command, self._image, "-i", str(index)])
 
     def kill(self, index: int) -> None:
-        """End one vehicle with SIGKILL."""
+        """End one vehicle with SIGKILL; docker's client ends with it."""
         subprocess.run([self._engine, "kill", "--signal", "KILL", self._name(index)], check=True)
-
-    def close(self) -> None:
-        """End all vehicles; docker's client passes SIGTERM on."""
-        self._processes.close()
+        self._running[index].wait(ENDS_S)
 
 
-class ArduCopter:
-    """Instances of an ArduCopter that was built for SITL (4.1 or newer)."""
+class ArduCopter(Simulators):
+    """Instances of an ArduCopter that was built for SITL (4.0 or newer)."""
 
     autopilot = "ArduCopter"
     kinds = ("ardupilot",)
+    faults: ClassVar[Faults] = {
+        "gps-lost": {"SIM_GPS_DISABLE": 1.0, "SIM_GPS1_ENABLE": 0.0},
+        "gps-back": {"SIM_GPS_DISABLE": 0.0, "SIM_GPS1_ENABLE": 1.0},
+        "battery-low": {"SIM_BATT_VOLTAGE": 10.0},
+        "battery-full": {"SIM_BATT_VOLTAGE": 12.6},
+    }
+    """A version ignores names that it does not know."""
 
     def __init__(
         self,
-        binary: Path,
+        given: str | None,
         pads: Pads,
         folder: Path,
         *,
         port: int = STATION_PORT,
-        truth_port: int = TRUTH_PORT,
+        simulator_port: int = SIMULATOR_PORT,
     ) -> None:
-        """`binary` is arducopter itself. Raises: FileNotFoundError saying what is missing."""
-        if not os.access(binary, os.X_OK) or binary.is_dir():
-            raise FileNotFoundError(
-                f"{binary}: ARDUPILOT must be the program, as .../build/sitl/bin/arducopter"
-            )
-        self._binary, self._pads, self._folder = binary.resolve(), pads, folder
-        self._port, self._truth_port = port, truth_port
-        self._processes = Processes()
+        """`given`: the program or a folder above it; None: it is looked for. Raises: NotFoundError."""
+        super().__init__(pads, folder)
+        self._program = find(ARDUCOPTER, given)
+        self._port, self._simulator_port, self._places = port, simulator_port, pads.geodetic()
+        self._options = _options(self._program)
 
-    def start(self) -> None:
-        """Each in a folder of its own, where it keeps its parameters and logs."""
-        known = subprocess.run(
-            [self._binary, "--help"], capture_output=True, text=True, timeout=ENDS_S, check=False
+    def _started(self, index: int, working: Path) -> Started:
+        """The names of its options have changed with the versions."""
+        serial = ("--serial0", "--serial1") if "--serial0" in self._options else ("--uartA", "--uartC")
+        latitude_deg, longitude_deg, altitude_amsl_m = self._places[index]
+        return Started(
+            [
+                *(str(self._program), "--model", "+", "--speedup", "1", "--instance", str(index)),
+                *("--home", f"{latitude_deg:.9f},{longitude_deg:.9f},{altitude_amsl_m:.3f},0"),
+                *(serial[0], f"udpclient:127.0.0.1:{self._port + index}"),
+                *(serial[1], f"udpclient:127.0.0.1:{self._simulator_port + index}"),
+                *("--defaults", self._defaults(index, working), "--fg", "127.0.0.1"),
+                *(["--enable-fgview"] if "--enable-fgview" in self._options else []),
+            ]
         )
-        options = known.stdout + known.stderr
-        for index, place in enumerate(self._pads.geodetic()):
-            folder = self._folder / f"ardupilot-{index}"
-            folder.mkdir(parents=True, exist_ok=True)
-            own = folder / "own.parm"
-            delivered = self._delivered()
-            own.write_text(parameter_file(index, calibrated=not delivered), encoding="ascii")
-            files = ",".join(str(file) for file in (*delivered, own))
-            self._processes.start(index, self._command(index, place, options, files), folder=folder)
 
-    def _delivered(self) -> list[Path]:
-        """The parameters of SITL in the tree that holds the program, if it lies in one."""
-        found = [parent / DELIVERED for parent in self._binary.parents]
-        return [file for file in found if file.is_file()][:1]
+    def _defaults(self, index: int, working: Path) -> str:
+        """Files of parameters: SITL's of the tree that holds the program, if it lies in one, and ours."""
+        found = [parent / DELIVERED for parent in self._program.parents]
+        delivered = [file for file in found if file.is_file()][:1]
+        own = working / "own.parm"
+        own.write_text(parameter_file(index, calibrated=not delivered), encoding="ascii")
+        return ",".join(str(file) for file in (*delivered, own))
 
-    def _command(self, index: int, place: tuple[float, float, float], options: str, files: str) -> list[str]:
-        """`options`: what the program says of itself; the names of its options have changed."""
-        serial = ("--serial0", "--serial1") if "--serial0" in options else ("--uartA", "--uartC")
-        latitude_deg, longitude_deg, altitude_amsl_m = place
-        return [
-            *(str(self._binary), "--model", "+", "--speedup", "1", "--instance", str(index)),
-            *("--home", f"{latitude_deg:.9f},{longitude_deg:.9f},{altitude_amsl_m:.3f},0"),
-            *(serial[0], f"udpclient:127.0.0.1:{self._port + index}"),
-            *(serial[1], f"udpclient:127.0.0.1:{self._truth_port + index}"),
-            *("--defaults", files, "--fg", "127.0.0.1"),
-            *(["--enable-fgview"] if "--enable-fgview" in options else []),
-        ]
 
-    def kill(self, index: int) -> None:
-        """End one vehicle with SIGKILL."""
-        self._processes.kill(index)
-
-    def close(self) -> None:
-        """End all vehicles."""
-        self._processes.close()
+def _options(program: Path) -> str:
+    """What an ArduCopter says of its options."""
+    asked = subprocess.run(
+        [program, "--help"], capture_output=True, text=True, errors="replace", timeout=ENDS_S, check=False
+    )
+    return asked.stdout + asked.stderr
 
 
 def parameter_file(index: int, *, calibrated: bool) -> str:
@@ -271,56 +297,7 @@ def parameter_file(index: int, *, calibrated: bool) -> str:
     return "".join(f"{name} {value:.9g}\n" for name, value in {**recorded, **own}.items())
 
 
-class FakeFleet:
-    """The fake fleet; the vehicle that is lost on the way flies in a process of its own."""
-
-    def __init__(
-        self, pads: Pads, folder: Path, *, port: int, simulator_port: int, lost: int, autopilot: str = "px4"
-    ) -> None:
-        """`lost` is the index of the vehicle that can be killed; `autopilot` may be mixed."""
-        frame = pads.frame
-        self.autopilot = f"fake fleet, {autopilot}"
-        self.kinds = tuple(AUTOPILOTS) if autopilot == MIXED else (autopilot,)
-        self._command = [
-            *(
-                sys.executable,
-                "-m",
-                "gcs.sim",
-                "--port-base",
-                str(port),
-                "--simulator-link",
-                str(simulator_port),
-            ),
-            *("--autopilot", autopilot),
-            *("--origin", f"{frame.latitude_deg},{frame.longitude_deg},{frame.altitude_amsl_m}"),
-            *("--grid-columns", str(COLUMNS), "--spacing", f"{pads.spacing_m:g}"),
-            *(AT_ONCE if DEFAULT.name in self.kinds else READY_AT_ONCE),
-        ]
-        self._count, self._lost, self._folder = pads.count, lost, folder
-        self._processes = Processes()
-
-    def start(self) -> None:
-        """Up to three processes: before, itself and after the vehicle that can be killed."""
-        parts = [(0, self._lost), (self._lost, self._lost + 1), (self._lost + 1, self._count)]
-        for first, end in parts:
-            if first < end:
-                some = ["--first", str(first), "--count", str(end - first)]
-                self._processes.start(first, [*self._command, *some], folder=self._folder / f"fake-{first}")
-
-    def kill(self, index: int) -> None:
-        """End one vehicle with SIGKILL. Raises: ValueError for another than the one named at the start."""
-        if index != self._lost:
-            raise ValueError(
-                f"vehicle {index} shares its process with others; only {self._lost} can be killed"
-            )
-        self._processes.kill(index)
-
-    def close(self) -> None:
-        """End all vehicles."""
-        self._processes.close()
-
-
-def _environment(place: tuple[float, float, float]) -> dict[str, str]:
+def _environment(place: Place) -> dict[str, str]:
     """What PX4's start script reads: the model, and where it stands."""
     latitude_deg, longitude_deg, altitude_amsl_m = place
     return {

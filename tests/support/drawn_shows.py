@@ -156,12 +156,23 @@ def _squares(from_m: Array, to_m: Array) -> Array:
 
 
 def drawn_show(
-    vehicles: int, seconds: float, spacing: float, shapes: Sequence[str] = tuple(SHAPES), seed: int = 1
+    vehicles: int,
+    seconds: float,
+    spacing: float,
+    shapes: Sequence[str] = tuple(SHAPES),
+    seed: int = 1,
+    ground_m: Array | None = None,
 ) -> DrawnShow:
-    """Return a show of about so many seconds at a spacing in m, flyable within the limits above."""
+    """Return a show of about so many seconds at a spacing in m, flyable within the limits above.
+
+    `ground_m` (n, 3): the pads, at least sqrt(2) spacings apart; None: a grid with that distance.
+    """
     rng = np.random.default_rng(seed)
     least_m = 1.001 * np.sqrt(2.0) * spacing  # files are rounded
-    pads_m = _scaled(_grid(vehicles), least_m, TAKEOFF_HEIGHT_M)
+    if ground_m is None:
+        pads_m = _scaled(_grid(vehicles), least_m, TAKEOFF_HEIGHT_M)
+    else:
+        pads_m = ground_m - (0.0, 0.0, TAKEOFF_HEIGHT_M)
     stages = _stages(pads_m, seconds, least_m, shapes, rng)
     trajectories = Trajectories.joined([_trajectory(stages, row) for row in range(vehicles)])
     end_s = stages[-1].end_s

@@ -9,7 +9,7 @@ from gcs.config.yaml_files import shipped_folder
 from gcs.shows import load
 from gcs.sim.cli import add_arguments
 from gcs.sim.settings import PAD_SPACING_M, Settings
-from tests.sitl.fly import configuration_spacing_m
+from tests.sitl.fly import PADS_M
 
 ROOT: Final = Path(__file__).parents[2]
 DOCUMENTS: Final = (
@@ -32,7 +32,7 @@ def test_programs_place_simulated_vehicles_alike() -> None:
     parser = argparse.ArgumentParser()
     add_arguments(parser)
     assert parser.parse_args([]).spacing == Settings().spacing_m == PAD_SPACING_M
-    assert configuration_spacing_m() == PAD_SPACING_M
+    assert PADS_M == PAD_SPACING_M
 
 
 def test_documents_name_the_same_distance_of_pads() -> None:

@@ -95,6 +95,17 @@ def test_shape_is_of_mean_positions_without_noise() -> None:
     assert 0.1 < figures["radius_error_m"] < 0.4
 
 
+@pytest.mark.parametrize("count", [2, 3, 4, 6, 9])
+def test_a_whole_formation_that_is_low_keeps_its_shape(count: int) -> None:
+    """ArduCopter's barometer: every vehicle 4.7 % lower than reported."""
+    center = np.array([3.0, -2.0, -25.0])
+    low = center + 10.0 * best_configuration(count) + (0.0, 0.0, 1.2)
+    figures = shape(truth(flight(*low)), commanded(center, 10.0, np.zeros(2)))
+    assert figures["energy_ratio"] == pytest.approx(1.0, abs=1e-6)
+    assert figures["nearest_ratio"] == pytest.approx(1.0, abs=1e-6)
+    assert figures["center_error_m"] == pytest.approx(1.2, abs=1e-6)
+
+
 def test_cube_and_wrong_radius_are_detected() -> None:
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) / np.sqrt(3.0)
     figures = shape(

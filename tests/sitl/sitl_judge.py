@@ -1,0 +1,93 @@
+"""The verdict on a SITL flight, from the simulators' true states."""
+
+import numpy as np
+
+from gcs.cli import demo_report as report
+from gcs.config import schema as configuration
+from tests.sitl.sitl_flight import TRUE_WITHIN_S, Account, Stall
+from tests.sitl.sitl_truth import GroundTruthRecorder
+
+ENERGY_MAX, NEAREST_MIN = 1.003, 0.9
+CENTER_MAX_M = 2.0
+"""From the commanded centre to that of the sphere through the vehicles: a real ArduCopter flies 4.7 % low."""
+
+SLOWEST = 0.98
+
+
+def judge(recorder: GroundTruthRecorder, account: Account, config: configuration.Config) -> dict[str, object]:
+    """The figures of the flight; `verdict` is kept or broken. Raises: ValueError without true states."""
+    truth, commanded = recorder.truth(config.frame), account.commanded()
+    smallest_m, violations = report.separation(truth, config.control.safety.floor)
+    ids, lost = config.ids, account.lost
+    landed = [name for name, down in zip(ids, truth.landed_at_end, strict=True) if down and name not in lost]
+    figures: dict[str, object] = {
+        "flown": account.flown,
+        "not_flown": account.not_flown,
+        "lost": lost,
+        "landed": len(landed),
+        "min_separation_m": round(smallest_m, 3) if np.isfinite(smallest_m) else None,
+        "separation_violations": violations,
+    }
+    broken = list(account.failures)
+    if len(landed) + len(lost) != len(ids):
+        broken.append("not every vehicle landed")
+    if violations:
+        broken.append("a pair came inside the minimum separation")
+    for name, window in account.steady.items():
+        if commanded is None or not window.vehicles:
+            broken.append(f"no formation flew: {name}")
+            continue
+        rows = [row for row, vehicle in enumerate(ids) if vehicle in window.vehicles]
+        shape = report.shape(_of(truth.between(window.start_s, window.end_s), rows), commanded)
+        figures |= {f"{what}_{name}": round(value, 5) for what, value in shape.items()}
+        if shape["energy_ratio"] > ENERGY_MAX or shape["nearest_ratio"] < NEAREST_MIN:
+            broken.append(f"the shape was not reached: {name}")
+        if shape["center_error_m"] > CENTER_MAX_M:
+            broken.append(f"the formation was {shape['center_error_m']:.1f} m beside its centre: {name}")
+    penetrations = 0
+    if account.obstacle is not None:
+        penetrations = report.penetrations(truth.between(*account.obstacle_s), account.obstacle)
+    if penetrations:
+        broken.append("a vehicle came inside the obstacle")
+    broken += [
+        f"the phase was not true within {TRUE_WITHIN_S:g} s of the stall: {each.when}"
+        for each in account.stalls
+        if each.true_s is None or each.true_s > TRUE_WITHIN_S
+    ]
+    per_wall = recorder.simulated_per_wall_s()
+    return figures | {
+        "obstacle_penetrations": penetrations,
+        **_of_stalls(account.stalls),
+        "recovered_after_restart_s": _rounded(account.recovered_after_restart_s),
+        "commands_refused": account.refused,
+        "simulated_per_wall_s": None if per_wall is None else round(per_wall, 3),
+        "machine_fast_enough": None if per_wall is None else per_wall >= SLOWEST,
+        "broken": broken,
+        "verdict": "broken" if broken else "kept",
+    }
+
+
+def _of_stalls(stalls: list[Stall]) -> dict[str, object]:
+    """The worst times, and the last phase."""
+
+    def worst(times: list[float | None]) -> float | None:
+        known = [each for each in times if each is not None]
+        return _rounded(max(known)) if known and len(known) == len(times) else None
+
+    return {
+        "stalls": len(stalls),
+        "phase_after_stall": stalls[-1].phase if stalls else "",
+        "true_after_stall_s": worst([each.true_s for each in stalls]),
+        "recovered_after_stall_s": worst([each.recovered_s for each in stalls]),
+    }
+
+
+def _of(truth: report.GroundTruth, rows: list[int]) -> report.GroundTruth:
+    """Some of the vehicles."""
+    return report.GroundTruth(
+        truth.time_s, truth.position_m[:, rows], truth.airborne[:, rows], truth.landed_at_end[rows]
+    )
+
+
+def _rounded(value: float | None) -> float | None:
+    return None if value is None else round(value, 2)
