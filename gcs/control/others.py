@@ -67,6 +67,7 @@ class Others:
             np.concatenate([fleet.velocity_m_s, self.velocity_m_s]),
             np.concatenate([fleet.yaw_rad, np.zeros(k)]),
             np.concatenate([fleet.age_s, np.zeros(k)]),
+            np.concatenate([fleet.doubtful, np.zeros(k, np.bool_)]),
         )
         with_theirs = _all_tasks(tasks, self.formed.tobytes(), self.airborne.tobytes())
         if tasks.drift is not None or self.drift is not None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gcs.estimation.positioning import Positioning
 from gcs.model.frames import ShowFrame
 from gcs.model.jit import kernel
-from gcs.model.state import Array, Bits, FleetState, Mask, Telemetry, VehicleId
+from gcs.model.state import FIX_3D, Array, Bits, FleetState, Mask, Telemetry, VehicleId
 
 FORWARD_MAX_S: Final = 0.5
 """Longest time by which positions are brought forward; older ones are refused by their age anyway."""
@@ -22,6 +22,11 @@ SPEED_PLAUSIBLE_M_S, JUMP_PLAUSIBLE_M = 25.0, 10.0
 UNEXPLAINED_M, UNEXPLAINED_M_S = 1.5, 2.0
 """An accepted position that is off by more than this and this speed from where the velocity led is a reset of
 the estimator or of its receiver. Noise comes in centimetres a step.
+"""
+
+ANNOUNCED_M, ANNOUNCED_S = 0.3, 1.0
+"""Off by this is a reset as well, if the estimator counts one within this time, before or after: the counter
+comes in another message. It counts resets of the heading also, as after every take-off, which move nothing.
 """
 
 FAR_M: Final = 10_000.0
@@ -117,6 +122,16 @@ def _plausible_m(since_s: float, time_s: float) -> float:
 
 
 @kernel
+def _is_reset(now_s: float, jumped: bool, stepped_s: float, counted_s: float, reset_time_s: float) -> bool:
+    """Whether a position was reset now; arguments as of `judge`.
+
+    A jump and the counter beside it are one reset, whichever comes first.
+    """
+    announced = now_s in (stepped_s, counted_s) and abs(stepped_s - counted_s) <= ANNOUNCED_S
+    return jumped or (announced and not now_s - reset_time_s <= ANNOUNCED_S)
+
+
+@kernel
 def judge(
     now_s: float,
     position_m: Array,
@@ -133,6 +148,8 @@ def judge(
     believed_m_s: Array,
     trusted: Mask,
     known_resets: Bits,
+    counted_s: Array,
+    stepped_s: Array,
     reset_time_s: Array,
 ) -> None:
     """Accept new positions, or do not: see `gcs.estimation.fleet_state.Table`.
@@ -153,10 +170,14 @@ def judge(
         believed_m_s: (n, 3) the velocity with it.
         trusted: (n,) whether the newest was accepted.
         known_resets: (n,).
+        counted_s: (n,) when the estimator last counted a reset.
+        stepped_s: (n,) when the position was last off by so much as counts beside a counted reset.
         reset_time_s: (n,) when the position last jumped.
     """
     for i in range(len(time_s)):
-        jumped = resets[i] != known_resets[i] and known_resets[i] >= 0
+        jumped = False
+        if resets[i] != known_resets[i] and known_resets[i] >= 0:
+            counted_s[i] = now_s
         known_resets[i] = resets[i]
         if time_s[i] > reported_s[i]:
             off_m, before_m = _apart_m(position_m[i], believed_m[i]), _apart_m(position_m[i], reported_m[i])
@@ -174,15 +195,15 @@ def judge(
             reported_s[i], reported_since_s[i], trusted[i] = time_s[i], since_s, believe
             if believe:
                 if not first:
-                    elapsed_s, square = time_s[i] - believed_s[i], 0.0
-                    for axis in range(3):
-                        flown_m = (believed_m_s[i, axis] + velocity_m_s[i, axis]) / 2.0 * elapsed_s
-                        square += (position_m[i, axis] - believed_m[i, axis] - flown_m) ** 2
-                    jumped = jumped or np.sqrt(square) > UNEXPLAINED_M + UNEXPLAINED_M_S * elapsed_s
+                    elapsed_s, mean_m_s = time_s[i] - believed_s[i], (believed_m_s[i] + velocity_m_s[i]) / 2.0
+                    off_m = _apart_m(position_m[i], believed_m[i] + mean_m_s * elapsed_s)
+                    jumped = off_m > UNEXPLAINED_M + UNEXPLAINED_M_S * elapsed_s
+                    if off_m > ANNOUNCED_M:
+                        stepped_s[i] = now_s
                 believed_m[i], believed_s[i] = position_m[i], time_s[i]
         if believed_s[i] == time_s[i]:
             believed_m_s[i] = velocity_m_s[i]
-        if jumped and armed[i]:
+        if armed[i] and _is_reset(now_s, jumped, stepped_s[i], counted_s[i], reset_time_s[i]):
             reset_time_s[i] = now_s
 
 
@@ -258,9 +279,9 @@ class Table:
     was.
 
     Attributes:
-        reset_time_s: (n,) when the position last jumped, beyond what the velocity explains or by the
-            estimator's own report; -inf where it never did. Only of armed vehicles: an estimator that starts
-            up also jumps.
+        reset_time_s: (n,) when the position last jumped beyond what the velocity explains; beside a reset
+            that the estimator counts, a smaller jump counts as well; -inf where it never did. Only of armed
+            vehicles: an estimator that starts up also jumps.
     """
 
     def __init__(
@@ -283,6 +304,7 @@ class Table:
         # accepted or not: position, its time, and since when without a jump, of vehicles not trusted
         self._reported: tuple[Array, Array, Array] = _unknown(n), np.full(n, -np.inf), np.full(n, np.inf)
         self._resets = np.full(n, -1)  # reset counters of the estimators
+        self._counted_s, self._stepped_s = np.full(n, -np.inf), np.full(n, -np.inf)
         self.reset_time_s = np.full(n, -np.inf)
 
     def state(self, telemetry: Sequence[Telemetry], now_s: float) -> FleetState:
@@ -299,7 +321,9 @@ class Table:
             self._columns(part, before)
             for part, before in zip_longest(telemetry, self._links[: len(telemetry)])
         ]
+        doubtful = np.zeros(n, np.bool_)
         for part, known in zip(telemetry, self._links, strict=True):
+            doubtful[known.rows] = part.fix_type < FIX_3D  # False for NaN
             into_frame(
                 known.rows,
                 (part.latitude_deg, part.longitude_deg, part.altitude_amsl_m, part.yaw_deg),
@@ -311,9 +335,10 @@ class Table:
             )
         self.reset_time_s = self.reset_time_s.copy()  # holders of the old array keep it unchanged
         new = (position_m, time_s, velocity_m_s, exists, armed, resets)
-        judge(now_s, *(*new, *self._reported, *self._believed, self._resets, self.reset_time_s))
+        counted = self._resets, self._counted_s, self._stepped_s
+        judge(now_s, *(*new, *self._reported, *self._believed, *counted, self.reset_time_s))
         here_m, moves_m_s, age_s = brought_forward(now_s, *self._believed, self._flies_on_s, self._brakes_s)
-        return FleetState(now_s, self.ids, here_m, moves_m_s, yaw_rad, age_s)
+        return FleetState(now_s, self.ids, here_m, moves_m_s, yaw_rad, age_s, doubtful)
 
     def _columns(self, part: Telemetry, before: "_LinkColumns | None") -> "_LinkColumns":
         """The columns of a link, which seldom change."""

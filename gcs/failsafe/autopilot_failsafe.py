@@ -6,13 +6,13 @@ dialects do not decode them). So the cause follows from several signs together: 
 the last seconds, and the longest recent gap between sent setpoints. Decision 0024.
 """
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from math import isnan
 from typing import Final
 
+from gcs.failsafe.autopilots.texts import Meaning, meaning_of
 from gcs.model.state import Mode, VehicleId
 
 LOW_BELOW, CRITICAL_BELOW = 0.15, 0.07
@@ -35,6 +35,7 @@ class FailsafeCause(StrEnum):
     GEOFENCE = "geofence"
     POSITION_LOSS = "position-loss"
     RC_LOSS = "rc-loss"
+    TERMINATION = "termination"  # its motors are stopped: it falls
     OTHER = "other"  # the autopilot's own failsafe, of unknown kind
     UNKNOWN = "unknown"  # a pilot, another ground station, or the autopilot
 
@@ -56,47 +57,24 @@ class FailsafeInputs:
     setpoint_loss_action: str  # COM_OBL_RC_ACT as configured, see `gcs.config.schema.OperationSettings`
     position_age_s: float  # inf: no plausible position
     beyond_fence: bool = False  # its autopilot reports that its own fence is breached
+    position_doubtful: bool = False  # positions arrive, and are not to be trusted: see `FleetState.doubtful`
 
 
-_TEXTS: Final = (
-    (FailsafeCause.CRITICAL_BATTERY, re.compile(r"(critical|emergency|dangerous\w*)\b.*\bbattery")),
-    (FailsafeCause.CRITICAL_BATTERY, re.compile(r"battery \d+ (missing|disconnected|is critical)")),
-    (
-        FailsafeCause.LOW_BATTERY,
-        re.compile(r"low battery|flight time low|battery (\d+ is low|failsafe)"),
-    ),
-    (FailsafeCause.GEOFENCE, re.compile(r"geofence|fence breached")),
-    (
-        FailsafeCause.POSITION_LOSS,
-        re.compile(
-            r"(position|velocity|navigation|attitude|gps|gnss|ekf|estimat\w*)\b.*"
-            r"(lost|loss|invalid|fail|unreliable|jam|spoof|timeout|variance)"
-            r"|\bno (valid )?((local|global) )?position",
-        ),
-    ),
-    (
-        FailsafeCause.DATA_LINK_LOSS,
-        re.compile(r"(gcs|data ?link|ground (control )?station).*\blost|gcs failsafe$"),
-    ),
-    (
-        FailsafeCause.RC_LOSS,
-        re.compile(r"(\brc\b|manual control|radio control).*\b(lost|loss)|radio failsafe$"),
-    ),
+_NAMED: Final = (
+    FailsafeCause.GEOFENCE,
+    FailsafeCause.POSITION_LOSS,
+    FailsafeCause.DATA_LINK_LOSS,
+    FailsafeCause.RC_LOSS,
 )
-"""Words of autopilots' texts in lower case, most specific cause first. They count only beside a failsafe, or
-a battery's beside a landing: autopilots warn of batteries and positions long before they act.
+"""Causes that texts name, most specific first. They count only beside a failsafe, or a battery's beside a
+landing: autopilots warn of batteries and positions long before they act.
 """
-
-_LINK_BACK: Final = re.compile(r"gcs failsafe cleared")
-"""The failsafe for lost heartbeats is over, and its mode stays. What began it was sent into the silence."""
-
-_REFUSALS: Final = re.compile(
-    r"denied|not available|preflight fail|landing at current position|prearm:|mode change failed"
-)
-"""Texts that answer a command: they explain no failsafe."""
 
 _FENCE_MODES: Final = frozenset({Mode.HOLD, Mode.LAND, Mode.RETURN})
 """What a fence does with a vehicle; in another mode a pilot flies it, also outside."""
+
+_BLIND_MODES: Final = frozenset({Mode.LAND, Mode.POSITION, Mode.OTHER})
+"""What an autopilot's own failsafe does with a vehicle that has no position: HOLD and RETURN need one."""
 
 _SETPOINT_LOSS_MODES: Final = {
     "hold": frozenset({Mode.HOLD}),
@@ -108,24 +86,23 @@ _SETPOINT_LOSS_MODES: Final = {
 
 def cause_of(inputs: FailsafeInputs) -> FailsafeCause:
     """Return the failsafe that explains a mode that this station did not command."""
-    announced = {
-        cause
-        for text in inputs.texts
-        if not _REFUSALS.search(text.lower())
-        for cause, words in _TEXTS
-        if words.search(text.lower())
-    }
+    if inputs.mode is Mode.TERMINATED:
+        return FailsafeCause.TERMINATION
+    meanings = {meaning_of(text) for text in inputs.texts}
+    announced = {cause for cause in FailsafeCause if cause.value in meanings}
     lands = inputs.mode in {Mode.LAND, Mode.RETURN}
     battery = _battery(inputs, announced)
     if battery is not None and (inputs.in_failsafe or (lands and announced & BATTERY)):
         return battery
-    if lands and any(_LINK_BACK.search(text.lower()) for text in inputs.texts):
+    if lands and Meaning.LINK_BACK in meanings:
         return FailsafeCause.DATA_LINK_LOSS
     if not inputs.in_failsafe:
         stopped = inputs.beyond_fence and inputs.mode in _FENCE_MODES
         return FailsafeCause.GEOFENCE if stopped else FailsafeCause.UNKNOWN
-    for cause, _ in _TEXTS:
-        if cause in announced and cause not in BATTERY:
+    if inputs.position_doubtful and inputs.mode in _BLIND_MODES:
+        return FailsafeCause.POSITION_LOSS
+    for cause in _NAMED:
+        if cause in announced:
             return cause
     if not inputs.position_age_s <= inputs.setpoint_loss_s + 1.0 and inputs.mode in {Mode.LAND, Mode.OTHER}:
         return FailsafeCause.POSITION_LOSS
@@ -144,6 +121,8 @@ def _battery(inputs: FailsafeInputs, announced: set[FailsafeCause]) -> FailsafeC
 
 _DOES: Final = {Mode.HOLD: "holds", Mode.LAND: "lands", Mode.RETURN: "returns", Mode.POSITION: "descends"}
 
+TERMINATED: Final = "its autopilot has stopped its motors (flight termination, or a kill switch)"
+
 _BLIND: Final = "It cannot be steered without a position: leave it, keep clear of it."
 _TAKE_CONTROL: Final = "Take control to fly it again."
 _LEAVE: Final = "Leave it."
@@ -161,10 +140,11 @@ ADVICE_TO_MANY: Final = {
 def described(vehicle_id: VehicleId, cause: FailsafeCause, inputs: FailsafeInputs) -> str:
     """Return the text for the operator: what the vehicle does, why, and what to do about it."""
     if cause is FailsafeCause.UNKNOWN:
-        return (
-            f"{vehicle_id} is in mode {inputs.mode}, which this station did not command: a pilot,"
-            " another station, or its autopilot. Take control when the pilot agrees."
-        )
+        by = "a pilot, another station, or its autopilot"
+        if any(meaning_of(text) is Meaning.PILOT for text in inputs.texts):
+            by = "its pilot took over with the sticks"
+        blind = f" {_BLIND}" if inputs.position_doubtful else " Take control when the pilot agrees."
+        return f"{vehicle_id} is in mode {inputs.mode}, which this station did not command: {by}.{blind}"
     does = _DOES.get(inputs.mode, f"is in mode {inputs.mode}")
     failsafe = "a failsafe of its own" if cause is FailsafeCause.OTHER else f"its own {cause} failsafe"
     level = (
@@ -204,15 +184,25 @@ def lost_on_the_way(
     """
     sent = inputs.setpoint_gap_s < inputs.setpoint_loss_s  # False for NaN
     holds = inputs.mode is Mode.HOLD and (inputs.in_failsafe or hold_commanded)
+    sent = sent and not inputs.position_doubtful
     return cause is FailsafeCause.SETPOINT_LOSS and holds and sent
 
 
 def control_refusal(vehicle_id: VehicleId, inputs: FailsafeInputs) -> str:
     """Why control of an airborne vehicle may not be taken (into HOLD), and what is safe; empty: it may.
 
-    Only a vehicle that comes down by itself is left alone. One that hovers on a critical battery may be
-    taken: nothing else brings it down.
+    A vehicle without a position accepts no mode of this station's. On a critical battery only one that comes
+    down by itself is left alone. One that hovers on it may be taken: nothing else brings it down.
     """
+    if inputs.position_doubtful:
+        left = (
+            "leave it to its autopilot, which brings it down" if comes_down(inputs) else "its pilot lands it"
+        )
+        return (
+            f"{vehicle_id}: its receiver has no 3D fix: without a position it cannot be steered, and its"
+            f" autopilot accepts no hold. Safe instead: {left}; keep clear of it;"
+            f" `gcs kill {vehicle_id}` is the last resort"
+        )
     if inputs.battery_remaining < inputs.battery_critical_below and comes_down(inputs):  # False for NaN
         return (
             f"{vehicle_id}: battery {inputs.battery_remaining:.0%}, critical below"

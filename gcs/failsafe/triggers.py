@@ -374,6 +374,8 @@ def _poor(seen: Seen, rows: Mask, settings: FailsafePolicy) -> str:
     position = settings.bad_position
     worst_m = float(np.nanmax(seen.horizontal_m[rows], initial=0.0))
     up_m = float(np.nanmax(seen.vertical_m[rows], initial=0.0))
+    if np.isinf(max(worst_m, up_m)):
+        return "its receiver has no 3D fix"
     most = f"at most {position.horizontal_max_m:g} m and {position.vertical_max_m:g} m are flown with"
     return f"accuracy {worst_m:.1f} m sideways, {up_m:.1f} m up: {most}"
 

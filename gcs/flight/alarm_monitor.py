@@ -11,16 +11,16 @@ from typing import Final
 import numpy as np
 
 from gcs.control import Tick
-from gcs.failsafe.autopilot_failsafe import ADVICE_TO_MANY, FailsafeCause
+from gcs.failsafe.autopilot_failsafe import ADVICE_TO_MANY, TERMINATED, TEXTS_COUNT_S, FailsafeCause
+from gcs.failsafe.autopilots.texts import Meaning, meaning_of
 from gcs.failsafe.policy import Action, Cause
 from gcs.failsafe.triggers import OF_THE_SHOW
+from gcs.flight.accuracy_alarms import BLIND, AccuracyAlarms
 from gcs.flight.fleet import FLIES, Fleet
-from gcs.flight.vehicle import SHOW_FLIES, Vehicle
+from gcs.flight.vehicle import Vehicle
 from gcs.model.interrupted_flight import InterruptedFlight
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.model.state import Array, Mask, VehicleId
-from gcs.planning.feasibility import radius_allowed, smallest_formation_radius_m
-from gcs.safety.answers import slowest_m_s2
+from gcs.model.state import Array, Mask, StatusText, VehicleId
 from gcs.safety.neighbours import near_pairs
 from gcs.safety.separation import Floor
 from gcs.service import CALLER, ActiveFailsafe, Outcome
@@ -37,14 +37,8 @@ BEFORE_ASSEMBLING: Final = frozenset({ShowPhase.COUNTDOWN, ShowPhase.PREFLIGHT, 
 POOR_LINK: Final = Limit(on=0.7, off=0.85)
 """Share of the requested position messages that arrive."""
 
-TOO_SMALL: Final = Limit(on=1.02, off=1.0)
-"""Least radius at the accuracy that the vehicles report now, as a share of the radius."""
-
 CLOSE: Final = Limit(on=1.0, off=1.05)
 """Distance as a share of the minimum, in the metric in which the ellipsoid is a sphere."""
-
-WIDE_M: Final = Limit(on=1.5, off=0.8)
-"""Margin of a pair on top of the usual one, because vehicles do not reach their velocities."""
 
 LEVEL: Final = {
     AlarmSeverity.EMERGENCY: logging.ERROR,
@@ -73,6 +67,8 @@ WAIT_FOR_A_COMMAND: Final = (
 """Advice where a stall or restart of this service explains the mode: the vehicles themselves are in order."""
 
 SENDS_NOTHING: Final = "The service sends nothing to [it|them]."
+
+KEEP_CLEAR: Final = "Other vehicles keep clear of where [it was|they were]."
 
 FLOWN_ON: Final = "[It is|They are] flown on."
 
@@ -165,8 +161,9 @@ class AlarmMonitor:
         self._due_s = -np.inf
         self._poor = np.zeros(len(self.flight.vehicles), np.bool_)
         self._pairs = ClosePairs()
-        self._is_small = np.zeros(1, np.bool_)
-        self._wide = np.zeros(1, np.bool_)
+        self._accuracy = AccuracyAlarms(self.flight)
+        self._texts: Sequence[Sequence[StatusText]] = ()  # as of the last round, and the urgent ones of these
+        self._urgent: list[tuple[int, StatusText]] = []
 
     @property
     def alarms(self) -> tuple[Alarm, ...]:
@@ -183,8 +180,10 @@ class AlarmMonitor:
             *self._of_distances(tick),
             *_of_the_centre(tick),
             *of_routes(tick, self._ids(tick)),
-            *self._of_the_radius(),
-            *self._of_authority(tick),
+            *self._accuracy.of_positions(findings.failsafes),
+            *self._accuracy.of_the_radius(),
+            *self._accuracy.of_authority(tick),
+            *self._of_texts(),
             *_of_failsafes(findings.failsafes),
             *self._of_links(findings),
             *self._of_timecode(),
@@ -225,7 +224,8 @@ class AlarmMonitor:
                 because, _, advice = vehicle.reason.removeprefix(f"{vehicle.id} ").partition(". ")
                 if vehicle.cause in {None, FailsafeCause.UNKNOWN}:
                     why = because.removesuffix(".")  # the cause's advice says what to do
-                    yield Condition(AlarmCause.OUTSIDE_CONTROL, why, ids, SENDS_NOTHING)
+                    advice = BLIND if self.flight.fleet.doubtful[vehicle.row] else ""
+                    yield Condition(AlarmCause.OUTSIDE_CONTROL, why, ids, SENDS_NOTHING, advice)
                     continue
                 critical = vehicle.cause is FailsafeCause.CRITICAL_BATTERY
                 severity = AlarmSeverity.EMERGENCY if critical else None
@@ -235,15 +235,29 @@ class AlarmMonitor:
                 yield self._of_a_kill(vehicle)
 
     def _of_a_kill(self, vehicle: Vehicle) -> Condition:
-        """Distinguish a kill that has not taken effect from one that has."""
+        """Distinguish a kill that has not taken effect from one that has, and both from a termination."""
+        if vehicle.cause is FailsafeCause.TERMINATION:
+            return Condition(AlarmCause.TERMINATED, TERMINATED, (vehicle.id,), KEEP_CLEAR)
         kills = (command for command in self.flight.book.newest() if command.action == "kill")
         command = next((command for command in kills if vehicle.id in command.outcomes), None)
         because, command_id = "motors stopped on command", None
         if command is not None:
             outcome, command_id = command.outcomes[vehicle.id].outcome, command.id
             because = f"{KILL_OUTCOMES.get(outcome, because)} by {command.by}"
-        consequence = "Other vehicles keep clear of where [it was|they were]."
-        return Condition(AlarmCause.KILLED, because, (vehicle.id,), consequence, command_id=command_id)
+        return Condition(AlarmCause.KILLED, because, (vehicle.id,), KEEP_CLEAR, command_id=command_id)
+
+    def _of_texts(self) -> Iterator[Condition]:
+        """Yield what autopilots of flying vehicles ask of the operator in their texts."""
+        flight, texts = self.flight, self.flight.telemetry.texts
+        if texts is not self._texts:
+            self._texts = texts
+            newest = ((row, text) for row, own in enumerate(texts) for text in own)
+            self._urgent = [each for each in newest if meaning_of(each[1].text) is Meaning.LAND_NOW]
+        for row, text in self._urgent:
+            vehicle, age_s = flight.at_row(row), flight.fleet.time_s - text.time_s
+            if vehicle.phase in FLIES and age_s <= TEXTS_COUNT_S:
+                words = text.text.rstrip(".")
+                yield Condition(AlarmCause.LAND_NOW, f'"{words}"', (vehicle.id,), about=words)
 
     def _of_distances(self, tick: Tick) -> Iterator[Condition]:
         floor, pairs = tick.floor, self._pairs
@@ -256,43 +270,6 @@ class AlarmMonitor:
 
     def _ids(self, tick: Tick) -> tuple[VehicleId, ...]:
         return self.flight.fleet.ids + tick.elsewhere
-
-    def _of_the_radius(self) -> Iterator[Condition]:
-        """Yield a radius that the service would refuse now: the accuracy was better when it was set."""
-        flight = self.flight
-        formed = flight.in_phase(Phase.FORMATION) if flight.show in SHOW_FLIES else []
-        uncertainty_m = flight.in_formation_m(formed)
-        about = len(uncertainty_m), flight.control.safety, uncertainty_m
-        radius_m = flight.plan.formation.radius_m
-        needed = smallest_formation_radius_m(*about) / radius_m if formed else 0.0
-        self._is_small = beyond(self._is_small, np.array([needed]), TOO_SMALL)
-        if self._is_small[0]:
-            because = f"{radius_m:g} m are set, the safety filter needs {radius_allowed(*about)}"
-            consequence = "It keeps the vehicles apart, and holds them off their places."
-            yield Condition(AlarmCause.RADIUS_SMALL, because, consequence=consequence)
-
-    def _of_authority(self, tick: Tick) -> Iterator[Condition]:
-        """Yield that vehicles do not reach their velocities, and those with a lowered speed limit."""
-        authority, safety = tick.memory.authority, self.flight.control_now.safety
-        wider_m = safety.floor.worst_reserve_m(authority.wander_m(safety.authority))
-        self._wide = beyond(self._wide, np.array([wider_m]), WIDE_M)
-        if self._wide[0]:
-            off_m_s = authority.fleet_wander_m_s
-            because = f"{off_m_s:.1f} m/s off on average, by wind or gusts"
-            consequence = f"Pairs keep up to {wider_m:.1f} m more than usual."
-            yield Condition(AlarmCause.LITTLE_AUTHORITY, because, consequence=consequence)
-        fastest_m_s = np.minimum(self.flight.traits.speed_max_m_s, safety.limits.horizontal_m_s)
-        for row in np.flatnonzero(authority.slow[: len(fastest_m_s)]).tolist():
-            reached_m_s = authority.speed_max_m_s[row]
-            because = f"reaches {reached_m_s:.1f} of {fastest_m_s[row]:g} m/s"
-            consequence = "[Its limit is|Their limits are] lowered until [it is|they are] faster again."
-            yield Condition(AlarmCause.SLOW_VEHICLE, because, (self.flight.fleet.ids[row],), consequence)
-        least_m_s2 = slowest_m_s2(self.flight.traits.response)
-        for row in np.flatnonzero(tick.memory.answers.slow[: len(fastest_m_s)]).tolist():
-            vehicle = self.flight.at_row(row)
-            because = f"{vehicle.autopilot.title}, less than {least_m_s2[row]:.1f} m/s^2"
-            consequence = "[Its stops|Their stops] may be longer than the safety filter counts on."
-            yield Condition(AlarmCause.SLOW_ANSWERS, because, (vehicle.id,), consequence)
 
     def _of_timecode(self) -> Iterator[Condition]:
         flight, show_run = self.flight, self.flight.show_run

@@ -121,6 +121,8 @@ _in_formation = lru_cache(maxsize=4)(Tasks.of_formation)
 class Fleet:
     """The runtime state of one fleet. Changed on the event loop only."""
 
+    accepted: tuple[VehicleId, ...] = ()  # the vehicles that the last start sent up
+
     def __init__(
         self,
         config: Config,
@@ -363,6 +365,7 @@ class Fleet:
             setpoint_loss_action=alone.action if (alone := vehicle.without_setpoints).changes_mode else "",
             position_age_s=float(self.fleet.age_s[vehicle.row]),
             beyond_fence=vehicle.autopilot.beyond_fence(int(telemetry.unhealthy_sensors[at])),
+            position_doubtful=bool(self.fleet.doubtful[at]),
         )
 
     def note_setpoints(self) -> None:
@@ -472,6 +475,12 @@ class Fleet:
             their_m, their_charge = self.site.formed_m()
             here_m, charge = np.concatenate([here_m, their_m]), np.concatenate([charge, their_charge])
         return stands(here_m - center.position_m, radius_m, charge)
+
+    @property
+    def reached(self) -> str:
+        """That the formation is reached, and which vehicles of the start are not in it."""
+        absent = [name for name in self.accepted if self.vehicles[name].phase is not Phase.FORMATION]
+        return f"formation reached, without {', '.join(absent)}" if absent else "formation reached"
 
     def vehicle(self, vehicle_id: VehicleId) -> Vehicle:
         """Return the vehicle with this id. Raises: UnknownError."""

@@ -198,7 +198,8 @@ class Recovery:
             elif vehicle.phase is Phase.PILOT and not self._wrong:
                 shown = self._remaining(name, before)
                 if shown.waits:
-                    vehicle.reason = left_by(found.cause, self.flight.mode(vehicle))
+                    alone, mode = vehicle.without_setpoints, self.flight.mode(vehicle)
+                    vehicle.reason = left_by(found.cause, mode, changes_mode=alone.changes_mode)
                 elif vehicle.reason.startswith(found.cause):
                     vehicle.reason = shown.text
 

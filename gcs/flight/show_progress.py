@@ -104,7 +104,7 @@ class ShowProgress:
             if all(vehicle.phase in {Phase.RETURN, Phase.LANDING} for vehicle in busy):
                 self._all_have_taken_off()
         elif flight.show is ShowPhase.ASSEMBLING and flight.assembled() and not self.show_player.begin.waits:
-            flight.move_show(ShowEvent.ASSEMBLED, "formation reached")
+            flight.move_show(ShowEvent.ASSEMBLED, flight.reached)
         elif (
             (show_run := flight.show_run) is not None
             and self.show_player.leads

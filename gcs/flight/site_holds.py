@@ -99,4 +99,4 @@ class SiteHolds:
         if show is ShowPhase.PAUSED and flight.show in FORMED and not self._waits_for:
             self._wait_for(lead.name, f"the leading station {lead.name} holds")
         elif show is ShowPhase.RUNNING and flight.show is ShowPhase.ASSEMBLING:
-            flight.move_show(ShowEvent.ASSEMBLED, "formation reached")
+            flight.move_show(ShowEvent.ASSEMBLED, flight.reached)

@@ -117,10 +117,12 @@ class StallRecovery:
             vehicle = flight.vehicles[name]
             if vehicle.phase is not Phase.PILOT or name in known or vehicle.cause in OTHER_FAILSAFES:
                 continue
-            facts, action = flight.inputs(vehicle), vehicle.without_setpoints.action
-            explained = is_left_alone(Phase.FORMATION, facts.mode, action, in_failsafe=facts.in_failsafe)
+            facts, alone = flight.inputs(vehicle), vehicle.without_setpoints
+            explained = is_left_alone(
+                Phase.FORMATION, facts.mode, alone.action, in_failsafe=facts.in_failsafe
+            )
             if facts.mode is not Mode.OFFBOARD and explained:
-                vehicle.reason = left_by(stall.flown.cause, facts.mode)
+                vehicle.reason = left_by(stall.flown.cause, facts.mode, changes_mode=alone.changes_mode)
                 fallen[name] = before
         return fallen
 

@@ -106,7 +106,7 @@ class Starting:
             left_out = left_out | {name: STANDS_BY}
             flight.book.close(record.id, name, Outcome.DONE, STANDS_BY)
         chosen = flies
-        flight.left_behind = left_out
+        flight.left_behind, flight.accepted = left_out, tuple(chosen)
         flight.move_show(ShowEvent.START, "checks every vehicle")
         flight.move_show(ShowEvent.CHECKED, f"{len(chosen)} vehicles take off one after the other")
         for turn, name in enumerate(chosen):

@@ -156,7 +156,7 @@ class TelemetryMonitor:
         alone = vehicle.without_setpoints
         lost_holds = alone.changes_mode and alone.action == "hold"
         if vehicle.observe(status, lost_holds=lost_holds):
-            if vehicle.phase in {Phase.LOST, Phase.PILOT}:
+            if vehicle.phase in {Phase.LOST, Phase.PILOT, Phase.KILLED}:
                 self.maneuvers.stop(vehicle, f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}")
             return
         self._note_heartbeats(vehicle, lacks)

@@ -9,7 +9,7 @@ from operator import attrgetter
 from typing import Any, ClassVar, TypeAlias
 
 from gcs.control import Task
-from gcs.failsafe.autopilot_failsafe import FailsafeCause
+from gcs.failsafe.autopilot_failsafe import TERMINATED, FailsafeCause
 from gcs.links.autopilots import DEFAULT, Autopilot
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import AIRBORNE, FLOWN, Event, Phase, ShowPhase, advance
@@ -70,7 +70,7 @@ class Vehicle:
     handed_over: bool = False  # in LANDING, the autopilot's own LAND touches down
     pilot_in_control: bool = False  # or its own failsafe, until handed back, silent or not
     try_again_s: float = 0.0  # earliest time of the next automatic attempt
-    cause: FailsafeCause | None = None  # while PILOT: why it is in its mode
+    cause: FailsafeCause | None = None  # while PILOT: why it is in its mode; while KILLED: without a command
     rejoins: bool = False  # lost from the formation, and nothing commanded since
     _explained: tuple[Mode, bool] | None = None
     modes: frozenset[Mode] = field(default_factory=frozenset)  # those that a command explains
@@ -164,11 +164,19 @@ class Vehicle:
             status: at this tick.
             lost_holds: whether its failsafe has it hold, so that HOLD after a silence needs no pilot.
         """
+        if self._terminates(status):
+            self.apply(Event.KILL, f"{self.id} falls: {TERMINATED}")
+            self.cause = FailsafeCause.TERMINATION
+            return True
         event = self._noticed(status, lost_holds=lost_holds)
         if event is None:
             return False
         self.apply(*event)
         return True
+
+    def _terminates(self, status: VehicleStatus) -> bool:
+        flew = self.phase in AIRBORNE | {Phase.PILOT, Phase.LOST}
+        return flew and status.mode is Mode.TERMINATED and not status.silent
 
     def _noticed(self, status: VehicleStatus, *, lost_holds: bool) -> tuple[Event, str] | None:
         if status.silent:
@@ -179,6 +187,7 @@ class Vehicle:
         if self.phase is Phase.LOST:
             return self._received_again(status, lost_holds=lost_holds)
         flies = status.armed and status.landed is not Landed.ON_GROUND  # unknown is not "on the ground"
+        flies = flies and status.mode is not Mode.TERMINATED  # it lies, and may not know that it is down
         if self.phase is Phase.OFFLINE:
             if status.landed is Landed.UNKNOWN:
                 self.reason = "received, but it does not report yet whether it flies"

@@ -13,7 +13,7 @@ from gcs.mavlink import framing
 from gcs.mavlink.codec import frame
 from gcs.mavlink.framing import TextChunk
 from gcs.mavlink.kernels import Bytes, Whole
-from gcs.mavlink.reports import OTHER_MODE, UNKNOWN_MODE, Columns, read_reports
+from gcs.mavlink.reports import OTHER_MODE, TERMINATED_MODE, UNKNOWN_MODE, Columns, read_reports
 from gcs.model.state import Array, Landed, Mask, Mode, StatusText, Telemetry, VehicleId
 
 Value = TypeVar("Value")
@@ -42,10 +42,15 @@ class _Reported(Generic[Value]):
             self._column, self.values = now, tuple(self._values_of(column.tolist()))
 
 
+_NOT_AN_AUTOPILOTS: Final = {
+    UNKNOWN_MODE: Mode.UNKNOWN,
+    OTHER_MODE: Mode.OTHER,
+    TERMINATED_MODE: Mode.TERMINATED,
+}
+
+
 def mode_of(autopilot: Autopilot, custom_mode: int) -> Mode:
-    if custom_mode in {UNKNOWN_MODE, OTHER_MODE}:
-        return Mode.UNKNOWN if custom_mode == UNKNOWN_MODE else Mode.OTHER
-    return autopilot.mode(custom_mode)
+    return _NOT_AN_AUTOPILOTS.get(custom_mode) or autopilot.mode(custom_mode)
 
 
 class StatusTexts:

@@ -69,7 +69,6 @@ _BASE_MODE_AT: Final = 6  # in HEARTBEAT
 PARAM_VALUE: Final = 22
 FAILSAFE_STATES: Final = (5, 6)
 """MAV_STATE_CRITICAL and _EMERGENCY: autopilots report these while a failsafe of their own acts."""
-FIX_3D: Final = 3
 UNKNOWN_DILUTION: Final = 0xFFFF
 METRES_PER_DILUTION: Final = (1.3, 1.6)
 """For receivers that report no accuracy (eph and epv are dilutions times 100): as PX4's recorded 0.9 m and

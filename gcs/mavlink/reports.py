@@ -14,10 +14,12 @@ from gcs.mavlink import framing
 from gcs.mavlink.codec import AUTOPILOT_COMPONENT, layout
 from gcs.mavlink.kernels import COMPONENT, FRAME_COLUMNS, LENGTH, MESSAGE, PAYLOAD, Bytes, Number, Whole
 from gcs.model.jit import kernel, kernel_within
-from gcs.model.state import Array, Landed, Mask
+from gcs.model.state import FIX_3D, Array, Landed, Mask
 
-UNKNOWN_MODE, OTHER_MODE = -1, -2
-"""Custom modes that no autopilot sends: none received yet, and one that is not the autopilot's own."""
+UNKNOWN_MODE, OTHER_MODE, TERMINATED_MODE = -1, -2, -3
+"""Custom modes that no autopilot sends: none received yet, one that is not the autopilot's own, and whatever
+mode it is in while it is armed and has stopped its motors.
+"""
 
 SILENT_AFTER_S: Final = 3.0
 """A system without frames for this long counts as gone: nothing is sent to it, and its address may change. A
@@ -37,9 +39,10 @@ _REBOOTED_MS: Final = 1000
 
 _LANDED_STATES: Final = len(Landed)
 _CRITICAL, _EMERGENCY = framing.FAILSAFE_STATES
+_TERMINATED: Final = int(dialect.MAV_STATE_FLIGHT_TERMINATION)
 _IN_USE: Final = framing.SENSORS | framing.GEOFENCE
 _AHRS, _PREARM = framing.AHRS, framing.PREARM_CHECK
-_FIX_3D, _UNKNOWN_DILUTION = framing.FIX_3D, framing.UNKNOWN_DILUTION
+_UNKNOWN_DILUTION: Final = framing.UNKNOWN_DILUTION
 _HORIZONTAL_M, _VERTICAL_M = framing.METRES_PER_DILUTION
 _UNIX_KNOWN_S: Final = framing.UNIX_KNOWN_S
 
@@ -204,7 +207,11 @@ def _note_heartbeat(
     _set(into.autopilot, row, _unsigned(data, start + _BEAT_AUTOPILOT, end, 1), into.changes)
     _set(into.armed, row, armed, into.changes)
     _set(into.in_failsafe, row, armed and state in (_CRITICAL, _EMERGENCY), into.changes)
-    _set(into.custom_mode, row, mode if base & _CUSTOM else np.int64(OTHER_MODE), into.changes)
+    if not base & _CUSTOM:
+        mode = np.int64(OTHER_MODE)
+    if armed and state == _TERMINATED:
+        mode = np.int64(TERMINATED_MODE)
+    _set(into.custom_mode, row, mode, into.changes)
 
 
 @kernel_within
@@ -231,7 +238,7 @@ def _note_fix(data: Bytes, start: Number, end: Number, row: Number, into: Column
     reported = (_unsigned(data, start + _GPS_H_ACC, end, 4), _unsigned(data, start + _GPS_V_ACC, end, 4))
     metres = (_HORIZONTAL_M, _VERTICAL_M)
     for axis in range(2):
-        if fix_type < _FIX_3D:
+        if fix_type < FIX_3D:
             into.accuracy_m[row, axis] = np.inf
         elif reported[axis] != 0:
             into.accuracy_m[row, axis] = reported[axis] / 1000

@@ -158,9 +158,16 @@ def is_left_alone(before: Phase, mode: Mode, setpoint_loss_action: str, *, in_fa
     return mode in ours
 
 
-def left_by(cause: str, mode: Mode) -> str:
-    """Why a vehicle that this station flew is in a mode that its autopilot chose, in words."""
-    return f"{cause}; in mode {mode} by the setpoint-loss failsafe"
+def left_by(cause: str, mode: Mode, *, changes_mode: bool) -> str:
+    """Why a vehicle that this station flew is in its mode, in words.
+
+    `changes_mode`: its autopilot has a failsafe for lost setpoints, which chose the mode.
+    """
+    if changes_mode:
+        return f"{cause}; in mode {mode} by the setpoint-loss failsafe"
+    if mode is Mode.OFFBOARD:
+        return f"{cause}; in mode {mode}, in which it hovers without setpoints"
+    return f"{cause}; in mode {mode} by a failsafe of its own"
 
 
 def remaining(

@@ -5,7 +5,7 @@ show's heading, y to its right, z down; see ``gcs.model.frames``.
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from enum import IntEnum, StrEnum
 from typing import Annotated, Final, TypeAlias
 
@@ -25,6 +25,9 @@ VehicleId: TypeAlias = str
 TINY = 1e-9
 """A shorter vector has no direction."""
 
+FIX_3D: Final = 3
+"""Least GPS_FIX_TYPE with which positions are trusted."""
+
 
 class Mode(StrEnum):
     """Flight mode as the autopilot's heartbeat reports it; OTHER is any mode this station never commands."""
@@ -40,6 +43,7 @@ class Mode(StrEnum):
     LAND = "land"
     POSITION = "position"
     OTHER = "other"
+    TERMINATED = "terminated"  # whatever its own mode is: it has stopped its motors in flight
 
 
 class Landed(IntEnum):
@@ -52,7 +56,7 @@ class Landed(IntEnum):
     LANDING = 4
 
 
-def freeze(array: Array | Bits, shape: tuple[int, ...], what: str) -> None:
+def freeze(array: Array | Bits | Mask, shape: tuple[int, ...], what: str) -> None:
     """Check an array's shape, and make the array read-only.
 
     Raises: ShapeError, naming `what`, when the shape differs.
@@ -132,10 +136,16 @@ class FleetState:
     velocity_m_s: Array  # (n, 3)
     yaw_rad: Array  # (n,) from the show's x axis, towards y
     age_s: Array  # (n,) since the newest position arrived, inf before the first
+    doubtful: Mask = field(  # (n,) its positions are not to be trusted: no 3D fix; empty: they all are
+        default_factory=lambda: np.zeros(0, np.bool_)
+    )
 
     def __post_init__(self) -> None:
         n = len(self.ids)
+        if not len(self.doubtful):
+            object.__setattr__(self, "doubtful", np.zeros(n, np.bool_))
         freeze(self.position_m, (n, 3), "position_m")
+        freeze(self.doubtful, (n,), "doubtful")
         freeze(self.velocity_m_s, (n, 3), "velocity_m_s")
         freeze(self.yaw_rad, (n,), "yaw_rad")
         freeze(self.age_s, (n,), "age_s")

@@ -4,7 +4,10 @@ Beside every vehicle a laggard is computed, which does so just fast enough:
 
     f' = (allowed - f) / late_s              the allowed velocity, late
     g' = towards f, |g'| <= LAGGARD a        a: the acceleration that the profile names
-    behind = |f - measured| - |f - g|        by how much the vehicle is farther from f than its laggard
+    behind = the less of |f - measured| - |f - g| and |allowed - measured| - |allowed - g|
+
+So a vehicle is behind if it is farther than its laggard from both: one that answers sooner than f is nearer
+to the allowed velocity, one that answers later over its link is nearer to f.
 """
 
 from dataclasses import dataclass
@@ -129,7 +132,9 @@ def _compared(
         share = min(1.0, ramp_m_s2[i] * dt_s / max(left_m_s, TINY))
         for k in range(3):
             laggard_m_s[i, k] += share * (late_m_s[i, k] - laggard_m_s[i, k])
-        over_m_s = _apart(i, late_m_s, velocity_m_s) - (1.0 - share) * left_m_s
+        late_over_m_s = _apart(i, late_m_s, velocity_m_s) - (1.0 - share) * left_m_s
+        over_m_s = _apart(i, allowed_m_s, velocity_m_s) - _apart(i, allowed_m_s, laggard_m_s)
+        over_m_s = min(over_m_s, late_over_m_s)
         behind_s[i] = _next(behind_s[i], over_m_s > behind_m_s, dt_s)
     return late_m_s, laggard_m_s, behind_s
 

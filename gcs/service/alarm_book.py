@@ -214,6 +214,7 @@ def _alarm(row: CauseRow, active: dict[VehicleId | None, Condition]) -> Alarm:
     because, many = "; ".join(reasons), len(vehicles) > 1
     subject = f"{'Vehicles' if many else 'Vehicle'} " if len(vehicles) <= NAMED_MAX else ""
     headline = row.headline.format(vehicles=f"{subject}{named(vehicles)}", about=worst.about)
+    headline = for_number(headline, many=many)
     follows = for_number(" ".join(dict.fromkeys(one.consequence for one in conditions)), many=many).strip()
     first = f"{headline}: {because}" if because else headline
     return Alarm(

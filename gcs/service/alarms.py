@@ -34,6 +34,7 @@ class AlarmCause(StrEnum):
     """Cause of an alarm."""
 
     KILLED = "killed"
+    TERMINATED = "terminated"
     CONTROL_STOPPED = "control-stopped"
     TOO_CLOSE = "too-close"
     VEHICLES_LOST = "vehicles-lost"
@@ -42,6 +43,7 @@ class AlarmCause(StrEnum):
     VEHICLE_LOST = "vehicle-lost"
     LOW_BATTERY = "low-battery"
     BAD_POSITION = "bad-position"
+    LAND_NOW = "land-now"
     WIND = "wind"
     LINKS_LATE = "links-late"
     SERVICE_LATE = "service-late"
@@ -58,6 +60,7 @@ class AlarmCause(StrEnum):
     NO_HEADWAY = "no-headway"
     NO_WAY = "no-way"
     RADIUS_SMALL = "radius-small"
+    UNCERTAIN_POSITION = "uncertain-position"
     LITTLE_AUTHORITY = "little-authority"
     SLOW_VEHICLE = "slow-vehicle"
     SLOW_ANSWERS = "slow-answers"
@@ -79,7 +82,9 @@ class CauseRow:
     """Properties shared by all alarms of one cause."""
 
     severity: AlarmSeverity
-    headline: str  # start of the text; {vehicles} is "Vehicle d3" or "Vehicles d3, d4", {about} the object
+    headline: (
+        str  # start of the text, as `for_number` takes it; {vehicles} is "Vehicle d3", {about} the object
+    )
     advice: str  # as `for_number` takes it
     on_after_s: float = 0.0  # the condition must hold for this time
     off_after_s: float = 1.0  # and be absent for this time: if it returns sooner, it is the same alarm
@@ -93,6 +98,13 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "{vehicles} killed",
         "Keep people away from where [it|they] may lie. When [it was|they were] seen on the ground:"
         " confirm-down.",
+        off_after_s=0.0,
+    ),
+    AlarmCause.TERMINATED: CauseRow(
+        E,
+        "{vehicles} falling",
+        "Keep people away from where [it comes down|they come down]. When [it was|they were] seen on the"
+        " ground: confirm-down.",
         off_after_s=0.0,
     ),
     AlarmCause.CONTROL_STOPPED: CauseRow(
@@ -128,6 +140,11 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         W,
         "{vehicles} without a trusted position",
         "Watch [it; land it where it is if it drifts|them; land those that drift where they are].",
+    ),
+    AlarmCause.LAND_NOW: CauseRow(
+        W,
+        "{vehicles} asked to land by the autopilot",
+        "Land [it|them].",
     ),
     AlarmCause.WIND: CauseRow(W, "Too much wind", "Bring the show home if the wind does not drop."),
     AlarmCause.SERVICE_LATE: CauseRow(
@@ -193,6 +210,12 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         C,
         "Radius too small for the accuracy of the positions",
         "Enlarge the radius, or bring the show home.",
+        on_after_s=2.0,
+    ),
+    AlarmCause.UNCERTAIN_POSITION: CauseRow(
+        C,
+        "{vehicles} uncertain of [its position|their positions]",
+        "Let [it|them] come home; check [its receiver|their receivers].",
         on_after_s=2.0,
     ),
     AlarmCause.LITTLE_AUTHORITY: CauseRow(

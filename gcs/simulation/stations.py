@@ -168,8 +168,10 @@ class SimulatedStations:
 
 def _rows_of(fleet: FleetState, rows: NDArray[np.intp]) -> FleetState:
     ids = tuple(fleet.ids[row] for row in rows.tolist())
-    columns = (fleet.position_m, fleet.velocity_m_s, fleet.yaw_rad, fleet.age_s)
-    return FleetState(fleet.time_s, ids, *(column[rows] for column in columns))
+    position_m, velocity_m_s, yaw_rad, age_s = (
+        column[rows] for column in (fleet.position_m, fleet.velocity_m_s, fleet.yaw_rad, fleet.age_s)
+    )
+    return FleetState(fleet.time_s, ids, position_m, velocity_m_s, yaw_rad, age_s, fleet.doubtful[rows])
 
 
 def _tasks_of(tasks: Tasks, rows: NDArray[np.intp]) -> Tasks:

@@ -36,7 +36,7 @@ export const PHASES = [
 export type Phase = (typeof PHASES)[number];
 
 /** In the order of gcs/model/state.py. */
-export const MODES = ["unknown", "ready", "takeoff", "hold", "offboard", "return", "land", "position", "other"] as const;
+export const MODES = ["unknown", "ready", "takeoff", "hold", "offboard", "return", "land", "position", "other", "terminated"] as const;
 export type Mode = (typeof MODES)[number];
 
 /** In the order of gcs/model/lifecycle.py: a frame's header counts here. */

@@ -31,6 +31,7 @@ _MODES: Final = MappingProxyType(
         (4, 5): Mode.RETURN,
         (4, 6): Mode.LAND,
         (6, 0): Mode.OFFBOARD,
+        (10, 0): Mode.TERMINATED,
     }
 )
 """By main and sub mode."""

@@ -18,6 +18,7 @@ class ReportedVehicle:
     def __init__(self) -> None:
         self.table = Table(("a",), FRAME)
         self.time_s = 100.0
+        self.resets = 0  # as its estimator counts them
 
     def tell(
         self,
@@ -26,6 +27,7 @@ class ReportedVehicle:
         armed: bool = True,
         velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
         nowhere: bool = False,
+        fix: float = 3.0,
     ) -> FleetState:
         """One message, and the tick that follows at once."""
         self.time_s += STEP_S
@@ -53,8 +55,8 @@ class ReportedVehicle:
                     horizontal_accuracy_m=np.full(1, np.nan),
                     vertical_accuracy_m=np.full(1, np.nan),
                     reboot_count=(0,) * 1,
-                    position_resets=(0,) * 1,
-                    fix_type=np.full(1, 3.0),
+                    position_resets=(self.resets,),
+                    fix_type=np.full(1, fix),
                     unhealthy_sensors=np.zeros(1, np.int64),
                     clock_base_s=np.zeros(1),
                     texts=((),) * 1,
@@ -206,3 +208,44 @@ def test_same_message_evaluated_twice_gives_the_same_result(received: ReportedVe
     again = received.tell(THERE)
     assert again.age_s.tolist() == first.age_s.tolist()
     assert again.position_m.tolist() == first.position_m.tolist()
+
+
+def reset_times_s(
+    received: ReportedVehicle, places: list[tuple[float, float, float]], counted: int
+) -> set[float]:
+    """Times since the first of these places at which a reset began; the counter goes up at one of them."""
+    began_s, found = received.time_s + STEP_S, set()
+    for index, place in enumerate(places):
+        received.resets += index == counted
+        received.tell(place)
+        found.add(round(float(received.table.reset_time_s[0]) - began_s, 3))
+    return found - {-np.inf}
+
+
+MOVED = (HERE[0] + 0.5, HERE[1], HERE[2])
+FAR = (HERE[0] + 3.0, HERE[1], HERE[2])
+
+
+def test_counted_reset_that_moves_nothing_is_none(received: ReportedVehicle) -> None:
+    """As after every take-off of a real PX4: of its heading."""
+    assert reset_times_s(received, [HERE] * 20, counted=3) == set()
+
+
+@pytest.mark.parametrize("counted", [1, 5, 9])
+@pytest.mark.parametrize("place", [MOVED, FAR])
+def test_jump_and_its_counter_are_one_reset(
+    received: ReportedVehicle, place: tuple[float, float, float], counted: int
+) -> None:
+    found = reset_times_s(received, [HERE] * 5 + [place] * 15, counted)
+    small_and_later = place is MOVED and counted > 5
+    assert found == {STEP_S * (counted if small_and_later else 5)}
+
+
+def test_small_step_without_a_counter_is_no_reset(received: ReportedVehicle) -> None:
+    assert reset_times_s(received, [HERE] * 5 + [MOVED] * 15, counted=99) == set()
+
+
+def test_positions_without_a_3d_fix_are_doubtful(received: ReportedVehicle) -> None:
+    assert received.tell(HERE).doubtful.tolist() == [False]
+    assert received.tell(HERE, fix=2.0).doubtful.tolist() == [True]
+    assert received.tell(HERE, fix=np.nan).doubtful.tolist() == [False], "indoors none may be reported"

@@ -50,6 +50,12 @@ LANDS = replace(INPUTS, mode=Mode.LAND)
         (replace(LANDS, texts=("No valid local position estimate",)), FailsafeCause.POSITION_LOSS),
         (replace(LANDS, position_age_s=9.0), FailsafeCause.POSITION_LOSS),
         (replace(INPUTS, mode=Mode.RETURN, texts=("Manual control lost",)), FailsafeCause.RC_LOSS),
+        (replace(LANDS, position_doubtful=True), FailsafeCause.POSITION_LOSS),
+        (replace(INPUTS, mode=Mode.OTHER, position_doubtful=True), FailsafeCause.POSITION_LOSS),
+        (replace(INPUTS, position_doubtful=True), FailsafeCause.SETPOINT_LOSS),  # it holds: it has one
+        (replace(LANDS, in_failsafe=False, position_doubtful=True), FailsafeCause.UNKNOWN),
+        (replace(INPUTS, mode=Mode.TERMINATED), FailsafeCause.TERMINATION),
+        (replace(LANDS, texts=("Compass needs calibration - Land now!",)), FailsafeCause.OTHER),
         (replace(INPUTS, mode=Mode.RETURN), FailsafeCause.OTHER),
         (replace(INPUTS, in_failsafe=False), FailsafeCause.UNKNOWN),
         (replace(LANDS, in_failsafe=False, texts=("Landing at current position",)), FailsafeCause.UNKNOWN),
@@ -127,6 +133,25 @@ def test_control_is_refused_only_where_it_would_stop_a_landing() -> None:
     hovers = replace(INPUTS, battery_remaining=0.05)
     assert control_refusal("d1", hovers) == "", "nothing else brings it down"
     assert described("d1", cause_of(hovers), hovers).endswith("Take control, and land it.")
+
+
+def test_blind_vehicle_is_left_alone_in_words_and_deeds() -> None:
+    blind = replace(LANDS, position_doubtful=True)
+    text = described("d1", cause_of(blind), blind)
+    assert "position-loss failsafe. It cannot be steered without a position" in text
+    refusal = control_refusal("d1", blind)
+    assert "no 3D fix" in refusal
+    assert "leave it to its autopilot" in refusal
+    by_hand = replace(blind, mode=Mode.OTHER, in_failsafe=False)
+    assert "its pilot lands it" in control_refusal("d1", by_hand)
+    assert "cannot be steered" in described("d1", cause_of(by_hand), by_hand)
+    assert not lost_on_the_way(FailsafeCause.SETPOINT_LOSS, replace(INPUTS, position_doubtful=True))
+
+
+def test_pilot_who_moved_the_sticks_is_named() -> None:
+    taken = replace(INPUTS, mode=Mode.POSITION, in_failsafe=False, texts=("Pilot took over using sticks",))
+    text = described("d1", cause_of(taken), taken)
+    assert text.endswith("its pilot took over with the sticks. Take control when the pilot agrees.")
 
 
 def test_newly_started_station_does_not_blame_the_link() -> None:

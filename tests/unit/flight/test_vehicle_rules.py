@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from gcs.control import Task
+from gcs.failsafe.autopilot_failsafe import FailsafeCause
 from gcs.flight.vehicle import Vehicle, VehicleStatus, require_phase
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import AIRBORNE, Event, Phase, ShowPhase
@@ -105,7 +106,7 @@ def test_motors_off_means_on_the_ground_in_any_mode(phase: Phase) -> None:
     assert subject.phase is Phase.STANDBY
 
 
-@pytest.mark.parametrize("mode", sorted(Mode))
+@pytest.mark.parametrize("mode", sorted(set(Mode) - {Mode.TERMINATED}))
 def test_piloted_vehicle_stays_piloted_in_every_mode(mode: Mode) -> None:
     subject = vehicle(Phase.PILOT)
     assert not subject.observe(status(mode=mode))
@@ -134,7 +135,7 @@ def test_lost_vehicle_back_in_a_commanded_mode_is_not_piloted(mode: Mode) -> Non
     assert subject.phase is Phase.LOST
 
 
-@pytest.mark.parametrize("mode", sorted(set(Mode) - {Mode.OFFBOARD, Mode.HOLD}))
+@pytest.mark.parametrize("mode", sorted(set(Mode) - {Mode.OFFBOARD, Mode.HOLD, Mode.TERMINATED}))
 def test_lost_vehicle_back_in_an_uncommanded_mode_is_piloted(mode: Mode) -> None:
     subject = vehicle(Phase.LOST)
     subject.modes = frozenset({Mode.OFFBOARD})
@@ -252,7 +253,7 @@ def test_landing_from_climb_or_after_handover_needs_no_setpoint(
     assert subject.comes_down_alone is alone
 
 
-@pytest.mark.parametrize("mode", sorted(Mode))
+@pytest.mark.parametrize("mode", sorted(set(Mode) - {Mode.TERMINATED}))
 def test_piloted_before_a_silence_is_piloted_after_it(mode: Mode) -> None:
     subject = vehicle(Phase.FORMATION)
     assert subject.observe(status(mode=Mode.POSITION))
@@ -289,3 +290,24 @@ def test_lost_vehicle_in_uncommanded_offboard_is_piloted() -> None:
     subject = vehicle(Phase.LOST, modes=frozenset({Mode.HOLD}))
     assert subject.observe(status(mode=Mode.OFFBOARD))
     assert subject.phase is Phase.PILOT
+
+
+@pytest.mark.parametrize("phase", [*COMMANDED, Phase.PILOT, Phase.LOST])
+def test_vehicle_that_stops_its_motors_in_flight_is_killed(phase: Phase) -> None:
+    subject = vehicle(phase)
+    assert subject.observe(status(mode=Mode.TERMINATED))
+    assert (subject.phase, subject.cause) == (Phase.KILLED, FailsafeCause.TERMINATION)
+    assert "flight termination" in subject.reason
+    assert not subject.observe(status(mode=Mode.TERMINATED)), "it stays so until it is seen on the ground"
+    subject.apply(Event.CONFIRMED_DOWN, "seen")
+    assert subject.cause is None
+    assert subject.observe(status(mode=Mode.TERMINATED)), "it still reports that it flies, and lies there"
+    assert subject.phase is Phase.STANDBY
+    assert not subject.observe(status(mode=Mode.TERMINATED))
+
+
+def test_kill_on_command_is_no_termination() -> None:
+    subject = vehicle(Phase.FORMATION)
+    assert subject.observe(status(mode=Mode.TERMINATED))
+    subject.apply(Event.KILL, "motors stopped on command")
+    assert subject.cause is None

@@ -103,6 +103,8 @@ def test_only_a_heartbeat_fires_the_event() -> None:
         (0x80, 4, True, Mode.OTHER, False),  # its custom mode is not valid
         (0x81, 5, True, Mode.HOLD, True),
         (0x81, 6, True, Mode.HOLD, True),
+        (0x81, 8, True, Mode.TERMINATED, False),  # its motors are stopped, whatever its mode is
+        (0x01, 8, False, Mode.HOLD, False),  # afterwards, on the ground
     ],
 )
 def test_heartbeat_gives_arming_mode_and_failsafe(

@@ -12,10 +12,19 @@ RAMPED = Response(acceleration_m_s2=2.5, swings_s=0.45)
 
 
 def after_steps(
-    flown_m_s2: list[float], vehicles: list[Response], *, wind_m_s: float = 0.0, delay_s: float = 0.0
+    flown_m_s2: list[float],
+    vehicles: list[Response],
+    *,
+    wind_m_s: float = 0.0,
+    delay_s: float = 0.0,
+    known_s: float | None = None,
 ) -> Answers:
-    """What is known after steps of 5 m/s there and back, flown with those accelerations 0.35 s late."""
+    """What is known after steps of 5 m/s there and back, flown with those accelerations 0.35 s late.
+
+    `known_s`: the delay that the station reckons with; None: as it is.
+    """
     n, late = len(vehicles), round((0.35 + 2.0 * delay_s) / TICK_S)
+    known_s = delay_s if known_s is None else known_s
     known, velocity, asked = Answers.none(n), np.zeros((n, 3)), [np.zeros((n, 3))] * (late + 1)
     lack = np.tile([wind_m_s, 0.0, 0.0], (n, 1))
     for index in range(round(24.0 / TICK_S)):
@@ -24,7 +33,7 @@ def after_steps(
         asked.append(asked[-1] + step)
         most = TICK_S * np.array(flown_m_s2)[:, None]
         velocity = velocity + np.clip(asked[-1 - late] - velocity, -most, most)
-        known = _next(known, asked[-1], velocity - lack, vehicles, lack, delay_s)
+        known = _next(known, asked[-1], velocity - lack, vehicles, lack, known_s)
     return known
 
 
@@ -47,6 +56,17 @@ def _next(
 def test_less_acceleration_than_parameters_say_is_noticed(delay_s: float) -> None:
     known = after_steps([2.5, 1.0, 2.2], [RAMPED, RAMPED, RAMPED], delay_s=delay_s)
     assert known.slow.tolist() == [False, True, False]
+
+
+@pytest.mark.parametrize("known_s", [0.0, 0.1, 0.2, 0.3])
+@pytest.mark.parametrize("delay_s", [0.0, 0.1, 0.2, 0.3])
+@pytest.mark.parametrize("flown_m_s2", [2.5, 4.0, 8.0])
+def test_vehicle_that_is_faster_than_asked_is_not_slow(
+    flown_m_s2: float, delay_s: float, known_s: float
+) -> None:
+    """Ahead is not behind, and links may be later than the station knows."""
+    known = after_steps([flown_m_s2], [RAMPED], delay_s=delay_s, known_s=known_s)
+    assert not known.slow.any()
 
 
 def test_one_whose_parameters_say_so_is_as_expected() -> None:

@@ -1388,7 +1388,7 @@ export interface components {
          * @description Cause of an alarm.
          * @enum {string}
          */
-        AlarmCause: "killed" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "obstacle-waits" | "no-headway" | "no-way" | "radius-small" | "little-authority" | "slow-vehicle" | "slow-answers" | "corrections-stopped" | "timecode" | "clock-doubtful" | "poor-link" | "no-heartbeat" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
+        AlarmCause: "killed" | "terminated" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "land-now" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "obstacle-waits" | "no-headway" | "no-way" | "radius-small" | "uncertain-position" | "little-authority" | "slow-vehicle" | "slow-answers" | "corrections-stopped" | "timecode" | "clock-doubtful" | "poor-link" | "no-heartbeat" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
         /**
          * AlarmList
          * @description All alarms, and the overall severity.
@@ -2252,7 +2252,7 @@ export interface components {
          * @description Flight mode as the autopilot's heartbeat reports it; OTHER is any mode this station never commands.
          * @enum {string}
          */
-        Mode: "unknown" | "ready" | "takeoff" | "hold" | "offboard" | "return" | "land" | "position" | "other";
+        Mode: "unknown" | "ready" | "takeoff" | "hold" | "offboard" | "return" | "land" | "position" | "other" | "terminated";
         /**
          * NearestPair
          * @description Two vehicles at the time when they were nearest, in the metric of the minimum separation.
