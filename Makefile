@@ -7,7 +7,7 @@ NPM := PATH="$(CURDIR)/.venv-node/bin:$$PATH" npm --prefix api/console
 # Python's bytecode is always kept: pytest's rewriting of modules takes longer than many tests.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: sitl ready demo quick test soak checked computed flown console console-test schema check compiled bench mutate flight-quality screenshots docs format lock clean
+.PHONY: sitl ready demo quick test soak checked computed flown console console-test schema tested-with check compiled bench mutate flight-quality screenshots docs format lock clean
 
 # Two environments are made in parallel: one for flying, one for building the console.
 ready:
@@ -66,6 +66,9 @@ console-test: .venv/ready api/console/node_modules/ready  ## the page's types an
 
 schema: .venv/ready api/console/node_modules/ready  ## the console's types, from the API's OpenAPI document
 	$(BIN)/python -m gcs.api.app | $(NPM) run --silent schema -- --output src/schemas/schema.ts
+
+tested-with: .venv/ready  ## docs/reference/tested-with.md, from the tables of versions
+	$(BIN)/python -m gcs.links.autopilots.versions.page > docs/reference/tested-with.md
 
 compiled: .venv/ready  ## the law as machine code, so that no flight waits for the compiler
 	@$(BIN)/python -c "from gcs.flight.orchestrator import WARM_UPS; from gcs.mavlink import codec, reports; \

@@ -3,7 +3,7 @@
 import argparse
 import asyncio
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -13,20 +13,32 @@ from gcs.cli.process import set_up_log
 from gcs.cli.serve import load_here, make_link
 from gcs.config.schema import Config
 from gcs.links import ParameterValue
+from gcs.links.autopilots.versions import Version
 from gcs.links.batch_link import Link
 from gcs.links.link_set import leaves
 from gcs.model.errors import CommandError, ConfigError, LinkError
 from gcs.model.state import Mode, Setpoints, VehicleId
-from gcs.preflight.parameters import requirements_of
+from gcs.preflight.parameters import FleetRequirements
 from gcs.preflight.requirement import Requirement
+from gcs.preflight.versions import missing_to_do, version_checks, version_risks
 
 REACHED_S = 3.0
 """Time for the link to become able to read parameters, once the vehicle was received."""
+
+VERSION_S = 4.0
+"""Longest wait for the vehicles' versions, which say which parameters there are."""
 
 POLL_S = 0.1
 
 LACKING = "not of this version"
 """Verdict on a parameter that the vehicle need not have."""
+
+OPEN = "to be set by its owner"
+"""Verdict on a parameter that this station does not set, and that refuses no start."""
+
+MISSING = "there is no such parameter, or the vehicle does not answer"
+
+APPLY = "gcs params apply --config {}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,11 +49,12 @@ class Row:
     parameter: str
     value: ParameterValue | None  # None: not readable
     desired: str
-    verdict: str  # "ok", "set", LACKING and what it means, or what is wrong
+    verdict: str  # "ok", "set", LACKING or OPEN and what it means, or what is wrong
+    to_do: str = ""  # how to correct it
 
     @property
     def good(self) -> bool:
-        return self.verdict in {"ok", "set"} or self.verdict.startswith(LACKING)
+        return self.verdict in {"ok", "set"} or self.verdict.startswith((LACKING, OPEN))
 
 
 def run_params(arguments: argparse.Namespace) -> int:
@@ -63,8 +76,8 @@ def run_params(arguments: argparse.Namespace) -> int:
         return REFUSED
     good = bool(rows) and all(row.good for row in rows)
     answer(arguments, {"good": good, "rows": [asdict(row) for row in rows]}, table(rows))
-    if not arguments.json and rows and not good and arguments.action == "check":
-        print(f"\nto mend this: gcs params apply --config {arguments.config}")
+    if not arguments.json and (text := advice(rows, arguments.config)):
+        print(f"\n{text}")
     return 0 if good else 1
 
 
@@ -113,15 +126,54 @@ async def inspect(
     """Return the rows of all `chosen` vehicles; without telemetry only if the operator `named` them."""
     link_of = {name: link for link in links for name in link.ids}
     received = await _received(link_of, chosen, wait_s)
-    needed = requirements_of(config)
+    requirements = FleetRequirements(config)
+    versions = await _versions(link_of, received)
 
     async def rows_of(name: VehicleId) -> list[Row]:
-        return [await _row(link_of[name], name, requirement, apply=apply) for requirement in needed[name]]
+        known, version = requirements.profiles[name].versions, versions[name]
+        rows = [
+            Row(name, check.name, None, check.limit, check.problem, check.to_do)
+            for check in version_checks(known, version)
+            if not check.passes
+        ]
+        if rows:
+            return rows
+        rows = [
+            Row(name, "version", None, known.supported, f"{OPEN}: {text}")
+            for text in version_risks(known, version)
+        ]
+        one = _Vehicle(link_of[name], name, missing_to_do(known, version), apply)
+        needed = requirements.of(name, version)
+        made = {each: await one.row(each) for each in needed if not each.may_lack}
+        unsure = [each for each in needed if each.may_lack]  # seconds each, where there is none
+        made |= dict(zip(unsure, await asyncio.gather(*map(one.row, unsure)), strict=True))
+        return [*rows, *(made[each] for each in needed)]
 
     parts = await asyncio.gather(*(rows_of(name) for name in chosen if name in received))
     silent = [name for name in chosen if name not in received] if named or not received else []
-    not_received = [Row(name, "-", None, "-", f"not received within {wait_s:g} s") for name in silent]
-    return [row for part in parts for row in part] + not_received
+    text, to_do = f"not received within {wait_s:g} s", "look after its power and its link, and try again"
+    return [row for part in parts for row in part] + [
+        Row(name, "-", None, "-", text, to_do) for name in silent
+    ]
+
+
+async def _versions(
+    link_of: Mapping[VehicleId, Link], names: Collection[VehicleId]
+) -> dict[VehicleId, Version | None]:
+    """Return the version of each of `names` as soon as all are known, or after `VERSION_S`."""
+    loop = asyncio.get_running_loop()
+    until_s = loop.time() + VERSION_S
+    while True:
+        links = {id(link_of[name]): link_of[name] for name in names}.values()
+        found = {
+            name: Version.of(raw)
+            for link in links
+            for name, raw in zip(link.ids, link.snapshot().version, strict=True)
+            if name in names
+        }
+        if all(found.values()) or loop.time() >= until_s:
+            return found
+        await asyncio.sleep(POLL_S)
 
 
 async def _received(
@@ -142,47 +194,78 @@ async def _received(
         await asyncio.sleep(POLL_S)
 
 
-async def _row(link: Link, name: VehicleId, requirement: Requirement, *, apply: bool) -> Row:
-    value: ParameterValue | None = None
+@dataclass(frozen=True, slots=True)
+class _Vehicle:
+    """One vehicle whose parameters are compared, and set."""
 
-    def row(verdict: str) -> Row:
-        return Row(name, requirement.name, value, requirement.desired, verdict)
+    link: Link
+    name: VehicleId
+    missing_to_do: str
+    apply: bool
 
-    try:
-        value = await _read(link, name, requirement)
-        if value is None and requirement.otherwise is not None:
-            return await _row(link, name, requirement.otherwise, apply=apply)
-        if value is None:
-            return row(f"{LACKING}: {requirement.lacking}" if requirement.lacking else LACKING)
-        if requirement.holds(value):
-            return row("ok")
-        if not apply:
-            return row(f"wrong: {requirement.why}")
-        if link.snapshot().armed[link.ids.index(name)]:
-            return row("wrong, and not set: the vehicle is armed")
-        await link.set_parameter(name, requirement.name, requirement.set_to)
-        value = await _read(link, name, requirement)
-    except CommandError as error:
-        return row(str(error).removeprefix(f"{name}: "))
-    kept = f"set to {requirement.set_to:g}, but the vehicle keeps it"
-    return row("set" if value is not None and requirement.holds(value) else kept)
-
-
-async def _read(link: Link, vehicle_id: VehicleId, requirement: Requirement) -> ParameterValue | None:
-    """Read one; retry for `REACHED_S` while the link receives the vehicle but cannot read it yet.
-
-    Returns: None when the vehicle does not have it, and need not.
-    """
-    name = requirement.name
-    loop = asyncio.get_running_loop()
-    until_s = loop.time() + REACHED_S
-    while True:
+    async def row(self, requirement: Requirement) -> Row:
+        """Return the row of a requirement, in the name that the vehicle has."""
         try:
-            return (await link.read_parameters(vehicle_id, (name,), (name,) * requirement.may_lack)).get(name)
+            value = None if requirement.is_absent else await self._read(requirement.name)
+            if value is not None:
+                return await self._compared(requirement, value)
         except CommandError as error:
-            if "never received" not in str(error) or loop.time() >= until_s:
-                raise
-        await asyncio.sleep(POLL_S)
+            text = str(error).removeprefix(f"{self.name}: ")
+            return self._row(requirement, None, text, "look after its link, and try again")
+        if requirement.otherwise is not None:
+            return await self.row(requirement.otherwise)
+        if requirement.lacking is not None:
+            lacking = f"{LACKING}: {requirement.lacking}" if requirement.lacking else LACKING
+            return self._row(requirement, None, lacking)
+        return self._row(requirement, None, MISSING, self.missing_to_do)
+
+    async def _compared(self, requirement: Requirement, value: ParameterValue) -> Row:
+        """Return the row of a value, which is set before if it may be. Raises: CommandError."""
+        values = {requirement.name: value}
+        if requirement.unless:
+            values[requirement.unless] = await self._read(requirement.unless) or 0
+        if requirement.is_met(values):
+            return self._row(requirement, value, "ok")
+        if requirement.risk:
+            return self._row(requirement, value, f"{OPEN}: {requirement.risk}")
+        if not self.apply:
+            return self._row(requirement, value, f"wrong: {requirement.why}", APPLY)
+        if self.link.snapshot().armed[self.link.ids.index(self.name)]:
+            to_do = f"once it is disarmed: {APPLY}"
+            return self._row(requirement, value, "wrong, and not set: the vehicle is armed", to_do)
+        await self.link.set_parameter(self.name, requirement.name, requirement.set_to)
+        kept = await self._read(requirement.name)
+        if kept is not None and requirement.holds(kept):
+            return self._row(requirement, kept, "set")
+        text = f"set to {requirement.set_to:g}, but the vehicle keeps it"
+        to_do = "restart the vehicle, and look whether another program or its firmware fixes the value"
+        return self._row(requirement, kept, text, to_do)
+
+    def _row(
+        self, requirement: Requirement, value: ParameterValue | None, verdict: str, to_do: str = ""
+    ) -> Row:
+        return Row(self.name, requirement.name, value, requirement.desired, verdict, to_do)
+
+    async def _read(self, name: str) -> ParameterValue | None:
+        """Read one; retry for `REACHED_S` while the link receives the vehicle but cannot read it yet.
+
+        Returns: None when the vehicle does not answer for it. Raises: CommandError.
+        """
+        loop = asyncio.get_running_loop()
+        until_s = loop.time() + REACHED_S
+        while True:
+            try:
+                return (await self.link.read_parameters(self.name, (name,), (name,))).get(name)
+            except CommandError as error:
+                if "never received" not in str(error) or loop.time() >= until_s:
+                    raise
+            await asyncio.sleep(POLL_S)
+
+
+def advice(rows: Sequence[Row], config: object) -> str:
+    """What corrects the rows that are not good, in words; empty: all are."""
+    to_do = dict.fromkeys(row.to_do.replace(APPLY, APPLY.format(config)) for row in rows if not row.good)
+    return f"to mend this: {'; '.join(to_do)}" if to_do else ""
 
 
 def table(rows: Sequence[Row]) -> str:

@@ -499,7 +499,11 @@ def preflight_board(report: PreflightReport, *, everything: bool) -> RenderableT
     passed = sum(check.state == PASS for _, check in checks)
     of = "no show is selected" if report.show is None else f"show {report.show}"
     verdict = "[green]ready to start[/]" if report.passes else "[bold red]not ready to start[/]"
-    of = "; ".join(filter(None, (of, kinds(Counter(one.autopilot for one in report.vehicles)))))
+    of = "; ".join(
+        filter(
+            None, (of, kinds(Counter(f"{one.autopilot} {one.version}".strip() for one in report.vehicles)))
+        )
+    )
     head = f"{verdict}: {passed} of {len(checks)} checks pass; {escape(of)}"
     left = [f"not flying: {name}: {reason}" for name, reason in report.not_flying.items()]
     unchecked = [f"not checked: {text}" for text in report.not_checked]

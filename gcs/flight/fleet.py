@@ -30,6 +30,7 @@ from gcs.flight.uncontrolled_space import UncontrolledSpace
 from gcs.flight.vehicle import SHOW_FLIES, Vehicle, VehicleStates
 from gcs.formation.repulsion import NEAREST_FACTOR, NEAREST_FACTOR_FEW
 from gcs.links import Command, ParameterValue
+from gcs.links.autopilots.versions import Version
 from gcs.links.batch_link import Link
 from gcs.model.errors import CommandError, RefusedError, UnknownError
 from gcs.model.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowEvent, ShowPhase, advance_show
@@ -271,7 +272,11 @@ class Fleet:
 
     def _known_parameters(self, vehicle: Vehicle) -> Mapping[str, ParameterValue]:
         """Those that were read, and until then those that are demanded."""
-        return {**self._presumed.get(vehicle.id, {}), **self.parameters.get(vehicle.id, {})}
+        return self.parameters.get(vehicle.id) or self._presumed.get(vehicle.id, {})
+
+    def version(self, vehicle_id: VehicleId) -> str:
+        """Of its autopilot, as reported; empty: not yet."""
+        return str(Version.of(self.telemetry.version[self.vehicles[vehicle_id].row]) or "")
 
     def uncertainty_m(self, vehicles: Sequence[Vehicle]) -> Array:
         """(k,) standard deviations of these vehicles' positions, sideways."""

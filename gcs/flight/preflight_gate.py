@@ -118,6 +118,7 @@ class PreflightGate:
                     cleared.left_out.get(name, ""),
                     tuple(checks),
                     self.flight.vehicles[name].autopilot.name,
+                    self.flight.version(name),
                 )
                 for name, checks in looked.of.items()
             ),

@@ -42,6 +42,7 @@ from gcs.links.signing import SignatureFilter, Signing
 from gcs.links.stream_requests import REQUESTING_COMPONENT, StreamRequests
 from gcs.links.telemetry import FleetTelemetry, VehicleReport
 from gcs.links.tlog import Recorder
+from gcs.links.version_requests import VersionRequests
 from gcs.mavlink import codec, reports
 from gcs.mavlink.framing import COMMAND_LONG, HEARTBEAT, SET_POSITION_TARGET_LOCAL_NED
 from gcs.mavlink.kernels import Whole
@@ -162,8 +163,7 @@ class Link(ABC):
         self._station_id = self._own_id()
         self._row = {vehicle_id: row for row, vehicle_id in enumerate(vehicles)}
         self._system_ids: Whole = np.array(system_ids, np.int64)
-        self._frame = frame
-        self._clock = clock
+        self._frame, self._clock = frame, clock
         self._hold_s = before_it_leaves_s(setpoint_timeout_s)
         self._heartbeat_hold_s = heartbeat_hold_s
         self.counters = Counters()
@@ -186,11 +186,11 @@ class Link(ABC):
         self._climbs_alone: Mask = np.array([each.takeoff_ends_with_setpoints for each in known], np.bool_)
         self._flies_on: Mask = np.array([each.stops_on_setpoint_only for each in known], np.bool_)
         self._stopped_s = -np.inf  # when setpoints at rest were sent last, see `_stop_those_that_fly_on`
+        request = partial(self._send_message, component_id=REQUESTING_COMPONENT)
         self._streams = StreamRequests(
-            self._system_ids,
-            [each.streams_hz(rates_hz) if rates_hz else {} for each in known],
-            partial(self._send_message, component_id=REQUESTING_COMPONENT),
+            self._system_ids, [each.streams_hz(rates_hz) if rates_hz else {} for each in known], request
         )
+        self._versions = VersionRequests(self._system_ids, request)
         self._parameters = ParameterUpdates(self.ids)
         self._inbox = Inbox(
             self._addresses, self._telemetry, self._streams, self.counters, self._parameters, signatures
@@ -215,8 +215,7 @@ class Link(ABC):
         # ids of the newest batch, the indices of this link's vehicles in it (k,), their rows here (k,)
         self._listed: tuple[tuple[VehicleId, ...], Whole, Whole] = ((), np.zeros(0, int), np.zeros(0, int))
         self._ready: tuple[SetpointBatch, Array] | None = None  # what was prepared and has not left
-        self._ticked_s = -np.inf
-        self._received_s = -np.inf
+        self._ticked_s = self._received_s = -np.inf
         self._snapshot_s = self._snapshot_before_s = -np.inf  # of the newest snapshots
         self._protocol: CommandProtocol | None = None  # while the link is open
         codec.warm_up()
@@ -555,7 +554,9 @@ class Link(ABC):
 
     def _watch(self, now_s: float) -> None:
         may_be_asked = self._connected(now_s) & self._commandable
-        self._streams.watch(may_be_asked, self._telemetry.connection_count, now_s)
+        connection_count = self._telemetry.connection_count
+        self._streams.watch(may_be_asked, connection_count, now_s)
+        self._versions.watch(may_be_asked, connection_count, self._telemetry.version_time_s, now_s)
 
     async def _keep_beating(self) -> None:
         """Send our heartbeat while control runs: autopilots have a failsafe for its end."""

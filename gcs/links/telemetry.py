@@ -100,6 +100,7 @@ class FleetTelemetry:
         texts: of each vehicle.
         waiting: events of rows whose next heartbeat is awaited.
         position_resets: (n,) how often the estimator's reset counter has changed.
+        version_time_s: (n,) arrival of its newest version, -inf before.
     """
 
     def __init__(self, ids: Sequence[VehicleId], autopilots: Sequence[Autopilot] | None = None) -> None:
@@ -118,12 +119,12 @@ class FleetTelemetry:
         self.armed, self.prearm_ok = columns.armed, columns.prearm_ok
         self.connection_count, self.reboot_count = columns.connection_count, columns.reboot_count
         self.landed, self.custom_mode = columns.landed, columns.custom_mode
-        self.position_resets = columns.position_resets
+        self.position_resets, self.version_time_s = columns.position_resets, columns.version_time_s
         self.texts = tuple(StatusTexts() for _ in ids)
         self._texts_reported: tuple[tuple[StatusText, ...], ...] = ((),) * n
         self.waiting: dict[int, asyncio.Event] = {}
         self._armed_reported, self._ready_reported = _Reported[bool](list), _Reported[bool](list)
-        self._failsafe_reported = _Reported[bool](list)
+        self._failsafe_reported, self._version_reported = _Reported[bool](list), _Reported[int](list)
         self._reboot_count_reported, self._resets_reported = _Reported[int](list), _Reported[int](list)
         self._modes_reported = _Reported(self._modes_of)
         self._landed_reported = _Reported(lambda states: map(_LANDED.__getitem__, states))
@@ -166,6 +167,7 @@ class FleetTelemetry:
         self._landed_reported.note(self.landed)
         self._reboot_count_reported.note(self.reboot_count)
         self._resets_reported.note(self.position_resets)
+        self._version_reported.note(now.version)
 
     def take(self, data: Bytes, frames: Whole, rows: Whole, time_s: Array) -> None:
         """Read checked frames of our vehicles.
@@ -223,6 +225,7 @@ class FleetTelemetry:
             unhealthy_sensors=now.unhealthy_sensors.copy(),
             clock_base_s=now.clock_base_s.copy(),
             texts=self._texts_reported,
+            version=self._version_reported.values,
         )
 
 

@@ -51,6 +51,7 @@ _GPS, _ATTITUDE, _LOCAL = framing.GPS_RAW_INT, framing.ATTITUDE, framing.LOCAL_P
 _GLOBAL, _BATTERY = framing.GLOBAL_POSITION_INT, framing.BATTERY_STATUS
 _EXTENDED, _ODOMETRY, _TEXT = framing.EXTENDED_SYS_STATE, framing.ODOMETRY, framing.STATUSTEXT
 _ESTIMATOR: Final = framing.EKF_STATUS_REPORT
+_VERSION: Final = framing.AUTOPILOT_VERSION
 
 
 def _at(message_id: int, field: str) -> int:
@@ -77,6 +78,7 @@ _TIME_UNIX: Final = _at(_TIME, "time_unix_usec")
 _EXTENDED_LANDED: Final = _at(_EXTENDED, "landed_state")
 _ODOMETRY_RESETS: Final = _at(_ODOMETRY, "reset_counter")
 _ESTIMATOR_FLAGS: Final = _at(_ESTIMATOR, "flags")
+_VERSION_SOFTWARE: Final = _at(_VERSION, "flight_sw_version")
 
 
 class Columns(NamedTuple):
@@ -98,6 +100,8 @@ class Columns(NamedTuple):
     reset_counter: Whole  # -1: none
     unhealthy_sensors: Whole  # -1: not reported
     estimator_flags: Whole  # of EKF_STATUS_REPORT, -1: not reported
+    version: Whole  # flight_sw_version, 0: not reported
+    version_time_s: Array  # its arrival, -inf before
     fix_type: Array
     clock_base_s: Array
     accuracy_m: Array  # (n, 2) horizontal, vertical; inf without a fix
@@ -128,6 +132,8 @@ class Columns(NamedTuple):
             reset_counter=np.full(n, -1, np.int64),
             unhealthy_sensors=np.full(n, -1, np.int64),
             estimator_flags=np.full(n, -1, np.int64),
+            version=np.zeros(n, np.int64),
+            version_time_s=np.full(n, -np.inf),
             fix_type=np.full(n, np.nan),
             clock_base_s=np.full(n, np.nan),
             accuracy_m=np.full((n, 2), np.nan),
@@ -339,6 +345,9 @@ def read_reports(  # noqa: C901, PLR0912  (within one function, no message count
         elif message == _ESTIMATOR:
             flags = _unsigned(data, start + _ESTIMATOR_FLAGS, end, 2)
             _set(into.estimator_flags, row, flags, into.changes)
+        elif message == _VERSION:
+            into.version_time_s[row] = time_s[k]
+            _set(into.version, row, _unsigned(data, start + _VERSION_SOFTWARE, end, 4), into.changes)
     return beats[:beat_count], texts[:text_count]
 
 

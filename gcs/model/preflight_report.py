@@ -52,6 +52,7 @@ class VehicleChecks:
     reason: Annotated[str, Field(description="Why it does not fly.")]
     checks: tuple[Check, ...]
     autopilot: Annotated[str, Field(description="Name of its profile, as configured.")] = ""
+    version: Annotated[str, Field(description="Its autopilot's version, as reported; empty: not yet.")] = ""
 
     @property
     def failed(self) -> tuple[Check, ...]:

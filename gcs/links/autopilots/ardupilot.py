@@ -1,4 +1,4 @@
-"""ArduCopter, as of 4.1: each habit was measured on it (docs/how-to/ardupilot.md).
+"""ArduCopter: each habit was measured on 4.1-dev (docs/how-to/ardupilot.md), parameters by version are data.
 
 Its modes have no sub mode. Taking off and following setpoints are both GUIDED, which is OFFBOARD here. HOLD
 is BRAKE, which stops in half the way of a setpoint at rest. LOITER, POSHOLD, ALT_HOLD and CIRCLE are never
@@ -14,6 +14,7 @@ import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.links.autopilots.profile import CommandLong, Single, Step
+from gcs.links.autopilots.versions import load
 from gcs.links.link import Command, ParameterValue, Verb
 from gcs.mavlink.codec import ARM_DISARM, FLOAT, INT32
 from gcs.mavlink.framing import EKF_STATUS_REPORT, GEOFENCE
@@ -72,22 +73,22 @@ refuses such a request with a STATUSTEXT; what it is not asked for it does not s
 
 _STANDS_M_S: Final = 0.2
 
-FLIES_ON, FLIES_ON_S = "GUID_TIMEOUT", 3.0
-"""How long it flies on with its last setpoint: a parameter of later versions, and the time of 4.1."""
+VERSIONS: Final = load("ardupilot")
 
-ACCELERATION, ACCELERATION_CM_S2 = "WPNAV_ACCEL", 100.0
-"""It stops within v^2 / (2 a) + 0.45 v (all of 15 recorded stops, from 2 to 10 m/s, a from 1 to 5 m/s^2); the
-parameter of a, and the value where it is not known.
-"""
+FLIES_ON, FLIES_ON_S = "GUID_TIMEOUT", VERSIONS.least_default("GUID_TIMEOUT")
+"""How long it flies on with its last setpoint; 4.0 has no such parameter, and the same time."""
 
-ACCELERATION_LEAST_CM_S2: Final = 50.0
-"""Least possible value of the parameter."""
+ACCELERATION: Final = "WP_ACC"
+"""It stops within v^2 / (2 a) + 0.45 v (all of 15 recorded stops, from 2 to 10 m/s, a from 1 to 5 m/s^2)."""
 
-ACCELERATION_MIN_CM_S2: Final = 250.0
-"""Least value that is demanded: with 100 it needs 13 m from 5 m/s."""
+UPRIGHT_ACCELERATION, UPRIGHT_ACCELERATION_4_0 = "WP_ACC_Z", "PILOT_ACC_Z"
+"""The same up and down; the second in 4.0 (habit 47)."""
 
-UPRIGHT_ACCELERATION, UPRIGHT_ACCELERATION_CM_S2 = "PILOT_ACCEL_Z", 250.0
-"""The same up and down (habit 47), with its default."""
+ACCELERATION_LEAST_M_S2: Final = 0.5
+"""Least possible value of the parameters."""
+
+ACCELERATION_MIN_M_S2: Final = 2.5
+"""Least value that is demanded: with 1 it needs 13 m from 5 m/s."""
 
 SWINGS_S: Final = 0.45
 
@@ -100,12 +101,20 @@ late: it integrates velocity and position errors itself (decision 0049).
 """
 
 
+def _acceleration_m_s2(parameters: Mapping[str, ParameterValue], *names: str) -> float:
+    """The least of those that were read; without any the least default of all versions."""
+    read = [VERSIONS.read(name, parameters) for name in names]
+    known = [value for value in read if value is not None]
+    return min(known) if known else min(map(VERSIONS.least_default, names))
+
+
 class ArduPilot:
     """An `Autopilot`."""
 
     name: Final = "ardupilot"
     title: Final = "ArduPilot"
     number: Final = int(dialect.MAV_AUTOPILOT_ARDUPILOTMEGA)
+    versions: Final = VERSIONS
     takeoff_ends_with_setpoints: Final = True
     stops_on_setpoint_only: Final = True
     health_by_mavsdk: Final = False
@@ -157,22 +166,22 @@ class ArduPilot:
         parameters: Mapping[str, ParameterValue],
     ) -> WithoutSetpoints:
         """It flies on, stops as for a setpoint at rest, and hovers in GUIDED until heartbeats are lost."""
-        reported_cm_s2 = float(parameters.get(ACCELERATION, ACCELERATION_CM_S2))
+        level_m_s2 = _acceleration_m_s2(parameters, ACCELERATION)
         return WithoutSetpoints(
             flies_on_s=float(parameters.get(FLIES_ON, FLIES_ON_S)),
             lag_s=SWINGS_S,
-            deceleration_m_s2=max(reported_cm_s2, ACCELERATION_LEAST_CM_S2) / 100.0,
+            deceleration_m_s2=max(level_m_s2, ACCELERATION_LEAST_M_S2),
             action="land" if action == "descend" else action,
             changes_mode=False,
         )
 
     def response(self, parameters: Mapping[str, ParameterValue]) -> Response:
-        """A ramp of WPNAV_ACCEL, level, and of PILOT_ACCEL_Z, up and down: the gentler one counts."""
-        level_cm_s2 = float(parameters.get(ACCELERATION, ACCELERATION_CM_S2))
-        upright_cm_s2 = float(parameters.get(UPRIGHT_ACCELERATION, UPRIGHT_ACCELERATION_CM_S2))
-        least_cm_s2 = min(level_cm_s2, upright_cm_s2)
+        """A ramp, level and up and down: the gentlest one counts."""
+        level_m_s2 = _acceleration_m_s2(parameters, ACCELERATION)
+        upright_m_s2 = _acceleration_m_s2(parameters, UPRIGHT_ACCELERATION, UPRIGHT_ACCELERATION_4_0)
+        least_m_s2 = max(min(level_m_s2, upright_m_s2), ACCELERATION_LEAST_M_S2)
         return Response(
-            acceleration_m_s2=RAMP_SHARE * max(least_cm_s2, ACCELERATION_LEAST_CM_S2) / 100.0,
+            acceleration_m_s2=RAMP_SHARE * least_m_s2,
             swings_s=SWINGS_S,
             loop_share=LOOP_SHARE,
             lead_share=0.0,

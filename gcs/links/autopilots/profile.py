@@ -6,6 +6,7 @@ from typing import NamedTuple, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.links.autopilots.versions import Versions
 from gcs.links.link import Command, ParameterValue, Verb
 from gcs.mavlink.kernels import Whole
 from gcs.model.response import Response
@@ -47,6 +48,10 @@ class Autopilot(Protocol):
     @property
     def number(self) -> int:
         """MAV_AUTOPILOT, as its HEARTBEAT reports it."""
+
+    @property
+    def versions(self) -> Versions:
+        """What is known of its versions."""
 
     @property
     def modes(self) -> Mapping[Verb, frozenset[Mode]]:

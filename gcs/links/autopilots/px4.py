@@ -1,4 +1,4 @@
-"""PX4, as of v1.16 (docs/FACTS.md, section 3)."""
+"""PX4: its habits were measured on v1.16 (docs/FACTS.md, section 3), parameters by version are data."""
 
 from collections.abc import Mapping
 from math import nan
@@ -9,6 +9,7 @@ import numpy as np
 from pymavlink.dialects.v20 import development as dialect
 
 from gcs.links.autopilots.profile import CommandLong, SetParameter, Single, Step
+from gcs.links.autopilots.versions import load
 from gcs.links.link import Command, ParameterValue, Verb
 from gcs.mavlink.codec import ARM_DISARM, FLOAT, INT32
 from gcs.mavlink.kernels import Whole
@@ -69,6 +70,7 @@ class Px4:
     name: Final = "px4"
     title: Final = "PX4"
     number: Final = int(dialect.MAV_AUTOPILOT_PX4)
+    versions: Final = load("px4")
     takeoff_ends_with_setpoints: Final = False
     stops_on_setpoint_only: Final = False
     health_by_mavsdk: Final = True

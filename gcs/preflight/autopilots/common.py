@@ -34,6 +34,6 @@ def own_fence_m(operation: OperationSettings, control: ControlSettings, on_s: fl
 
 def own_fence_reasons(operation: OperationSettings) -> tuple[str, str]:
     """Why its radius, and its height, must not be less."""
-    wall, pads_m = "m from its own start: the service's fence, and room for", operation.pads_within_m
+    wall, pads_m = "from its own start: the service's fence, and room for", operation.pads_within_m
     far = f"{wall} pads {pads_m:g} m from the origin (operation.pads_within_m) and its stop"
     return far, f"{wall} pads {PAD_HEIGHT_MAX_M:g} m below the origin and its stop"

@@ -18,7 +18,6 @@ from gcs.sim.autopilots.ardupilot.response import Copters, Response
 from gcs.simulation.scenario import World
 from gcs.simulation.vehicles import Vehicles
 
-CM = 100.0
 ALIKE = frozenset({"filter_hz", "tilt_max_m_s2"})
 """Settings of the response in which vehicles do not differ."""
 
@@ -56,7 +55,7 @@ def bodies_of(start_m: Array, world: World, step_s: float, random: np.random.Gen
 
 def responses(world: World, count: int) -> FleetResponse:
     """What the profiles say of `count` vehicles of such a world, with their parameters as read."""
-    read = {ACCELERATION: CM * world.ramp_m_s2, UPRIGHT_ACCELERATION: CM * world.upright_ramp_m_s2}
+    read = {ACCELERATION: world.ramp_m_s2, UPRIGHT_ACCELERATION: world.upright_ramp_m_s2}
     return FleetResponse.of([AUTOPILOTS[world.autopilot_of(row)].response(read) for row in range(count)])
 
 

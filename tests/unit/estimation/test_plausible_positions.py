@@ -60,6 +60,7 @@ class ReportedVehicle:
                     unhealthy_sensors=np.zeros(1, np.int64),
                     clock_base_s=np.zeros(1),
                     texts=((),) * 1,
+                    version=(0,),
                 )
             ],
             self.time_s,

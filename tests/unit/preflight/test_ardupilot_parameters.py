@@ -12,11 +12,13 @@ from gcs.control import ControlSettings
 from gcs.flight.parameter_reader import read_needed
 from gcs.links import ParameterValue
 from gcs.links.autopilots import AUTOPILOTS
+from gcs.links.autopilots.versions import Release, Version
 from gcs.mavlink import codec
 from gcs.mavlink.framing import PARAM_VALUE
 from gcs.model.preflight_report import State
 from gcs.preflight.autopilots.ardupilot import requirements
 from gcs.preflight.parameters import (
+    FleetRequirements,
     broken,
     parameter_checks,
     remaining_risks,
@@ -24,12 +26,23 @@ from gcs.preflight.parameters import (
     settings_of,
 )
 from gcs.preflight.requirement import Requirement
+from gcs.sim.autopilots.ardupilot.parameters import defaults
 from tests.support.silent_link import SilentLink
 from tests.support.tlog_files import frames
 from tests.support.virtual_show import show_config
 
 OPERATION, CONTROL, STATION = OperationSettings(), ControlSettings(), 245
-NEEDED = requirements(OPERATION, CONTROL, 30.0, STATION)
+VERSIONS = AUTOPILOTS["ardupilot"].versions
+
+
+def made(operation: OperationSettings, version: Version | None) -> list[Requirement]:
+    written = requirements(operation, CONTROL, 30.0, STATION)
+    of_version = (one.of_versions(VERSIONS, VERSIONS.possible(version)) for one in written)
+    return [one for one in of_version if one is not None]
+
+
+NEEDED = made(OPERATION, VERSIONS.recorded.version)
+"""Of the recorded version, which is between 4.0 and 4.1."""
 
 
 def recorded() -> dict[str, ParameterValue]:
@@ -46,18 +59,20 @@ def recorded() -> dict[str, ParameterValue]:
     return values
 
 
-AS_DELIVERED = recorded()
-OF_LATER_VERSIONS = {"FS_GCS_TIMEOUT", "GUID_TIMEOUT", "PSC_JERK_XY"}
+AS_DELIVERED = {**defaults(), **recorded()}
+"""The whole list of the recorded version; the session has what was demanded when it was recorded."""
+APPLIED = AS_DELIVERED | {one.name: one.set_to for one in NEEDED if one.name in AS_DELIVERED and not one.risk}
 
 
 def needed(name: str, **operation: object) -> Requirement:
-    settings = OperationSettings.model_validate(operation)
-    found = requirements(settings, CONTROL, 30.0, STATION)
+    """Of any version."""
+    found = made(OperationSettings.model_validate(operation), None)
     return next(one for each in found for one in each.alternatives if one.name == name)
 
 
 def test_every_required_parameter_exists_in_the_recorded_version() -> None:
-    assert {each.name for each in NEEDED} - set(AS_DELIVERED) == OF_LATER_VERSIONS
+    assert {each.name for each in NEEDED} - set(AS_DELIVERED) == VERSIONS.recorded.lacks
+    assert all(each.may_lack for each in NEEDED if each.name not in AS_DELIVERED)
     for one in NEEDED:
         if one.name in AS_DELIVERED:
             assert type(one.set_to) is type(AS_DELIVERED[one.name]), one.name
@@ -66,8 +81,7 @@ def test_every_required_parameter_exists_in_the_recorded_version() -> None:
 def test_ardupilot_as_delivered_is_refused_and_applying_mends_it() -> None:
     wrong = {one.name for one, _ in broken(NEEDED, AS_DELIVERED)}
     assert {"SYSID_MYGCS", "WPNAV_ACCEL", "FENCE_ENABLE", "BATT_FS_LOW_ACT", "AVOID_ENABLE"} <= wrong
-    applied = AS_DELIVERED | {one.name: one.set_to for one in NEEDED if one.name in AS_DELIVERED}
-    assert broken(NEEDED, applied) == []
+    assert broken(NEEDED, APPLIED) == []
 
 
 @pytest.mark.parametrize(
@@ -99,26 +113,27 @@ def test_fleet_without_transmitters_has_no_radio_failsafe() -> None:
     assert not needed("FS_THR_ENABLE", pilot_takes_over=True).holds(0)
 
 
-def test_later_version_has_other_names() -> None:
-    values = AS_DELIVERED | {one.name: one.set_to for one in NEEDED}
-    for old, new, value in (("SYSID_MYGCS", "MAV_GCS_SYSID", 245), ("ARMING_CHECK", "ARMING_SKIPCHK", 0)):
-        del values[old]
-        assert old in str(broken(NEEDED, values)) or new in str(broken(NEEDED, values))
-        values[new] = value
-    assert broken(NEEDED, values) == []
-    values["ARMING_SKIPCHK"] = 1
-    ((one, found),) = broken(NEEDED, values)
-    assert (one.name, found) == ("ARMING_SKIPCHK", 1)
+def test_names_tell_which_version_a_vehicle_has() -> None:
+    """Its version is not known."""
+    anyone, newest = made(OPERATION, None), made(OPERATION, Version(Release(4, 7), 0, 255))
+    values: dict[str, ParameterValue] = {one.name: one.set_to for one in newest}
+    for these in (values, APPLIED):
+        assert broken(anyone, these) == []
+    (one,) = (wrong for wrong, _ in broken(anyone, values | {"ARMING_SKIPCHK": 1, "ARMING_CHECK": 1}))
+    assert one.name == "ARMING_SKIPCHK"
+    without = {name: value for name, value in values.items() if name != "RTL_ALT_M"}
+    assert [(one.name, found) for one, found in broken(anyone, without)] == [("RTL_ALT_M", None)]
 
 
 def test_what_a_version_lacks_is_named_and_no_failure() -> None:
-    applied = AS_DELIVERED | {one.name: one.set_to for one in NEEDED if one.name in AS_DELIVERED}
-    assert all(check.state is State.PASS for check in parameter_checks(NEEDED, applied, None))
-    (risk,) = remaining_risks(NEEDED, applied)
-    assert risk.startswith("no GUID_TIMEOUT: it flies on for 3 s")
-    assert remaining_risks(NEEDED, applied | {"GUID_TIMEOUT": 1.0}) == []
-    (wrong,) = broken(NEEDED, applied | {"GUID_TIMEOUT": 3.0})
+    assert all(check.state is State.PASS for check in parameter_checks(NEEDED, APPLIED, None))
+    flies_on, critical = remaining_risks(NEEDED, APPLIED)
+    assert flies_on.startswith("no GUID_TIMEOUT: it flies on for 3 s")
+    assert critical.startswith("BATT_CRT_VOLT and BATT_CRT_MAH are 0")
+    assert remaining_risks(NEEDED, APPLIED | {"GUID_TIMEOUT": 1.0, "BATT_CRT_VOLT": 10.0}) == []
+    (wrong,) = broken(NEEDED, APPLIED | {"GUID_TIMEOUT": 3.0})
     assert wrong[0].name == "GUID_TIMEOUT"
+    assert remaining_risks(made(OPERATION, Version(Release(4, 0), 7, 255)), APPLIED)[0] == flies_on
 
 
 class Reading(SilentLink):
@@ -140,10 +155,12 @@ def test_names_of_other_versions_are_read_only_where_needed() -> None:
     link = Reading(AS_DELIVERED)
     values = asyncio.run(read_needed(link, "d1", NEEDED))
     assert values == {name: AS_DELIVERED[name] for name in link.asked if name in AS_DELIVERED}
-    assert not {"MAV_GCS_SYSID", "ARMING_SKIPCHK"} & set(link.asked)
+    assert not {"MAV_GCS_SYSID", "ARMING_SKIPCHK", "RTL_ALT_M"} & set(link.asked)
     renamed = {name: value for name, value in AS_DELIVERED.items() if name != "SYSID_MYGCS"}
     link = Reading(renamed | {"MAV_GCS_SYSID": 255})
-    assert asyncio.run(read_needed(link, "d1", NEEDED))["MAV_GCS_SYSID"] == 255
+    read = asyncio.run(read_needed(link, "d1", made(OPERATION, None)))
+    assert read["MAV_GCS_SYSID"] == 255
+    assert {"RTL_ALT", "BATT_CRT_MAH"} <= set(read)
 
 
 def mixed_config() -> Config:
@@ -158,8 +175,17 @@ def test_each_vehicle_of_a_mixed_fleet_has_its_own_requirements() -> None:
     config = mixed_config()
     names = [{one.name for one in each} for each in requirements_of(config).values()]
     assert "COM_OF_LOSS_T" in names[0] - names[1]
-    assert "SYSID_MYGCS" in names[1] - names[0]
-    settings = settings_of(config)
-    assert {"COM_OF_LOSS_T", "SYSID_MYGCS"} <= set(settings)
-    assert not OF_LATER_VERSIONS & set(settings)
-    assert settings["SYSID_MYGCS"] == config.links[0].station_id
+    assert "MAV_GCS_SYSID" in names[1] - names[0]
+    version = Version.decoded(0x040703FF)
+    of_version = {one.name for one in FleetRequirements(config).of(config.ids[1], version)}
+    assert of_version == {one.name for one in made(config.operation, version)}
+
+
+def test_simulated_vehicles_get_the_names_of_their_version() -> None:
+    config = mixed_config()
+    settings, later = settings_of(config), settings_of(config, "1.18,4.7")
+    assert {"COM_RC_OVERRIDE", "SYSID_MYGCS", "WPNAV_ACCEL_Z", "PILOT_ACCEL_Z"} <= set(settings)
+    assert not VERSIONS.recorded.lacks & set(settings)
+    assert settings["SYSID_MYGCS"] == later["MAV_GCS_SYSID"] == config.links[0].station_id
+    assert {"MAN_OVERRIDE_SPD", "MAV_GCS_SYSID", "WP_ACC_Z", "GUID_TIMEOUT"} <= set(later)
+    assert not {"COM_RC_OVERRIDE", "SYSID_MYGCS", "PILOT_ACCEL_Z"} & set(later)

@@ -47,6 +47,7 @@ GOOD = Telemetry(
     unhealthy_sensors=np.zeros(3, np.int64),
     clock_base_s=np.zeros(3),
     texts=((),) * 3,
+    version=(0,) * 3,
 )
 LINE_M = (0.0, 4.0, 8.0)
 

@@ -8,6 +8,7 @@ import pytest
 from gcs.config.sections import OperationSettings
 from gcs.control import ControlSettings
 from gcs.links import ParameterValue
+from gcs.links.autopilots import AUTOPILOTS
 from gcs.model.preflight_report import Check, State
 from gcs.preflight.autopilots.px4 import requirements
 from gcs.preflight.parameters import broken, parameter_checks, requirements_of, settings_of
@@ -18,13 +19,23 @@ from gcs.sim.vehicle.px4 import Parameters, defaults
 from tests.support.virtual_show import show_config
 
 OPERATION, CONTROL = OperationSettings(), ControlSettings()
-NEEDED = requirements(OPERATION, CONTROL, 30.0)
+VERSIONS = AUTOPILOTS["px4"].versions
+
+
+def made(operation: OperationSettings) -> list[Requirement]:
+    """Of the recorded version."""
+    possible = VERSIONS.possible(VERSIONS.recorded.version)
+    of_version = (one.of_versions(VERSIONS, possible) for one in requirements(operation, CONTROL, 30.0))
+    return [one for one in of_version if one is not None]
+
+
+NEEDED = made(OPERATION)
 GOOD = {each.name: each.set_to for each in NEEDED}
 
 
 def needed(name: str, **operation: object) -> Requirement:
     settings = OperationSettings.model_validate(operation)
-    return next(each for each in requirements(settings, CONTROL, 30.0) if each.name == name)
+    return next(each for each in made(settings) if each.name == name)
 
 
 def test_every_required_parameter_exists_in_px4_as_applied() -> None:
@@ -38,7 +49,7 @@ def test_check_accepts_what_apply_sets() -> None:
     for action in ("descend", "hold", "land", "return"):
         for loss_s in (0.5, 3.0, 10.0):
             settings = OperationSettings(setpoint_loss_action=action, setpoint_loss_s=loss_s)
-            these = requirements(settings, CONTROL, 30.0)
+            these = made(settings)
             assert broken(these, {each.name: each.set_to for each in these}) == []
 
 
@@ -47,6 +58,7 @@ def test_px4_defaults_are_refused_only_for_unsafe_values() -> None:
     assert found == [
         "COM_OBL_RC_ACT",
         "RTL_CONE_ANG",
+        "COM_ARM_WO_GPS",
         "COM_RC_OVERRIDE",
         "GF_MAX_HOR_DIST",
         "GF_MAX_VER_DIST",
@@ -74,6 +86,12 @@ def test_data_link_loss_action_equals_setpoint_loss_or_less(action: str, allowed
         ("COM_DL_LOSS_T", (1, 61), (2, 10, 60)),
         ("RTL_RETURN_ALT", (15.0, 31.0), (30.0,)),
         ("RTL_CONE_ANG", (25, 45, 90), (0,)),
+        ("RTL_TYPE", (1, 2, 3, 4), (0,)),
+        ("RTL_LAND_DELAY", (-1.0, 6.0), (0.0, 5.0)),
+        ("MPC_XY_CRUISE", (5.1, 12.0), (3.0, 5.0)),
+        ("COM_LOW_BAT_ACT", (0, 1, 4), (2, 3)),
+        ("COM_ARM_WO_GPS", (1, 2), (0,)),
+        ("COM_TAKEOFF_ACT", (1,), (0,)),
         ("COM_RC_IN_MODE", (4,), (0, 1, 2, 3)),
         ("COM_RC_OVERRIDE", (0, 1, 2), (3,)),
         ("MPC_XY_VEL_MAX", (5.0, 7.9), (8.0, 12.0)),
@@ -115,7 +133,7 @@ def test_each_vehicle_returns_at_its_own_height() -> None:
 
 
 def test_without_a_pilot_stick_parameters_are_not_required() -> None:
-    names = {each.name for each in requirements(OperationSettings(pilot_takes_over=False), CONTROL, 30.0)}
+    names = {each.name for each in made(OperationSettings(pilot_takes_over=False))}
     assert not names & {"COM_RC_IN_MODE", "COM_RC_OVERRIDE"}
 
 

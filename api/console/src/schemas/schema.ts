@@ -3667,6 +3667,12 @@ export interface components {
              * @description Why it does not fly.
              */
             reason: string;
+            /**
+             * Version
+             * @description Its autopilot's version, as reported; empty: not yet.
+             * @default
+             */
+            version: string;
         };
         /**
          * VehicleOutcome
