@@ -130,6 +130,9 @@ async def inspect(
     versions = await _versions(link_of, received)
 
     async def rows_of(name: VehicleId) -> list[Row]:
+        if foreign := link_of[name].foreign.get(name):
+            to_do = "correct autopilot in the configuration, of the vehicle or its link"
+            return [Row(name, "autopilot", None, "as configured", foreign, to_do)]
         known, version = requirements.profiles[name].versions, versions[name]
         rows = [
             Row(name, check.name, None, check.limit, check.problem, check.to_do)

@@ -167,7 +167,7 @@ class FleetTelemetry:
         self._landed_reported.note(self.landed)
         self._reboot_count_reported.note(self.reboot_count)
         self._resets_reported.note(self.position_resets)
-        self._version_reported.note(now.version)
+        self._version_reported.note(np.where(self._foreign, 0, now.version))
 
     def take(self, data: Bytes, frames: Whole, rows: Whole, time_s: Array) -> None:
         """Read checked frames of our vehicles.

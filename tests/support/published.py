@@ -44,6 +44,7 @@ class PublishedVehicle:
     Attributes:
         set: names that were set, in order.
         commands: numbers of the commands that it received.
+        number: MAV_AUTOPILOT of its heartbeats.
     """
 
     def __init__(
@@ -54,7 +55,7 @@ class PublishedVehicle:
         self.ports, self.profile = MemoryPorts(clock), AUTOPILOTS[name]
         self.values, self.version, self.armed = dict(values), version, False
         self.set, self.commands = list[str](), list[int]()
-        self._knows_512 = knows_512
+        self._knows_512, self.number = knows_512, self.profile.number
         self.link = NativeLink(
             "one",
             {"d1": 1},
@@ -72,7 +73,7 @@ class PublishedVehicle:
             if clock() - beat_s >= 1.0:
                 beat_s = clock()
                 base = 1 | 0x80 * self.armed
-                self.ports.say(dialect.MAVLink_heartbeat_message(2, self.profile.number, base, 0, 4, 3))
+                self.ports.say(dialect.MAVLink_heartbeat_message(2, self.number, base, 0, 4, 3))
             for _, message in self.ports.sent[seen:]:
                 self._answer(message)
             seen = len(self.ports.sent)

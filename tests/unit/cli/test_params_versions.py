@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Callable, Coroutine, Sequence
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 import async_solipsism
@@ -117,6 +118,17 @@ def test_too_old_a_version_is_refused_and_nothing_is_set() -> None:
     assert row.verdict == "it has PX4 1.13.0, PX4 1.14 to 1.18 can be flown"
     assert row.to_do == "update its firmware"
     assert one.set == []
+
+
+def test_another_autopilot_than_configured_is_refused_as_such() -> None:
+    async def story(one: PublishedVehicle) -> list[Row]:
+        one.number = 3
+        return await inspect([one.link], config_of("px4"), ("d1",), 8.0, named=True, apply=True)
+
+    vehicle = partial(PublishedVehicle, "px4", as_shipped("px4", "1.16"), released("4.7"))
+    (row,) = on_wire(vehicle, story)
+    assert row.verdict == "it reports ArduPilot, and is configured as PX4 (autopilot: px4)"
+    assert row.to_do == "correct autopilot in the configuration, of the vehicle or its link"
 
 
 @pytest.mark.parametrize(
