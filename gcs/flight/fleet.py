@@ -34,7 +34,7 @@ from gcs.links.autopilots.versions import Version
 from gcs.links.batch_link import Link
 from gcs.model.errors import CommandError, RefusedError, UnknownError
 from gcs.model.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowEvent, ShowPhase, advance_show
-from gcs.model.plan import Plan
+from gcs.model.plan import LawName, Plan
 from gcs.model.preflight_report import Exclusion
 from gcs.model.response import FleetResponse
 from gcs.model.setpoint_loss import FleetWithoutSetpoints, WithoutSetpoints
@@ -63,8 +63,10 @@ ASSEMBLED_M = 1.0
 
 ASSEMBLED_SHARE = 0.05
 
-SPREAD_SHARE = 0.7
-"""And when the two nearest directions are apart by this share of those in the best shape known."""
+SPREAD_SHARE, SPREAD_EVENLY, SETTLES_S = 0.7, 0.9, 15.0
+"""And when the two nearest directions are apart by this share of those in the best shape known: the second
+without slots, where vehicles spread for long after they are on the sphere, or the first for this time.
+"""
 
 AT_REST_M_S = 0.5
 """A killed vehicle that moves faster may be falling."""
@@ -72,14 +74,14 @@ AT_REST_M_S = 0.5
 FLIES = AIRBORNE | {Phase.PILOT}
 
 
-def stands(offset_m: Array, radius_m: float, charge: Array) -> bool:
+def stands(offset_m: Array, radius_m: float, charge: Array, spread: float = SPREAD_SHARE) -> bool:
     """Whether the vehicles at (n, 3) from the centre, n >= 1, are on the sphere and spread over all of it."""
     distance_m = np.linalg.norm(offset_m, axis=1)
     near = np.abs(distance_m - radius_m) < ASSEMBLED_M + ASSEMBLED_SHARE * radius_m
     if not near.all() or len(offset_m) < 2:
         return bool(near.all())
     evenly = NEAREST_FACTOR_FEW.get(len(offset_m), NEAREST_FACTOR) / np.sqrt(len(offset_m))
-    least = SPREAD_SHARE * evenly * np.sqrt(charge.min() / charge.mean())  # small charges settle closer
+    least = spread * evenly * np.sqrt(charge.min() / charge.mean())  # small charges settle closer
     every = np.ones(len(offset_m), np.bool_)
     first, _ = near_pairs(every, offset_m / distance_m[:, None], every, np.full(len(offset_m), least / 2.0))
     return len(first) == 0
@@ -123,6 +125,7 @@ class Fleet:
     """The runtime state of one fleet. Changed on the event loop only."""
 
     accepted: tuple[VehicleId, ...] = ()  # the vehicles that the last start sent up
+    _stands_since_s: float = np.inf  # on the sphere and spread, see `assembled`
 
     def __init__(
         self,
@@ -479,7 +482,12 @@ class Fleet:
         if self.site is not None:
             their_m, their_charge = self.site.formed_m()
             here_m, charge = np.concatenate([here_m, their_m]), np.concatenate([charge, their_charge])
-        return stands(here_m - center.position_m, radius_m, charge)
+        on_sphere = here_m - center.position_m, radius_m, charge
+        now_s = self.fleet.time_s
+        self._stands_since_s = min(self._stands_since_s, now_s) if stands(*on_sphere) else np.inf
+        if self.plan.formation.law is LawName.SLOTS or now_s - self._stands_since_s >= SETTLES_S:
+            return self._stands_since_s <= now_s
+        return stands(*on_sphere, SPREAD_EVENLY)
 
     @property
     def reached(self) -> str:

@@ -9,10 +9,11 @@ import pytest
 
 from gcs.config.schema import Config
 from gcs.control import Memory, Task
-from gcs.flight.fleet import Fleet, stands
+from gcs.flight.fleet import SETTLES_S, Fleet, stands
 from gcs.formation.orbit import Center
 from gcs.formation.repulsion import best_configuration
 from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.plan import LawName
 from gcs.model.state import Array, FleetState, Telemetry
 from tests.support.silent_link import SilentLink
 
@@ -82,6 +83,21 @@ def test_sphere_is_unstable_with_a_vehicle_off_it() -> None:
     position = CENTER_M + RADIUS_M * best(4)
     position[2] += (position[2] - CENTER_M) * 0.3
     assert not at(flight(4), position).assembled()
+
+
+def test_sphere_without_slots_is_stable_when_spread_evenly() -> None:
+    """Or when it stands for long as it is: around lost vehicles it never becomes even."""
+    half_chord = 0.8
+    apart = np.array([[half_chord, 0.0, -0.6], [-half_chord, 0.0, -0.6]])
+    subject = at(flight(2), CENTER_M + RADIUS_M * apart)
+    assert subject.assembled(), "the slots are kept from the first"
+    subject = at(flight(2), CENTER_M + RADIUS_M * apart)
+    subject.plan = replace(subject.plan, formation=replace(subject.plan.formation, law=LawName.ARTICLE))
+    assert not subject.assembled()
+    subject.fleet = replace(subject.fleet, time_s=SETTLES_S)
+    assert subject.assembled()
+    subject = at(subject, CENTER_M + RADIUS_M * best(2))
+    assert subject.assembled()
 
 
 def test_single_vehicle_is_stable_once_on_the_sphere() -> None:

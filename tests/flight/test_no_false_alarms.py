@@ -1,0 +1,84 @@
+"""Healthy flights raise no alarm: both autopilots and mixed, every law, honest noise, links with delay."""
+
+import random
+from typing import Any
+
+import pytest
+
+from gcs.config.schema import Config
+from gcs.model.lifecycle import ShowPhase
+from gcs.model.plan import LawName, Orbit
+from gcs.service import Outcome, ShowAction
+from gcs.service.alarms import AlarmSeverity
+from tests.flight.test_show_autopilots import ARDUPILOT, PX4, config_of
+from tests.support.views import vehicles_of
+from tests.support.virtual_show import Show, fly
+
+COUNT, RADIUS_M, HEIGHT_M = 5, 9.0, 18.0
+PADS_M = 8.0
+SOAKED = 50
+ORBIT_M, READY_S = 16.0, 60.0
+
+
+def config(kinds: tuple[str, str], law: LawName, delay_s: float) -> Config:
+    raw = config_of(kinds, COUNT).model_dump()
+    raw["formation"] |= {"radius_m": RADIUS_M, "height_m": HEIGHT_M, "law": law.value}
+    raw["control"]["safety"]["link_delay_s"] = delay_s
+    return Config.model_validate(raw)
+
+
+def alarms_of(
+    kinds: tuple[str, str], law: LawName, delay_s: float, orbit_m_s: float = 3.0, **fleet: Any
+) -> set[str]:
+    """Texts of all alarms of a whole flight but those for information only."""
+
+    async def story(show: Show) -> set[str]:
+        for name in show.config.ids:
+            if delay_s:
+                show.befall(name, "delay", delay_s=delay_s)
+        await show.until(lambda: all(seen.ready for seen in vehicles_of(show.view)), READY_S)
+        await show.start()
+        await show.wait(10.0)
+        show.service.plan.set_orbit(Orbit(radius_m=ORBIT_M, speed_m_s=orbit_m_s))
+        await show.wait(25.0)
+        show.service.plan.set_orbit(Orbit(radius_m=0.0, speed_m_s=orbit_m_s))
+        await show.wait(15.0)
+        show.service.commands.command_show(ShowAction.PAUSE)
+        await show.wait(5.0)
+        show.service.commands.command_show(ShowAction.RESUME)
+        await show.reach(ShowPhase.RUNNING)
+        stopped = await show.show(ShowAction.STOP)
+        assert stopped.outcome is Outcome.DONE
+        await show.reach(ShowPhase.LANDED)
+        return {
+            f"{alarm.cause}: {alarm.text}"
+            for sample in show.track.samples
+            for alarm in sample.view.alarms
+            if alarm.severity is not AlarmSeverity.INFORMATION
+        }
+
+    wide = {"noise_scale": 1.0, "spacing_m": PADS_M, **fleet}
+    return fly(story, config(kinds, law, delay_s), **wide)
+
+
+@pytest.mark.parametrize(
+    ("kinds", "law", "delay_s"),
+    [
+        ((PX4, PX4), LawName.SLOTS, 0.1),
+        ((ARDUPILOT, ARDUPILOT), LawName.ARTICLE, 0.3),
+        ((PX4, ARDUPILOT), LawName.SLOTS, 0.3),
+    ],
+    ids=["px4", "ardupilot", "mixed"],
+)
+def test_healthy_flight_raises_no_alarm(kinds: tuple[str, str], law: LawName, delay_s: float) -> None:
+    assert alarms_of(kinds, law, delay_s) == set()
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("seed", range(SOAKED))
+def test_no_healthy_flight_of_fifty_raises_an_alarm(seed: int) -> None:
+    drawn = random.Random(seed)
+    kinds = drawn.choice([(PX4, PX4), (ARDUPILOT, ARDUPILOT), (PX4, ARDUPILOT)])
+    law = drawn.choice(list(LawName))
+    delay_s, orbit_m_s = drawn.choice([0.0, 0.1, 0.2, 0.3]), drawn.uniform(1.0, 4.0)
+    assert alarms_of(kinds, law, delay_s, orbit_m_s, seed=seed) == set()

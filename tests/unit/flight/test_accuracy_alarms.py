@@ -1,0 +1,103 @@
+"""One vehicle's bad position is told of that vehicle: it is no wind, and no small radius."""
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+import pytest
+
+from gcs.control import Memory, Tick
+from gcs.flight.accuracy_alarms import LASTS_S, NO_FIX, AccuracyAlarms
+from gcs.flight.fleet import Fleet
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.state import Array, FleetState, Setpoints
+from gcs.safety.authority import Authority
+from gcs.safety.separation import Floor
+from gcs.service.alarms import AlarmCause, Condition
+from tests.unit.flight.test_assembled import flight
+
+COUNT, PERIOD_S = 6, 0.2
+GOOD_M, BAD_M = 0.05, 2.0
+BLOWN: Final = np.array([1.5, 0.0, 0.0])
+
+
+def running(uncertain: dict[int, float], *, doubtful: tuple[int, ...] = ()) -> Fleet:
+    """All in formation; the uncertainty of some rows in m, and rows without a 3D fix."""
+    subject = flight(COUNT)
+    subject.show = ShowPhase.RUNNING
+    for vehicle in subject.vehicles.values():
+        vehicle.phase = Phase.FORMATION
+    uncertainty_m = np.full(COUNT, GOOD_M)
+    uncertainty_m[list(uncertain)] = list(uncertain.values())
+    subject.traits = replace(subject.traits, uncertainty_m=uncertainty_m)
+    subject.silent = np.zeros(COUNT, np.bool_)
+    return at(subject, 100.0, doubtful)
+
+
+def at(subject: Fleet, time_s: float, doubtful: tuple[int, ...] = ()) -> Fleet:
+    nothing = np.zeros((COUNT, 3))
+    rows = np.isin(np.arange(COUNT), doubtful)
+    ids = subject.fleet.ids
+    subject.fleet = FleetState(time_s, ids, nothing, nothing, np.zeros(COUNT), np.zeros(COUNT), rows)
+    return subject
+
+
+def of_the_radius(subject: Fleet) -> list[tuple[AlarmCause, tuple[str, ...]]]:
+    return [(each.cause, each.vehicles) for each in AccuracyAlarms(subject).of_the_radius()]
+
+
+def test_all_uncertain_is_a_small_radius() -> None:
+    assert of_the_radius(running(dict.fromkeys(range(COUNT), BAD_M))) == [(AlarmCause.RADIUS_SMALL, ())]
+
+
+def test_one_uncertain_vehicle_is_named_instead() -> None:
+    assert of_the_radius(running({2: BAD_M})) == [(AlarmCause.UNCERTAIN_POSITION, ("d2",))]
+    assert of_the_radius(running({})) == []
+
+
+def test_vehicle_without_a_fix_makes_no_radius_small() -> None:
+    blind = running({2: 3.0}, doubtful=(2,))
+    assert of_the_radius(blind) == []
+    (told,) = AccuracyAlarms(blind).of_positions(())
+    assert (told.cause, told.because, told.vehicles) == (AlarmCause.BAD_POSITION, NO_FIX, ("d2",))
+    assert told.advice == ""
+    blind.vehicles["d2"].phase = Phase.PILOT
+    (told,) = AccuracyAlarms(blind).of_positions(())
+    assert "cannot be steered" in told.advice
+
+
+def of_wind(
+    subject: Fleet, lacking: dict[int, Array], *, seconds: float, doubtful: tuple[int, ...] = ()
+) -> list[Condition]:
+    """Conditions after so long of the same lack, with margins as wide as in gusts."""
+    alarms, lack_m_s, found = AccuracyAlarms(subject), np.zeros((COUNT, 3)), []
+    for row, lack in lacking.items():
+        lack_m_s[row] = lack
+    full = Authority.full(COUNT)
+    moves = np.zeros((COUNT, 3))
+    authority = replace(
+        full, least_m_s=moves, most_m_s=moves, lack_m_s=lack_m_s, square_m2_s2=np.full(COUNT, 1.0)
+    )
+    memory = replace(Memory.fresh(COUNT, 0.0), authority=authority)
+    nothing = Setpoints(0.0, (), np.zeros((0, 3)), np.zeros(0))
+    tick = Tick(nothing, lambda: memory, ("",) * COUNT, moves, np.ones(COUNT, np.bool_), Floor())
+    for index in range(round(seconds / PERIOD_S) + 1):
+        at(subject, 100.0 + index * PERIOD_S, doubtful)
+        found = [one for one in alarms.of_authority(tick) if one.cause is AlarmCause.LITTLE_AUTHORITY]
+    return found
+
+
+def test_several_that_lack_velocity_are_in_wind_at_once() -> None:
+    (told,) = of_wind(running({}), {0: BLOWN, 3: BLOWN}, seconds=0.0)
+    assert "by wind or gusts" in told.because
+
+
+def test_one_alone_that_lacks_velocity_is_named_when_it_lasts() -> None:
+    assert of_wind(running({}), {3: BLOWN}, seconds=LASTS_S / 2.0) == []
+    (told,) = of_wind(running({}), {3: BLOWN}, seconds=LASTS_S)
+    assert told.because == "d3 alone, 1.5 m/s off"
+
+
+@pytest.mark.parametrize("lacking", [{}, {3: BLOWN}])
+def test_a_position_in_doubt_is_no_wind(lacking: dict[int, Array]) -> None:
+    assert of_wind(running({}), lacking, seconds=2.0 * LASTS_S, doubtful=(3,)) == []
