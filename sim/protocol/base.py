@@ -7,7 +7,7 @@ from typing import ClassVar, Protocol, TypeAlias
 
 from gcs.sim.protocol.frames import AUTOPILOT_COMPONENT, Message
 from gcs.sim.protocol.streams import Item, Outbox
-from gcs.sim.vehicle.px4 import Table
+from gcs.sim.vehicle.parameters import Table
 from gcs.sim.vehicle.state import State, Stuck
 
 Params: TypeAlias = tuple[float, float, float, float, float, float, float]

@@ -13,7 +13,8 @@ import numpy as np
 
 from gcs.sim.vehicle import px4
 from gcs.sim.vehicle.dynamics import Array, Mask
-from gcs.sim.vehicle.px4 import Columns, Mode, Parameters, Quirks
+from gcs.sim.vehicle.parameters import Columns
+from gcs.sim.vehicle.px4 import Mode, Parameters, Quirks
 from gcs.sim.vehicle.sensors import Batteries
 from gcs.sim.vehicle.state import Charge, Numbers, State, Stuck
 

@@ -10,7 +10,8 @@ import numpy as np
 
 from gcs.sim.vehicle.commander import Commander
 from gcs.sim.vehicle.dynamics import Array, Mask
-from gcs.sim.vehicle.px4 import MODES, NEEDS_PILOT, Columns, Mode, Quirks
+from gcs.sim.vehicle.parameters import Columns
+from gcs.sim.vehicle.px4 import MODES, NEEDS_PILOT, Mode, Quirks
 from gcs.sim.vehicle.sensors import Sensors
 from gcs.sim.vehicle.state import NO_MODE, Rows, State
 

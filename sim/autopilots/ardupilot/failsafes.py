@@ -22,11 +22,10 @@ from gcs.sim.autopilots.ardupilot.prearm import NOT_ARMABLE, RADIO_LOST_AFTER_S
 from gcs.sim.autopilots.ardupilot.state import ArduState
 from gcs.sim.vehicle.commander import LandedState
 from gcs.sim.vehicle.dynamics import Array, Mask
-from gcs.sim.vehicle.px4 import Columns
+from gcs.sim.vehicle.parameters import Columns
 from gcs.sim.vehicle.sensors import Sensors
 from gcs.sim.vehicle.state import FIX_3D, Numbers
 
-STATION_LOST_AFTER_S = 5.0  # habit 51: FS_GCS_TIMEOUT does not exist in this version
 INERTIA_S, BLIND_S = 7.9, 8.15  # habit 55: without GPS, until the position is given up, and until it lands
 GPS_BACK_S, GPS_BACK_ON_GROUND_S = 10.0, 1.0
 LANDED_AFTER_S = 1.9  # on the ground with a descent demanded
@@ -182,7 +181,7 @@ class Transitions:
         """Only heartbeats of SYSID_MYGCS count, and setpoints do not (habit 51)."""
         state, action = self.state, self.parameters["FS_GCS_ENABLE"]
         silent_s = state.now_s - state.station_s
-        lost = (silent_s > STATION_LOST_AFTER_S) & (state.station_s > -np.inf)
+        lost = (silent_s > self.parameters["FS_GCS_TIMEOUT"]) & (state.station_s > -np.inf)
         for row in self._rows((action > 0) & lost & state.armed & ~state.station_failsafe):
             state.station_failsafe[row] = True
             self.commanders[row].send_text(WARNING, "GCS Failsafe")

@@ -1,4 +1,4 @@
-"""ArduCopter 4.1-dev as the firmware of a fleet."""
+"""ArduCopter as the firmware of a fleet: 4.1-dev as recorded, or another version."""
 
 import math
 from collections.abc import Mapping
@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.sim.autopilots.ardupilot import parameters, reports
+from gcs.sim.autopilots.ardupilot import reports
 from gcs.sim.autopilots.ardupilot.failsafes import FIRST_CHECK_S, FIRST_REASONS_S, Transitions, descends
 from gcs.sim.autopilots.ardupilot.fence import Fence
 from gcs.sim.autopilots.ardupilot.guidance import Guidance
@@ -24,8 +24,9 @@ from gcs.sim.autopilots.firmware import Disturbance, Sent, Services
 from gcs.sim.protocol.frames import Fields, as_version_1
 from gcs.sim.protocol.streams import Schedule
 from gcs.sim.settings import Settings
+from gcs.sim.vehicle import versions
 from gcs.sim.vehicle.dynamics import Array, Mask
-from gcs.sim.vehicle.px4 import Columns, Value
+from gcs.sim.vehicle.parameters import Columns
 from gcs.sim.vehicle.sensors import Sensors
 from gcs.sim.vehicle.state import Rows
 
@@ -49,9 +50,10 @@ class ArduCopter:
     any_component = True  # habit 10
 
     def __init__(self, settings: Settings, position_m: Array, step_s: float, services: Services) -> None:
-        """See `Firmware`. Raises: ParameterError for a parameter or value that it does not accept."""
+        """See `Firmware`. Raises: ParameterError, VersionError."""
         count, quirks = settings.count, settings.quirks
-        self._late_ready, self._services = quirks.late_ready, services
+        version = versions.find("ardupilot", settings.version, as_delivered=settings.as_delivered)
+        self._late_ready, self._services, self._version = quirks.late_ready, services, version
         services.outbox.burst = round(PARAMETERS_PER_S * step_s)
         response = Response()
         if settings.drag_per_s is not None:
@@ -60,7 +62,10 @@ class ArduCopter:
         self.state = ArduState(count, math.remainder(math.radians(settings.heading_deg), math.tau))
         self.schedule = Schedule(count, UNASKED_HZ, reports.ALL)
         tables = [
-            Parameters({**settings.parameters_of(index), "SYSID_THISMAV": settings.system_id(index)})
+            Parameters(
+                {**settings.parameters_of(index), "SYSID_THISMAV": settings.system_id(index)},
+                version.parameters,
+            )
             for index in settings.indices
         ]
         self._parameters = Columns(tables)
@@ -70,6 +75,7 @@ class ArduCopter:
             self.schedule,
             services.outbox,
             self._batteries,
+            version,
             self._newest_sensors,
             services.set_home,
             services.reboot,
@@ -78,19 +84,9 @@ class ArduCopter:
         fence = Fence(self._parameters)
         commanders = [autopilot.commander for autopilot in self.autopilots]
         self._transitions = Transitions(self.state, commanders, self._parameters, self._batteries, fence)
-        self._guidance = Guidance(self.state, self.bodies, self._parameters, fence)
+        self._guidance = Guidance(self.state, self.bodies, self._parameters, fence, version.release)
         self._announced: Mask = np.zeros(count, dtype=np.bool_)
         self._sensors: Sensors
-
-    @staticmethod
-    def defaults() -> Mapping[str, Value]:
-        """See `Firmware`."""
-        return parameters.defaults()
-
-    @staticmethod
-    def check(name: str, value: Value) -> None:
-        """See `Firmware`. Raises: ParameterError."""
-        Parameters({name: value})
 
     def boot(self, row: int, now_s: float, random: np.random.Generator) -> None:
         """The origin is set after 19 s and the position known after 39.5 s, or at once without late-ready."""
@@ -128,10 +124,8 @@ class ArduCopter:
 
     def report(self, message_id: int, rows: Rows, unix_s: float, sensors: Sensors) -> Fields:
         """See `Firmware`."""
-        snapshot = Snapshot(
-            *(rows, unix_s, self.state, sensors),
-            *(self._parameters, self._transitions, self._batteries, self.bodies),
-        )
+        parts = (self._transitions, self._batteries, self.bodies, self._version)
+        snapshot = Snapshot(rows, unix_s, self.state, sensors, self._parameters, *parts)
         return reports.ALL[message_id](snapshot)
 
     def sending(self, message_id: int, rows: Rows) -> Rows:

@@ -6,7 +6,7 @@ import numpy as np
 
 from gcs.sim.autopilots.ardupilot.state import ArduState
 from gcs.sim.vehicle.dynamics import Array
-from gcs.sim.vehicle.px4 import Columns
+from gcs.sim.vehicle.parameters import Columns
 from gcs.sim.vehicle.state import Numbers
 
 RESISTANCE_OHM = 0.017  # recorded: 12.59 V at rest, 12.24 V with 20.5 A
