@@ -33,6 +33,7 @@ COLUMNS = 3
 """Pads stand in rows of three: row i // 3 to the north, column i % 3 to the east of the show's origin."""
 
 ENDS_S = 10.0
+ANSWERS_S = 60.0
 LAST_LINES = 5
 
 Place: TypeAlias = tuple[float, float, float]
@@ -279,7 +280,7 @@ class ArduCopter(Simulators):
 def _options(program: Path) -> str:
     """What an ArduCopter says of its options."""
     asked = subprocess.run(
-        [program, "--help"], capture_output=True, text=True, errors="replace", timeout=ENDS_S, check=False
+        [program, "--help"], capture_output=True, text=True, errors="replace", timeout=ANSWERS_S, check=False
     )
     return asked.stdout + asked.stderr
 

@@ -7,6 +7,7 @@ import struct
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import ClassVar, TypeAlias
 
 from pymavlink.dialects.v20 import common
@@ -50,7 +51,8 @@ class Surface(ABC):
 
     def send(self, data: bytes) -> None:
         """Send on the simulator link."""
-        self._outside.sendto(data, self._simulator)
+        with suppress(ConnectionRefusedError):  # nothing listens there
+            self._outside.sendto(data, self._simulator)
 
     def _live(self) -> None:
         with selectors.DefaultSelector() as selector:

@@ -12,6 +12,7 @@ import socket
 import sys
 import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import ClassVar
 
@@ -24,6 +25,7 @@ from tests.sitl.standin import HOST, Address, Faults, Surface
 
 FDM_LENGTH = 408
 TIMESYNC_EVERY_S = 10.0
+DISCARD = 9  # a port on which nothing listens
 CONSOLE = (
     "Init ArduCopter V{version}\r\n\r\nFree RAM: 131072\r\nBarometer 1 calibration complete\r\n"
     "Initialising APM...\r\nReady to FLY  "
@@ -57,7 +59,8 @@ class ArduCopterSurface(Surface):
             if message.get_type() == "HIL_STATE_QUATERNION":
                 place = math.radians(message.lon * 1e-7), math.radians(message.lat * 1e-7), message.alt * 1e-3
                 packet = FDM.pack(FDM_VERSION, 0, *place).ljust(FDM_LENGTH, b"\0")
-                self._outside.sendto(packet, self._flight_gear)
+                with suppress(ConnectionRefusedError):
+                    self._outside.sendto(packet, self._flight_gear)
             else:
                 self._sync(message.time_usec)
 
@@ -98,8 +101,8 @@ def _parser(version: str) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="arducopter", allow_abbrev=False)
     old = tuple(map(int, version.split(".")[:2])) < (4, 1)
     serial = ("--uartA", "--uartC") if old else ("--serial0", "--serial1")
-    for name, dest in zip(serial, ("first", "second"), strict=True):
-        parser.add_argument(name, dest=dest, metavar="device", required=True)
+    parser.add_argument(serial[0], dest="first", metavar="device", required=True)
+    parser.add_argument(serial[1], dest="second", metavar="device", default=f"udpclient:{HOST}:{DISCARD}")
     for name in ("--model", "--home"):
         parser.add_argument(name, required=True)
     parser.add_argument("--speedup", type=float, default=1.0)
