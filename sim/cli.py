@@ -170,15 +170,17 @@ def _add_flight(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument_group("how they fly").add_argument
     text = "error of the position estimates, 1 as recorded; receivers report what was recorded"
     add("--noise", type=number(0.0, 100.0), default=1.0, metavar="SCALE", help=text)
-    add("--ideal", action="store_true", help="positions without error, RTK fixed")
+    add("--ideal", action="store_true", help="positions without error or resets, RTK fixed")
     text = "as the autopilots' simulators without it: PX4 1.0, ArduPilot 0.65; real 0.1 to 0.3"
     add("--drag", type=number(0.0, 10.0), metavar="PER_S", help=text)
     add("--wind", type=triple("N,E,D"), default=(0.0, 0.0, 0.0), metavar="N,E,D", help="of the air, m/s")
+    text = "of ArduPilot's clocks over the wall clock, as of a slow simulator: 0.984"
+    add("--clock-rate", type=number(0.5, 1.5), default=1.0, metavar="RATE", help=text)
     text = "flight time of a full battery"
     add("--battery", type=number(0.1, 1e5), default=20.0, metavar="MIN", help=text)
     text = "parameter: COM_OBL_RC_ACT=5, WPNAV_ACCEL=250; or of vehicle 0, 1 and on: RTL_RETURN_ALT=30,34"
     add("--param", type=parameter, action="append", default=[], metavar="NAME=VALUE", help=text)
-    text = "make PX4 behave as one would wish, or with late-ready=off ArduPilot be ready at once"
+    text = "make an autopilot behave as one would wish"
     text += f" (repeatable): {', '.join(quirk_names())}"
     add("--quirk", type=quirk, action="append", default=[], metavar="NAME=off", help=text)
 
@@ -246,6 +248,7 @@ def _settings(given: argparse.Namespace) -> Settings:
         first=given.first,
         namespace_size=given.namespace_size,
         seed=given.seed,
+        clock_rate=given.clock_rate,
         noise_scale=given.noise,
         ideal=given.ideal,
         drag_per_s=given.drag,

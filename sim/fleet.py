@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
@@ -38,6 +39,9 @@ class Fleet:
 
         Raises: ParameterError for a parameter or value that the autopilot does not accept.
         """
+        if settings.ideal:
+            exact = replace(settings.quirks, estimator_resets=False, height_scale=False)
+            settings = replace(settings, quirks=exact)
         self.settings = settings
         self.time_s = start_s
         self.step_s = step_s
@@ -64,6 +68,7 @@ class Fleet:
         self.state.horizontal_accuracy_m[:] = self.sensed_by.horizontal_m
         self.state.vertical_accuracy_m[:] = self.sensed_by.vertical_m
         self.state.fix_type[:] = self.sensed_by.fix_type
+        self._scale = np.column_stack([np.ones((count, 2)), self.state.height_scale])
         self.state.system_id[:] = [settings.system_id(i) for i in indices]
         self._schedule = self._firmware.schedule
         self.autopilots = self._firmware.autopilots
@@ -114,7 +119,7 @@ class Fleet:
         awake = self.time_s >= state.fix_at_s
         for row in (awake & ~state.home_set).nonzero()[0].tolist():
             self._set_home(row)
-        disturbance = Disturbance(self.wind_m_s, self._error.velocity_m_s)
+        disturbance = Disturbance(self.wind_m_s, self._error.velocity_m_s + state.drift_m_s)
         self._firmware.step(sensors, awake, disturbance, step_s)
         self._contact = self.bodies.rest_on_ground()
 
@@ -162,7 +167,8 @@ class Fleet:
     def _sense(self) -> Sensors:
         """Every vehicle's estimate; its local origin is its first one (item 1)."""
         state = self.state
-        estimate_m = self.bodies.position_m + self._error.position_m + state.offset_m
+        estimate_m = self._scale * self.bodies.position_m + self._error.position_m
+        estimate_m += state.offset_m + state.drift_m
         frozen_m = state.frozen_m
         estimate_m = np.where(np.isnan(frozen_m), estimate_m, frozen_m)
         if self._lost:
@@ -173,7 +179,7 @@ class Fleet:
             self._lost = bool((unknown & ~fresh).any())
         return Sensors(
             position_m=estimate_m - self._local_origin_m,
-            velocity_m_s=self.bodies.velocity_m_s + self._error.velocity_m_s,
+            velocity_m_s=self._scale * self.bodies.velocity_m_s + self._error.velocity_m_s + state.drift_m_s,
             acceleration_m_s2=self.bodies.acceleration_m_s2,
             height_m=-self.bodies.position_m[:, 2],
             contact=self._contact,

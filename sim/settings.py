@@ -35,11 +35,12 @@ class Settings:
     Vehicle 0 stands at `grid_at_m` (north, east); rows lead towards `grid_heading_deg`, columns to its right.
     Its namespace is i // namespace_size, its system id there i % namespace_size + 1. Where a parameter
     has several values, vehicle i has the i-th. Receivers report what was recorded, and estimates are off by
-    `noise_scale` times what was; with `ideal`, positions are exact and the fix is RTK fixed. Without
-    `drag_per_s` bodies have the drag of the recorded simulators: 1.0 with PX4, 0.65 with ArduPilot.
+    `noise_scale` times what was; with `ideal`, positions are exact and never reset, and the fix is RTK fixed.
+    Without `drag_per_s` bodies have the drag of the recorded simulators: 1.0 with PX4, 0.65 with ArduPilot.
     `rates_hz` are those that PX4 sends without a request. `version` is one of sim.vehicle.versions, as
     "1.16", of a mixed fleet "1.16,4.5"; "" is as recorded. Parameters begin as in the autopilot's
-    simulator, or `as_delivered` in its firmware.
+    simulator, or `as_delivered` in its firmware. `clock_rate` is the rate of ArduPilot's clocks, which are
+    its simulator's, over the wall clock.
     """
 
     autopilot: Autopilot = "px4"
@@ -50,6 +51,7 @@ class Settings:
     every: int = 1
     namespace_size: int = MAX_SYSTEM_ID
     seed: int = 0
+    clock_rate: float = 1.0
     noise_scale: float = 1.0
     ideal: bool = False
     drag_per_s: float | None = None

@@ -17,13 +17,14 @@ from gcs.sim.protocol.setpoints import store_setpoints
 from gcs.sim.protocol.streams import Schedule
 from gcs.sim.settings import Settings
 from gcs.sim.vehicle import versions
-from gcs.sim.vehicle.commander import Transitions
 from gcs.sim.vehicle.dynamics import Array, Mask, PointMasses, Response
+from gcs.sim.vehicle.estimator import Estimator
 from gcs.sim.vehicle.guidance import Guidance
 from gcs.sim.vehicle.parameters import Columns
 from gcs.sim.vehicle.px4 import Parameters
 from gcs.sim.vehicle.sensors import SIH_RECEIVER, Batteries, Sensors
 from gcs.sim.vehicle.state import Rows, State
+from gcs.sim.vehicle.transitions import Transitions
 
 READY_AFTER_S = (4.0, 6.0)  # item 2
 READY_AT_ONCE_S = 0.1
@@ -71,6 +72,7 @@ class Px4:
         self._batteries = Batteries(self.state, parameters, settings.endurance_s)
         self._transitions = Transitions(self.state, commanders, parameters, settings.quirks)
         self._guidance = Guidance(self.state, commanders, parameters, settings.quirks)
+        self._estimator = Estimator(self.state, settings.quirks)
 
     def boot(self, row: int, now_s: float, random: np.random.Generator) -> None:
         """Ready after some seconds, by the vehicle's own random numbers; the clock is slow."""
@@ -81,6 +83,7 @@ class Px4:
         state.ready_at_s[row] = now_s + (ready_s if quirks.late_ready else READY_AT_ONCE_S)
         state.fix_at_s[row] = state.ready_at_s[row] - (FIX_BEFORE_READY_S if quirks.late_ready else 0.0)
         self.start_streams(row, now_s, random)
+        self._estimator.boot(row, random)
 
     def start_streams(self, row: int, now_s: float, random: np.random.Generator) -> None:
         """All of PX4's streams, each at a random phase of its own."""
@@ -89,6 +92,7 @@ class Px4:
     def step(self, sensors: Sensors, awake: Mask, disturbance: Disturbance, step_s: float) -> None:
         """See `Firmware`."""
         state = self.state
+        state.position_lost = self._estimator.update(sensors.height_m, step_s)
         demand_m_s = self._guidance.velocity(sensors, awake, step_s)
         self._transitions.update(awake, sensors.contact, -demand_m_s[:, 2], self._batteries)
         powered = state.powered

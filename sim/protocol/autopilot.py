@@ -64,7 +64,8 @@ class Autopilot(BaseAutopilot):
         self.parameters: px4.Parameters = parameters
         self._shared = shared
         self._commander = Commander(
-            shared.state, row, parameters, shared.quirks, self._post_text, self._announce
+            *(shared.state, row, parameters, shared.quirks, shared.version.release),
+            *(self._post_text, self._announce),
         )
         self._text_id = 0
         self._corrections = Reassembly()
@@ -224,6 +225,11 @@ class Autopilot(BaseAutopilot):
             return self.arm(force=force)
         return self.commander.disarm(force=force) if desired == 0.0 else Result.DENIED
 
+    def _terminate(self, params: Params) -> Result:
+        if params[0] > 0.5:
+            self.commander.terminate()
+        return Result.ACCEPTED
+
     def _set_mode(self, params: Params) -> Result:
         base, main, sub = params[:3]
         if not all(map(math.isfinite, params[:3])) or not int(base) & CUSTOM_MODE_ENABLED:
@@ -297,9 +303,7 @@ class Autopilot(BaseAutopilot):
                 params[6] if math.isfinite(params[6]) else None
             ),
             common.MAV_CMD_DO_SET_MODE: _set_mode,
-            common.MAV_CMD_DO_FLIGHTTERMINATION: lambda self, params: (
-                self.commander.disarm(force=True) if params[0] > 0.5 else Result.ACCEPTED
-            ),
+            common.MAV_CMD_DO_FLIGHTTERMINATION: _terminate,
             common.MAV_CMD_DO_SET_ACTUATOR: _set_actuator,
             common.MAV_CMD_COMPONENT_ARM_DISARM: _arm_or_disarm,
             common.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: _reboot,

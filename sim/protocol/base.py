@@ -36,6 +36,14 @@ class BaseCommander(Protocol):
         """Let it hold its place without the pilot."""
         ...
 
+    def terminate(self) -> bool:
+        """Stop the motors in flight, as its flight termination does; False where it is not armed."""
+        ...
+
+    def doubt_compass(self) -> bool:
+        """Complain of the compass in flight; False where this autopilot has no such text."""
+        ...
+
 
 class BaseAutopilot(ABC):
     """One row of a fleet's state as a MAVLink component."""

@@ -25,6 +25,7 @@ class Mode(Enum):
     LAND = (4, 6, STABILIZE | GUIDED | AUTO | CUSTOM)
     OFFBOARD = (6, 0, STABILIZE | CUSTOM)
     STABILIZED = (7, 0, MANUAL_INPUT | STABILIZE | CUSTOM)
+    TERMINATION = (10, 0, CUSTOM)
 
     @property
     def number(self) -> int:
@@ -32,27 +33,19 @@ class Mode(Enum):
 
     @staticmethod
     def find(main: int, sub: int) -> "Mode | None":
-        return next((mode for mode in Mode if mode.value[:2] == (main, sub)), None)
+        """The mode that can be commanded by these numbers."""
+        return next((mode for mode in COMMANDED if mode.value[:2] == (main, sub)), None)
 
 
 MODES = tuple(Mode)
+COMMANDED = tuple(mode for mode in Mode if mode is not Mode.TERMINATION)
 NUMBERS = {mode: number for number, mode in enumerate(MODES)}
 CUSTOM_MODES = np.array([mode.value[0] << 16 | mode.value[1] << 24 for mode in MODES], dtype=np.uint32)
 BASE_MODES = np.array([mode.value[2] for mode in MODES], dtype=np.uint8)
 """The HEARTBEAT's fields by mode; base_mode while disarmed."""
 NEEDS_PILOT = frozenset({Mode.MANUAL, Mode.ALTITUDE, Mode.POSITION, Mode.STABILIZED})
-PREVENTS_ARMING = frozenset({Mode.LAND, Mode.RETURN})
-# COM_OBL_RC_ACT to the mode flown after setpoints are lost; 6 and 7 stop the motors instead.
-OFFBOARD_LOSS_MODE = {
-    0: Mode.POSITION,
-    1: Mode.ALTITUDE,
-    2: Mode.MANUAL,
-    3: Mode.RETURN,
-    4: Mode.LAND,
-    5: Mode.HOLD,
-}
-# NAV_DLL_ACT to the mode flown after the last ground station is lost; 5 and 6 stop the motors instead.
-STATION_LOSS_MODE = {1: Mode.HOLD, 2: Mode.RETURN, 3: Mode.LAND}
+PREVENTS_ARMING = frozenset({Mode.LAND, Mode.RETURN, Mode.TERMINATION})
+NEEDS_POSITION = frozenset({Mode.TAKEOFF, Mode.HOLD, Mode.RETURN, Mode.OFFBOARD, Mode.POSITION})
 
 
 class QuirkError(ValueError):
@@ -61,7 +54,7 @@ class QuirkError(ValueError):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quirks:
-    """On is PX4's behaviour; off is the ideal one. On the command line `_` is written `-`."""
+    """On is the autopilot's behaviour; off is the ideal one. On the command line `_` is written `-`."""
 
     own_origin: bool = True
     """1: each local NED origin is the vehicle's own first fix; off: all have the fleet's."""
@@ -90,6 +83,15 @@ class Quirks:
     """11: DISARM in the air is refused; off: it stops the motors."""
     slow_clock: bool = True
     """12: the boot clock loses 1 to 2 %; off: it is exact. (Jumps are faults: clock-jump, reboot.)"""
+    failsafe_hold: bool = True
+    """A failsafe for battery or station holds for COM_FAIL_ACT_T before its action; off: it acts at once."""
+    estimator_resets: bool = True
+    """The estimator is reset 13 times before the vehicle is ready and once in each flight, where its heading
+    turns by up to 4 degrees; off: never."""
+    console_text: bool = True
+    """ArduPilot writes console text on its link at boot; off: frames only."""
+    height_scale: bool = True
+    """ArduPilot's height is 5 % too large; off: it is true."""
     patient_offboard: bool = True
     """13: OFFBOARD continues at 2 Hz, up to COM_OF_LOSS_T between setpoints; off: 0.25 s is too long."""
 

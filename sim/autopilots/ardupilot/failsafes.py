@@ -20,6 +20,7 @@ from gcs.sim.autopilots.ardupilot.modes import (
 from gcs.sim.autopilots.ardupilot.power import LEVELS, Batteries
 from gcs.sim.autopilots.ardupilot.prearm import NOT_ARMABLE, RADIO_LOST_AFTER_S
 from gcs.sim.autopilots.ardupilot.state import ArduState
+from gcs.sim.autopilots.ardupilot.texts import breach_text
 from gcs.sim.vehicle.commander import LandedState
 from gcs.sim.vehicle.dynamics import Array, Mask
 from gcs.sim.vehicle.parameters import Columns
@@ -44,6 +45,9 @@ OF_RADIO: Mapping[int, Mode] = {1: RTL, 2: RTL, 3: Mode.LAND, 4: SMART_RTL, 5: S
 OF_FENCE: Mapping[int, Mode] = {1: RTL, 2: Mode.LAND, 3: SMART_RTL, 4: Mode.BRAKE, 5: SMART_RTL}
 """By FENCE_ACTION; 0 reports only."""
 
+NOTICE = 5  # MAV_SEVERITY
+TELLS_MODE, TELLS_GLITCH = (4, 1), (4, 3)
+"""Releases from which on these texts are sent."""
 BOTH = ("IMU0", "IMU1")
 START: Sequence[tuple[float, tuple[str, ...]]] = (
     (1.76, ("Barometer 1 calibration complete",)),
@@ -76,6 +80,7 @@ class Transitions:
     parameters: Columns
     batteries: Batteries
     fence: Fence
+    release: tuple[int, int]
 
     def update(self, sensors: Sensors, awake: Mask, descends: Mask) -> None:
         """Execute the transitions that are due at the state's time.
@@ -144,6 +149,9 @@ class Transitions:
         """The position survives the loss of GPS for 8.2 s on inertia (habit 55)."""
         state = self.state
         gps_ok = (self.parameters["SIM_GPS_DISABLE"] == 0) & (state.fix_type >= FIX_3D)
+        if self.release >= TELLS_GLITCH:
+            for row in self._rows(state.gps_ok & ~gps_ok & state.powered):
+                self.commanders[row].send_text(CRITICAL, "GPS Glitch or Compass error")
         state.gps_since_s = np.where(gps_ok == state.gps_ok, state.gps_since_s, state.now_s)
         state.gps_ok = gps_ok
         since_s, before = state.now_s - state.gps_since_s, state.position_ok
@@ -158,6 +166,8 @@ class Transitions:
             for severity, text in POSITION_LOST:
                 self.commanders[row].send_text(severity, text)
             self.commanders[row].fail_safe(Mode.LAND)
+            if self.release >= TELLS_MODE:
+                self.commanders[row].send_text(CRITICAL, "EKF Failsafe: changed to LAND Mode")
 
     def _watch_radio(self) -> None:
         """FS_THR_ENABLE 0 while the failsafe stands leaves it standing (habit 54)."""
@@ -206,7 +216,7 @@ class Transitions:
             commander.fail_safe(OF_BATTERY[action])
 
     def _watch_fence(self, sensors: Sensors, awake: Mask) -> None:
-        """A breach acts once, without a text, and again where a command keeps it outside (habit 53)."""
+        """A breach acts once, and again where a command keeps it outside (habit 53)."""
         state = self.state
         from_home_m = np.where(awake[:, np.newaxis], sensors.position_m - state.home_m, 0.0)
         breach = np.where(awake & state.home_set, self.fence.breach(from_home_m), 0)
@@ -217,6 +227,9 @@ class Transitions:
         for row in self._rows((fresh | again) & state.powered):
             state.breach_count[row] += 1
             state.breach_s[row] = state.now_s
+            text = breach_text(self.release, int(breach[row]))
+            if text is not None:
+                self.commanders[row].send_text(NOTICE, text)
             mode = OF_FENCE.get(int(self.parameters["FENCE_ACTION"][row]))
             if mode is not None and commanded_s[row] >= (0.0 if fresh[row] else PILOT_HAS_S):
                 self.commanders[row].fail_safe(mode)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gcs.sim.autopilots.ardupilot import reports
 from gcs.sim.autopilots.ardupilot.failsafes import FIRST_CHECK_S, FIRST_REASONS_S, Transitions, descends
 from gcs.sim.autopilots.ardupilot.fence import Fence
-from gcs.sim.autopilots.ardupilot.guidance import Guidance
+from gcs.sim.autopilots.ardupilot.guidance import GUIDED_BY_WPNAV, Guidance
 from gcs.sim.autopilots.ardupilot.modes import Mode
 from gcs.sim.autopilots.ardupilot.parameters import Parameters
 from gcs.sim.autopilots.ardupilot.power import Batteries
@@ -20,6 +20,7 @@ from gcs.sim.autopilots.ardupilot.reports import Snapshot
 from gcs.sim.autopilots.ardupilot.response import Copters, Response
 from gcs.sim.autopilots.ardupilot.setpoints import store_setpoints
 from gcs.sim.autopilots.ardupilot.state import ArduState
+from gcs.sim.autopilots.ardupilot.texts import Console
 from gcs.sim.autopilots.firmware import Disturbance, Sent, Services
 from gcs.sim.protocol.frames import Fields, as_version_1
 from gcs.sim.protocol.streams import Schedule
@@ -33,6 +34,8 @@ from gcs.sim.vehicle.state import Rows
 FIRST_HEARTBEAT_S = 1.05  # habit 1
 ORIGIN_AFTER_S, READY_AFTER_S = 19.0, 39.5  # habit 19
 READY_AT_ONCE_S = 0.1
+HEIGHT_SCALE = 1.05
+"""Reported over true height: 25.1 m of 23.9 m, flown with 4.0.7, all six alike, and 4.5.5."""
 UNASKED_HZ = {HEARTBEAT: 1.0, 111: 0.1}
 """Habit 3: HEARTBEAT and TIMESYNC; SR0_* are 0."""
 PARAMETERS_PER_S = 1400  # habit 8: 1131 in 0.8 s
@@ -84,8 +87,13 @@ class ArduCopter:
         self.autopilots = [ArduPilot(shared, row, own) for row, own in enumerate(tables)]
         fence = Fence(self._parameters)
         commanders = [autopilot.commander for autopilot in self.autopilots]
-        self._transitions = Transitions(self.state, commanders, self._parameters, self._batteries, fence)
+        self._transitions = Transitions(
+            self.state, commanders, self._parameters, self._batteries, fence, version.release
+        )
         self._guidance = Guidance(self.state, self.bodies, self._parameters, fence, version.release)
+        self._console = Console(version.software) if quirks.console_text else None
+        self._clock_rate = settings.clock_rate
+        self.state.height_scale[:] = HEIGHT_SCALE if quirks.height_scale else 1.0
         self._announced: Mask = np.zeros(count, dtype=np.bool_)
         self._sensors: Sensors
 
@@ -96,6 +104,9 @@ class ArduCopter:
         state.fix_at_s[row] = now_s + (ORIGIN_AFTER_S if late else 0.0)
         state.check_at_s[row] = now_s + (FIRST_CHECK_S if self._late_ready else 0.0)
         state.reasons_at_s[row] = now_s + FIRST_REASONS_S
+        state.clock_rate[row] = self._clock_rate
+        if self._console is not None:
+            self._console.boot(row, now_s)
         self.start_streams(row, now_s, random)
 
     def start_streams(self, row: int, now_s: float, random: np.random.Generator) -> None:
@@ -121,6 +132,7 @@ class ArduCopter:
             sensors.velocity_m_s,
             wind_m_s=disturbance.wind_m_s,
             resting=~powered | (sensors.contact & down),
+            jerk_m_s3=state.jerk_m_s3 if self._version.release >= GUIDED_BY_WPNAV else None,
         )
 
     def report(self, message_id: int, rows: Rows, unix_s: float, sensors: Sensors) -> Fields:
@@ -160,6 +172,8 @@ class ArduCopter:
             del sent[row]
         for row in [row for row in sent if self.state.old_frames[row]]:
             sent[row] = [old for frame in sent[row] if (old := as_version_1(frame, reports.OLD_FORMS))]
+        if self._console is not None:
+            self._console.put(sent, self.state.now_s)
         return sent
 
     def _newest_sensors(self) -> Sensors:

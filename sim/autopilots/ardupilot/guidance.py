@@ -45,7 +45,7 @@ YAW_PER_S, YAW_DAMPING = 3.2, 0.26  # habit 49: as recorded it swings round the 
 BLIND_DRIFT_M_S = 0.3  # habit 55: without a position it drifted by 1.7 m and 11 m during its landing
 TURNS_BEYOND_M = 2.0  # WP_YAW_BEHAVIOR: a nearer goal does not turn the nose
 GUIDED_BY_WPNAV = (4, 1)
-"""Release since which WPNAV_ACCEL_Z, not PILOT_ACCEL_Z, bounds vertical acceleration in GUIDED."""
+"""Release since which WPNAV_ACCEL_Z and PSC_JERK_Z bound the climb in GUIDED, not PILOT_ACCEL_Z."""
 CM = 0.01
 
 
@@ -135,6 +135,9 @@ class Guidance:
         self.bodies.start(entering, sensors.position_m, sensors.velocity_m_s)
         rows = entering.nonzero()[0]
         state.limit_m_s2[rows] = self._limits(rows, sensors.ground_speed_m_s[rows])
+        if self.release >= GUIDED_BY_WPNAV:
+            follows = (state.mode[rows] == GUIDED) & (state.submode[rows] == VELOCITY)
+            state.jerk_m_s3[rows] = np.where(follows, self.parameters["PSC_JERK_Z"][rows], np.inf)
         self._start_returns(rows[RETURNS[state.mode[rows]]], sensors)
 
     def _limits(self, rows: Rows, speed_m_s: Array) -> Array:

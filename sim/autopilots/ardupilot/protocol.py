@@ -80,6 +80,7 @@ class ArduPilot(BaseAutopilot):
             self._post_text,
             self._send_heartbeat,
             self._move_home,
+            shared.version.release,
         )
 
     @property

@@ -131,7 +131,8 @@ def extended_sys_state(s: Snapshot) -> Fields:
 
 
 def system_time(s: Snapshot) -> Fields:
-    unix_s = np.where(s.has_fix, s.unix_s + s.state.unix_ahead_s[s.rows], 0.0)  # known from GPS
+    lost_s = (s.state.now_s - s.state.boot_s[s.rows]) * (1.0 - s.state.clock_rate[s.rows])  # simulated time
+    unix_s = np.where(s.has_fix, s.unix_s + s.state.unix_ahead_s[s.rows] - lost_s, 0.0)  # known from GPS
     return {"time_unix_usec": np.round(unix_s * 1e6), "time_boot_ms": s.boot_ms}
 
 
