@@ -20,13 +20,19 @@ MEND: Final = "to mend its parameters, stop the service and run: gcs params appl
 
 
 def requirements_of(config: Config) -> dict[VehicleId, tuple[Requirement, ...]]:
-    """Return the requirements of each vehicle: their heights of return and their autopilots differ."""
+    """Return the requirements of each vehicle: their heights of return and their autopilots differ.
+
+    In a fleet of several autopilots those that must be `alike` leave no choice.
+    """
     kinds = [(profile.name, link.station_id) for link in config.links for profile in link.autopilots]
+    site = config.site_rows
+    mixed = (site is not None and site.mixed) or len({name for name, _ in kinds}) > 1
     made: dict[tuple[tuple[str, int], float], tuple[Requirement, ...]] = {}
     for kind, height_m in (alike := [*zip(kinds, config.return_heights_m.tolist(), strict=True)]):
         if (kind, height_m) not in made:
             name, station_id = kind
-            made[kind, height_m] = REQUIREMENTS[name](config.operation, config.control, height_m, station_id)
+            needed = REQUIREMENTS[name](config.operation, config.control, height_m, station_id)
+            made[kind, height_m] = tuple(one.exactly if mixed and one.alike else one for one in needed)
     return dict(zip(config.ids, map(made.__getitem__, alike), strict=True))
 
 

@@ -1,7 +1,7 @@
 """What must hold of one parameter of an autopilot, and why. Pure."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf, isfinite
 from typing import Final
 
@@ -23,6 +23,7 @@ class Requirement:
     choices: tuple[int, ...] = ()
     barred: tuple[int, ...] = ()
     otherwise: "Requirement | None" = None  # of versions of the autopilot that do not have this parameter
+    alike: bool = False  # in a fleet of several autopilots all must have `set_to`, and nothing near it
     lacking: str | None = (
         None  # what remains unsafe on versions without it, "" nothing; None: it must be there
     )
@@ -34,6 +35,11 @@ class Requirement:
             return value in self.choices
         slack = NEARLY * max(1.0, abs(value))
         return self.least - slack <= value <= self.most + slack
+
+    @property
+    def exactly(self) -> "Requirement":
+        """The same, met by `set_to` only."""
+        return replace(self, least=float(self.set_to), most=float(self.set_to))
 
     @property
     def may_lack(self) -> bool:
@@ -57,6 +63,8 @@ class Requirement:
             return " or ".join(str(choice) for choice in self.choices)
         if self.barred:
             return f"not {' nor '.join(str(number) for number in self.barred)}"
+        if self.least == self.most:
+            return f"{self.least:g}"
         if isfinite(self.least) and isfinite(self.most):
             return f"{self.least:g} to {self.most:g}"
         return f"at least {self.least:g}" if isfinite(self.least) else f"at most {self.most:g}"

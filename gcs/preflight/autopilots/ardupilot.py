@@ -75,7 +75,7 @@ def _losing_us(operation: OperationSettings, height_m: float, station_id: int) -
         Requirement("SYSID_MYGCS", station_id, ours, choices=(station_id,), otherwise=own_id),
         Requirement("FS_GCS_ENABLE", choices[0], does, choices=choices),
         Requirement("FS_GCS_TIMEOUT", float(max(5, later_s)), until, least=later_s, most=60.0, lacking=""),
-        Requirement(FLIES_ON, loss_s, on, least=min(0.5, loss_s), most=loss_s, lacking=lacking),
+        Requirement(FLIES_ON, loss_s, on, least=min(0.5, loss_s), most=loss_s, alike=True, lacking=lacking),
         Requirement("RTL_ALT", height_cm, returns, least=height_cm - 50, most=height_cm + 50),
         Requirement("RTL_CONE_SLOPE", 0.0, no_cone, choices=(0,)),
         Requirement("RTL_ALT_FINAL", 0, lands, choices=(0,)),

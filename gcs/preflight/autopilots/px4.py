@@ -9,6 +9,7 @@ from typing import Final
 
 from gcs.config.sections import OperationSettings
 from gcs.control import ControlSettings
+from gcs.links.autopilots.px4 import LOSS_TIME
 from gcs.model.setpoint_loss import STOP_S
 from gcs.preflight.autopilots.common import WIDEST, least_tilt_deg, own_fence_m, own_fence_reasons
 from gcs.preflight.requirement import Requirement
@@ -54,7 +55,7 @@ def _losing_us(operation: OperationSettings, height_m: float) -> tuple[Requireme
     no_cone = "else it returns lower near home, through the heights of others"
     return (
         Requirement("COM_OBL_RC_ACT", number, does, choices=(number,)),
-        Requirement("COM_OF_LOSS_T", loss_s, until, least=min(0.5, loss_s), most=loss_s),
+        Requirement(LOSS_TIME, loss_s, until, least=min(0.5, loss_s), most=loss_s, alike=True),
         Requirement("NAV_DLL_ACT", after[0], unlinked, choices=after),
         Requirement("COM_DL_LOSS_T", max(10, later_s), unlinked_until, least=later_s, most=60.0),
         Requirement("RTL_RETURN_ALT", height_m, returns, least=height_m - 0.5, most=height_m + 0.5),
