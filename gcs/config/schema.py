@@ -16,6 +16,7 @@ from gcs.config.stations import SiteRows, StationSettings, check_stations, check
 from gcs.config.yaml_files import Loc, Source
 from gcs.control import ControlSettings
 from gcs.estimation.fleet_state import Positioning
+from gcs.estimation.height_bias import HeightSettings
 from gcs.failsafe.policy import FailsafePolicy
 from gcs.formation.orbit import CLEAR_OF_FENCE_M
 from gcs.links.settings import INSTANCES_MAX, LightSettings, RecordSettings, RtkSettings, instances, occupied
@@ -55,6 +56,7 @@ class Config(Settings):
     operation: sections.OperationSettings = sections.OperationSettings()
     control: ControlSettings = ControlSettings()
     positioning: Positioning = Positioning()
+    heights: HeightSettings = HeightSettings()
     failsafes: FailsafePolicy = FailsafePolicy()
     preflight: sections.PreflightSettings = sections.PreflightSettings()
     lights: LightSettings = LightSettings()

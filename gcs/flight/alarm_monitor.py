@@ -185,6 +185,7 @@ class AlarmMonitor:
             *of_routes(tick, self._ids(tick)),
             *self._of_the_radius(),
             *self._of_authority(tick),
+            *self._of_heights(),
             *_of_failsafes(findings.failsafes),
             *self._of_links(findings),
             *self._of_timecode(),
@@ -293,6 +294,15 @@ class AlarmMonitor:
             because = f"{vehicle.autopilot.title}, less than {least_m_s2[row]:.1f} m/s^2"
             consequence = "[Its stops|Their stops] may be longer than the safety filter counts on."
             yield Condition(AlarmCause.SLOW_ANSWERS, because, (vehicle.id,), consequence)
+
+    def _of_heights(self) -> Iterator[Condition]:
+        flight = self.flight
+        found = flight.heights.found
+        for row in np.flatnonzero(found.named).tolist() if found.named.any() else ():
+            vehicle = flight.at_row(row)
+            if vehicle.phase in FLIES:
+                consequence = "Others keep so much farther above and below [it|them]."
+                yield Condition(AlarmCause.HEIGHT_DIFFERS, found.in_words(row), (vehicle.id,), consequence)
 
     def _of_timecode(self) -> Iterator[Condition]:
         flight, show_run = self.flight, self.flight.show_run

@@ -223,6 +223,7 @@ class PreflightGate:
             battery_need=0.0 if show is None else None if found is None else found.battery_need,
             speed_need_m_s=0.0 if found is None else found.speed_max_m_s,
             speed_max_m_s=flight.traits.speed_max_m_s,
+            heights=flight.heights.found,
             others=None if flight.site is None else flight.site.placed(),
             ahead_s=self.flight.unix_s() - flight.fleet.time_s,
         )
