@@ -15,6 +15,7 @@ from gcs.config.setting_errors import Misfit, explained, located
 from gcs.config.stations import SiteRows, StationSettings, check_stations, check_timecode
 from gcs.config.yaml_files import Loc, Source
 from gcs.control import ControlSettings
+from gcs.estimation.height_bias import HeightSettings
 from gcs.estimation.positioning import Positioning
 from gcs.failsafe.policy import FailsafePolicy
 from gcs.formation.orbit import CLEAR_OF_FENCE_M
@@ -55,6 +56,7 @@ class Config(Settings):
     operation: sections.OperationSettings = sections.OperationSettings()
     control: ControlSettings = ControlSettings()
     positioning: Positioning = Positioning()
+    heights: HeightSettings = HeightSettings()
     failsafes: FailsafePolicy = FailsafePolicy()
     preflight: sections.PreflightSettings = sections.PreflightSettings()
     lights: LightSettings = LightSettings()

@@ -36,6 +36,7 @@ def station_config(site: Config, name: str) -> Config:
             count=len(site.ids),
             rows=rows,
             standby=sum(len(link.fleet) for link in mirrors),
+            mixed=len(set(site.autopilots.values())) > 1,
         ),
     }
     return Config.model_validate({key: getattr(site, key) for key in Config.model_fields} | changes)

@@ -48,6 +48,7 @@ class SiteRows(Settings):
     count: Annotated[int, Field(ge=1)]  # vehicles of the site
     rows: tuple[Annotated[int, Field(ge=0)], ...]  # of the station's vehicles among them
     standby: int = 0  # so many at the end are another station's
+    mixed: bool = False  # whether the site has several autopilots
 
 
 def check_stations(

@@ -53,7 +53,7 @@ class FailsafeInputs:
     battery_critical_below: float  # `failsafes.low_battery.critical_below`
     texts: Sequence[str]  # its status texts of the last TEXTS_COUNT_S, oldest first
     setpoint_gap_s: float  # the longest time in which this station could send it none, of the last seconds
-    setpoint_loss_s: float  # COM_OF_LOSS_T as configured
+    setpoint_loss_s: float  # how long it flies on, as `WithoutSetpoints`
     setpoint_loss_action: str  # COM_OBL_RC_ACT as configured, see `gcs.config.schema.OperationSettings`
     position_age_s: float  # inf: no plausible position
     beyond_fence: bool = False  # its autopilot reports that its own fence is breached

@@ -19,6 +19,7 @@ from gcs.config.schema import Config
 from gcs.control import ControlSettings, Memory, Task, Tasks
 from gcs.control.late_links import LATE_S, fleet_delay_s, for_late_links
 from gcs.estimation.fleet_state import FORWARD_MAX_S, Table, uncertainty_m
+from gcs.estimation.height_bias import HeightComparison
 from gcs.estimation.link_delay import LinkDelay
 from gcs.estimation.link_health import LinkQuality, SetpointGaps
 from gcs.failsafe.autopilot_failsafe import TEXTS_COUNT_S, FailsafeInputs
@@ -114,6 +115,12 @@ def joined(
     return Telemetry(**columns)
 
 
+def _requested_hz(config: Config) -> Array:
+    """(n,) positions a second that are requested and used of each vehicle."""
+    looks_hz = config.tick_rate_hz
+    return np.array([min(link.streams.position_hz, looks_hz) for link in config.links for _ in link.fleet])
+
+
 _COLUMNS: Final = {field.name: attrgetter(field.name) for field in fields(Telemetry)}
 
 
@@ -185,10 +192,9 @@ class Fleet:
         self._closing: tuple[FleetState, frozenset[VehicleId]] | None = None  # likewise: see `closing`
         self._table = self._made_table()
         self.uncontrolled = UncontrolledSpace(config, tuple(self.vehicles.values()))
-        looks_hz = config.tick_rate_hz
-        requested_hz = [min(link.streams.position_hz, looks_hz) for link in config.links for _ in link.fleet]
-        self.link_quality = LinkQuality(np.array(requested_hz))
+        self.link_quality = LinkQuality(_requested_hz(config))
         self.link_delay = LinkDelay(len(self.vehicles))
+        self.heights = HeightComparison(len(self.vehicles), config.heights)
         self._slowed: tuple[ControlSettings, float, ControlSettings] | None = None  # see `control_now`
         # as judged by `telemetry_monitor` at the beginning of the tick, rows as in FleetState:
         self.silent: Mask = np.ones(len(self.vehicles), dtype=np.bool_)  # see `gcs.estimation.link_health`
@@ -241,7 +247,10 @@ class Fleet:
         telemetry, floor = self.telemetry, self.control.safety.floor
         least = floor.uncertainty_m, floor.vertical_uncertainty
         reported = telemetry.horizontal_accuracy_m, telemetry.vertical_accuracy_m, telemetry.fix_type
-        return uncertainty_m(*least, *reported, since_jump_s, self.config.positioning)
+        wide_m = uncertainty_m(*least, *reported, since_jump_s, self.config.positioning)
+        if (found := self.heights.found).named.any():
+            wide_m = wide_m + found.widening_m(floor.deviations, floor.vertical_uncertainty)
+        return wide_m
 
     @property
     def uncertainty_on_pads_m(self) -> Array:
@@ -249,9 +258,11 @@ class Fleet:
         return self._uncertainty_m(np.full(len(self.vehicles), np.inf))
 
     def note_links(self) -> None:
-        """Note how the newest telemetry arrived. After the setpoints: delays change over seconds."""
+        """Note how the newest telemetry arrived, and its heights. After the setpoints: they change slowly."""
         self.link_quality.note(self.telemetry.position_time_s, self.fleet.time_s)
         self.link_delay.note(self.telemetry.clock_base_s, self.fleet.time_s)
+        fresh = self.fleet.age_s <= self.control.telemetry_age_max_s
+        self.heights.note(self.telemetry, fresh, self.fleet.time_s)
 
     def note_parameters(self, vehicle: Vehicle, values: Mapping[str, ParameterValue]) -> None:
         """Take the parameters of a vehicle as read; what it does without setpoints follows from them."""

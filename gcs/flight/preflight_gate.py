@@ -19,6 +19,7 @@ from gcs.model.preflight_report import Check, Exclusion, PreflightReport, State,
 from gcs.model.state import Array, VehicleId
 from gcs.planning.feasibility import check_formation, check_obstacle
 from gcs.planning.landing_sites import column_m, describe_columns, most_overlapping
+from gcs.planning.loss_times import APART_MAX_S, check_loss_times
 from gcs.planning.setpoint_loss import PREDICTED_MAX, check_setpoint_loss, formation_m
 from gcs.preflight.fleet import Pattern, Stand, standing
 from gcs.preflight.pad_distances import room_to_wander, spacing
@@ -42,6 +43,7 @@ TO_DO: Final = {
     "vehicles": "wait until it is received on the ground, or take it out of the show",
     "show": "check and select the show again, name the vehicles that fly, or take the others out",
     "formation": "choose a larger radius, better receivers, or fewer vehicles",
+    "loss times": "do as the text says, or fly vehicles with one time only",
     "loss of the ground station": "do as the text says, or choose a larger radius",
     "obstacles": "remove the obstacle, or move the pad",
 }
@@ -179,7 +181,7 @@ class PreflightGate:
             "parameters, speed limits, own fence: operation.require_parameters is false": (
                 not operation.require_parameters
             ),
-            "loss of the ground station: operation.require_safe_setpoint_loss is false": (
+            "loss times, loss of the ground station: operation.require_safe_setpoint_loss is false": (
                 not operation.require_safe_setpoint_loss
             ),
             "fix, accuracy: preflight.require_fix is false": not settings.require_fix,
@@ -223,6 +225,7 @@ class PreflightGate:
             battery_need=0.0 if show is None else None if found is None else found.battery_need,
             speed_need_m_s=0.0 if found is None else found.speed_max_m_s,
             speed_max_m_s=flight.traits.speed_max_m_s,
+            heights=flight.heights.found,
             others=None if flight.site is None else flight.site.placed(),
             ahead_s=self.flight.unix_s() - flight.fleet.time_s,
         )
@@ -246,6 +249,12 @@ class PreflightGate:
         """Yield the checks of what would go wrong in the air, as far as it can be predicted; each raises."""
         flight, operation = self.flight, self.flight.config.operation
         yield ("formation", "a sphere that has room for all vehicles", lambda: self._check_formations(chosen))
+        if operation.require_safe_setpoint_loss:
+            alone = [flight.vehicles[name].without_setpoints for name in chosen]
+            flies_on_s = np.array([each.flies_on_s for each in alone])
+            limit = f"at most {APART_MAX_S:g} s apart"
+            elsewhere_s = None if flight.site is None else operation.setpoint_loss_s
+            yield "loss times", limit, partial(check_loss_times, chosen, flies_on_s, elsewhere_s)
         if operation.require_safe_setpoint_loss and self.show_player.plans():
             rows = [flight.vehicles[name].row for name in chosen]
             look = partial(

@@ -8,6 +8,8 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
+import numpy as np
+
 from gcs.failsafe.autopilot_failsafe import FailsafeCause
 from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuvers
@@ -23,9 +25,9 @@ STALL_EXPLAINS_S = 3.0
 """A stall explains modes for this time: heartbeats come once a second, and the oldest are read first."""
 
 STALL_SHARE = 0.7
-"""A stall explains a setpoint-loss failsafe from this share of `operation.setpoint_loss_s` on.
+"""A stall explains a setpoint-loss failsafe from this share of the shortest loss time of any vehicle on.
 
-The last setpoint may have been late, and vehicles may be configured with a shorter time.
+The last setpoint may have been late.
 """
 
 OTHER_FAILSAFES = frozenset(FailsafeCause) - {
@@ -85,7 +87,8 @@ class StallRecovery:
         """Keep what was flown when no tick came for `gap_s`; to be called before telemetry changes phases."""
         flight, show_run, (show, reason) = self.flight, self.flight.show_run, self._show
         now_s = flight.fleet.time_s
-        if gap_s < STALL_SHARE * flight.config.operation.setpoint_loss_s:
+        noticed_s = flight.uncontrolled.without_setpoints.flies_on_s.min(initial=np.inf)
+        if gap_s < STALL_SHARE * noticed_s:
             return
         log.warning("service_stalled", extra={"stalled_s": round(gap_s, 1), "show": show.value})
         flown = self._flown()

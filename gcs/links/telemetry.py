@@ -219,6 +219,7 @@ class FleetTelemetry:
             ready=self._ready_reported.values,
             horizontal_accuracy_m=now.accuracy_m[:, 0].copy(),
             vertical_accuracy_m=now.accuracy_m[:, 1].copy(),
+            gnss_altitude_amsl_m=now.gnss_altitude_m.copy(),
             reboot_count=self._reboot_count_reported.values,
             position_resets=self._resets_reported.values,
             fix_type=now.fix_type.copy(),

@@ -73,7 +73,7 @@ _STATUS_HEALTH = _at(_STATUS, "onboard_control_sensors_health")
 _STATUS_PERCENT = _at(_STATUS, "battery_remaining")
 _BATTERY_PERCENT, _BATTERY_PACK = _at(_BATTERY, "battery_remaining"), _at(_BATTERY, "id")
 _GPS_FIX, _GPS_EPH, _GPS_EPV = _at(_GPS, "fix_type"), _at(_GPS, "eph"), _at(_GPS, "epv")
-_GPS_H_ACC, _GPS_V_ACC = _at(_GPS, "h_acc"), _at(_GPS, "v_acc")
+_GPS_H_ACC, _GPS_V_ACC, _GPS_ALT = _at(_GPS, "h_acc"), _at(_GPS, "v_acc"), _at(_GPS, "alt")
 _TIME_UNIX: Final = _at(_TIME, "time_unix_usec")
 _EXTENDED_LANDED: Final = _at(_EXTENDED, "landed_state")
 _ODOMETRY_RESETS: Final = _at(_ODOMETRY, "reset_counter")
@@ -105,6 +105,7 @@ class Columns(NamedTuple):
     fix_type: Array
     clock_base_s: Array
     accuracy_m: Array  # (n, 2) horizontal, vertical; inf without a fix
+    gnss_altitude_m: Array  # AMSL; NaN without a fix
     place: Array  # (n, 3) degrees, degrees, m AMSL
     velocity_ned_m_s: Array  # (n, 3)
     yaw_deg: Array
@@ -137,6 +138,7 @@ class Columns(NamedTuple):
             fix_type=np.full(n, np.nan),
             clock_base_s=np.full(n, np.nan),
             accuracy_m=np.full((n, 2), np.nan),
+            gnss_altitude_m=np.full(n, np.nan),
             place=np.full((n, 3), np.nan),
             velocity_ned_m_s=np.full((n, 3), np.nan),
             yaw_deg=np.full(n, np.nan),
@@ -240,6 +242,8 @@ def _note_position(
 def _note_fix(data: Bytes, start: Number, end: Number, row: Number, into: Columns) -> None:
     fix_type = _unsigned(data, start + _GPS_FIX, end, 1)
     into.fix_type[row] = fix_type
+    altitude_m = _signed(data, start + _GPS_ALT, end, 4) * 1e-3
+    into.gnss_altitude_m[row] = altitude_m if fix_type >= FIX_3D else np.nan
     dilutions = (_unsigned(data, start + _GPS_EPH, end, 2), _unsigned(data, start + _GPS_EPV, end, 2))
     reported = (_unsigned(data, start + _GPS_H_ACC, end, 4), _unsigned(data, start + _GPS_V_ACC, end, 4))
     metres = (_HORIZONTAL_M, _VERTICAL_M)

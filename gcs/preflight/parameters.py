@@ -22,7 +22,10 @@ MEND: Final = "to mend its parameters, stop the service and run: gcs params appl
 
 
 class FleetRequirements:
-    """The requirements of each vehicle: their heights of return, autopilots and versions differ."""
+    """The requirements of each vehicle: their heights of return, autopilots and versions differ.
+
+    In a fleet of several autopilots those that must be `alike` leave no choice.
+    """
 
     def __init__(self, config: Config) -> None:
         self.profiles: Mapping[VehicleId, Autopilot] = dict(
@@ -32,6 +35,9 @@ class FleetRequirements:
         heights_m = config.return_heights_m.tolist()
         self._kinds = dict(zip(config.ids, zip(heights_m, stations, strict=True), strict=True))
         self._config = config
+        site = config.site_rows
+        several = len({profile.name for profile in self.profiles.values()}) > 1
+        self._mixed = several or (site is not None and site.mixed)
         self._made: dict[object, tuple[Requirement, ...]] = {}
 
     def of(self, vehicle_id: VehicleId, version: Version | None = None) -> tuple[Requirement, ...]:
@@ -49,7 +55,8 @@ class FleetRequirements:
         if key not in self._made:
             config = self._config
             written = REQUIREMENTS[profile.name](config.operation, config.control, *kind)
-            each = (one.of_versions(profile.versions, possible) for one in written)
+            alike = (one.exactly if self._mixed and one.alike else one for one in written)
+            each = (one.of_versions(profile.versions, possible) for one in alike)
             self._made[key] = tuple(one for one in each if one is not None)
         return self._made[key]
 

@@ -31,6 +31,7 @@ class Requirement:
     unit: str = ""
     risk: str = ""  # what remains unsafe where it does not hold, if a start is accepted all the same
     unless: str = ""  # a parameter that makes up for it with a value above 0
+    alike: bool = False  # in a fleet of several autopilots all must have `set_to`, and nothing near it
     lacking: str | None = (
         None  # what remains unsafe on versions without it, "" nothing; None: it must be there
     )
@@ -50,6 +51,11 @@ class Requirement:
         if self.name not in values:
             return self.lacking is not None
         return self.holds(values[self.name]) or values.get(self.unless, 0) > 0
+
+    @property
+    def exactly(self) -> "Requirement":
+        """The same, met by `set_to` only."""
+        return replace(self, least=float(self.set_to), most=float(self.set_to))
 
     @property
     def may_lack(self) -> bool:
@@ -76,6 +82,8 @@ class Requirement:
         if self.without:
             bits = [str(bit) for bit in range(self.without.bit_length()) if self.without >> bit & 1]
             return f"without bit {' and '.join(bits)}"
+        if self.least == self.most:
+            return f"{self.least:g}{unit}"
         if isfinite(self.least) and isfinite(self.most):
             return f"{self.least:g} to {self.most:g}{unit}{also}"
         return f"{'at least' if isfinite(self.least) else 'at most'} {self._bound:g}{unit}{also}"

@@ -7,6 +7,7 @@ from math import inf, isfinite, isnan
 import numpy as np
 
 from gcs.config.sections import PreflightSettings
+from gcs.estimation.height_bias import HeightBias
 from gcs.estimation.positioning import Positioning
 from gcs.model.preflight_report import Check, State
 from gcs.model.state import Array, FleetState, Telemetry, VehicleId
@@ -44,6 +45,7 @@ class PreflightInputs:
     speed_max_m_s: Array | None = None  # (n,) that a vehicle is configured for
     others: Placed | None = None  # of other stations
     ahead_s: float = 0.0  # our Unix time minus the loop's clock
+    heights: HeightBias | None = None  # rows as in FleetState
     foreign: Mapping[VehicleId, str] = field(default_factory=dict)  # another autopilot than configured
 
     def is_placed(self, row: int) -> bool:
@@ -104,6 +106,7 @@ def own_checks(inputs: PreflightInputs, vehicle_id: VehicleId) -> list[Check]:
         _battery(inputs, row),
         *_origin(inputs, row),
         *_speed(inputs, row),
+        *_drift(inputs, row),
         *_clock(inputs, row),
     ]
 
@@ -224,6 +227,17 @@ def _speed(inputs: PreflightInputs, row: int) -> Iterator[Check]:
     problem = f"flies at most {able_m_s:g} m/s, this show needs {need_m_s:g} m/s"
     to_do = "raise its speed_max_m_s if it can fly so fast, take it out of the show, or write a slower one"
     yield judged("speed", able_m_s, "m/s", limit, problem, to_do, good=able_m_s >= need_m_s)
+
+
+def _drift(inputs: PreflightInputs, row: int) -> Iterator[Check]:
+    """Check that its height has stayed with its receiver's while it stood, as far as that is known."""
+    found = inputs.heights
+    if found is None or not isfinite(found.bias_m[row]):
+        return
+    limit = "as its receiver's, compared with the others (heights.bias_max_m)"
+    problem = f"its height has drifted: it stands {found.in_words(row)}"
+    to_do, good = "reboot it where it stands, and look after its barometer", not found.named[row]
+    yield judged("drift of the height", float(found.bias_m[row]), "m", limit, problem, to_do, good=good)
 
 
 def _clock(inputs: PreflightInputs, row: int) -> Iterator[Check]:

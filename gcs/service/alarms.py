@@ -64,6 +64,7 @@ class AlarmCause(StrEnum):
     LITTLE_AUTHORITY = "little-authority"
     SLOW_VEHICLE = "slow-vehicle"
     SLOW_ANSWERS = "slow-answers"
+    HEIGHT_DIFFERS = "height-differs"
     CORRECTIONS_STOPPED = "corrections-stopped"
     TIMECODE = "timecode"
     CLOCK_DOUBTFUL = "clock-doubtful"
@@ -235,6 +236,13 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         C,
         "{vehicles} slow to follow setpoints",
         "Let [it|them] come home; compare the limits of acceleration with what preflight requires.",
+        off_after_s=5.0,
+    ),
+    AlarmCause.HEIGHT_DIFFERS: CauseRow(
+        C,
+        "{vehicles} not as high as reported",
+        "Let [it|them] come home if the formation lacks room; then give all vehicles one source of height"
+        " (EK3_SRC1_POSZ, EKF2_HGT_REF), or reboot [it|them] where [it stands|they stand].",
         off_after_s=5.0,
     ),
     AlarmCause.CORRECTIONS_STOPPED: CauseRow(

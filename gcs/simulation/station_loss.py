@@ -5,14 +5,14 @@ execute one action. Timing of the paths home is not relied on, as before a start
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from gcs.config.sections import OperationSettings
-from gcs.links.autopilots import AUTOPILOTS
-from gcs.model.setpoint_loss import FleetWithoutSetpoints
+from gcs.links.autopilots import AUTOPILOTS, Autopilot
+from gcs.model.setpoint_loss import FleetWithoutSetpoints, WithoutSetpoints
 from gcs.planning.loss_in_motion import clashes_in_motion
 from gcs.planning.setpoint_loss import Action, Clash
 from gcs.simulation.rehearsal import Rehearsal
@@ -66,14 +66,13 @@ def _clashes(flight: Rehearsal, tick: int) -> dict[Action, list[Clash]]:
     rows = np.flatnonzero(record.formed[tick])
     before, after = max(tick - 1, 0), min(tick + 1, len(record.position_m) - 1)
     moved_m = record.position_m[after][rows].astype(np.float64) - record.position_m[before][rows]
-    loss_s = OperationSettings().setpoint_loss_s
     profiles = [AUTOPILOTS[world.autopilot_of(row)] for row in rows.tolist()]
     found = clashes_in_motion(
         record.position_m[tick][rows].astype(np.float64),
         moved_m * (world.tick_rate_hz / (after - before)),
         flight.world.home_m[rows],
         tuple(PREDICTED),
-        FleetWithoutSetpoints([each.without_setpoints("hold", loss_s, {}) for each in profiles]),
+        FleetWithoutSetpoints(_alone(profiles)),
         floor=flight.floor,
         return_height_m=flight.world.return_height_m[rows],
     )
@@ -81,6 +80,14 @@ def _clashes(flight: Rehearsal, tick: int) -> dict[Action, list[Clash]]:
         action: [Clash(int(rows[one.first]), int(rows[one.second]), one.sideways_m) for one in pairs]
         for action, pairs in found.items()
     }
+
+
+def _alone(profiles: Sequence[Autopilot]) -> list[WithoutSetpoints]:
+    """Return what each vehicle does; all fly on as long as any may, since a start demands one time."""
+    loss_s = OperationSettings().setpoint_loss_s
+    unread = [each.without_setpoints("hold", loss_s, {}) for each in profiles]
+    longest_s = max((each.flies_on_s for each in unread), default=loss_s)
+    return [replace(each, flies_on_s=longest_s) for each in unread]
 
 
 def _over_all(

@@ -46,6 +46,7 @@ class ReceivedFlight(Flight):
                     ready=(True,) * 4,
                     horizontal_accuracy_m=np.full(4, np.nan),
                     vertical_accuracy_m=np.full(4, np.nan),
+                    gnss_altitude_amsl_m=np.full(4, np.nan),
                     reboot_count=(0,) * 4,
                     position_resets=(0,) * 4,
                     fix_type=np.full(4, 3.0),

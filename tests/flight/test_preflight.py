@@ -75,7 +75,7 @@ def test_fleet_on_its_pads_passes_all_checks_and_starts(tmp_path: Path) -> None:
             *("start pattern", "rotation of the start pattern", "shift of the start pattern"),
         }
         assert report.not_checked == (
-            "loss of the ground station: operation.require_safe_setpoint_loss is false",
+            "loss times, loss of the ground station: operation.require_safe_setpoint_loss is false",
         )
         show.service.commands.command_show(ShowAction.START, show_hash=show_hash)
         await show.reach(ShowPhase.RUNNING)

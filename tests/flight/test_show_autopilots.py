@@ -9,6 +9,7 @@ from gcs.config.schema import Config
 from gcs.links import Verb
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Orbit
+from gcs.model.preflight_report import State
 from gcs.model.state import Mode
 from gcs.service import Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause
@@ -184,6 +185,29 @@ def test_what_a_version_lacks_is_named_before_a_start() -> None:
 
     (risk,) = [text for text in fly(story, config_of((PX4, ARDUPILOT))) if "GUID_TIMEOUT" in text]
     assert risk.startswith("d2, d4: no GUID_TIMEOUT: it flies on for 3 s after its last setpoint")
+
+
+def test_fleet_with_different_loss_times_is_refused() -> None:
+    """The recorded ArduCopter has no GUID_TIMEOUT, and flies on for 3 s, whatever is configured."""
+
+    async def checked(show: Show) -> list[tuple[str, State]]:
+        await show.standby()
+        return [(check.name, check.state) for check in show.service.preflight.report().fleet]
+
+    async def story(show: Show) -> tuple[str, list[tuple[str, State]]]:
+        checks = await checked(show)
+        return (await start(show)).text, checks
+
+    def config(loss_s: float) -> Config:
+        return config_of((PX4, ARDUPILOT), setpoint_loss_s=loss_s, require_safe_setpoint_loss=True)
+
+    text, checks = fly(story, config(1.0))
+    assert "d2, d4 for 3 s, d1, d3 for 1 s fly on" in text
+    assert ("loss times", State.FAIL) in checks
+    text, checks = fly(story, config(3.0), parameters={"COM_OF_LOSS_T": 1.0})
+    assert "COM_OF_LOSS_T is 1, 3 is needed" in text
+    assert ("loss times", State.FAIL) in checks, "by the parameter as read, not as configured"
+    assert ("loss times", State.PASS) in fly(checked, config(3.0))
 
 
 @FLEETS

@@ -41,6 +41,7 @@ def telemetry(velocity_m_s: Array, *, near_s: float = LAST_S) -> Telemetry:
         ready=(True, True),
         horizontal_accuracy_m=np.full(2, np.nan),
         vertical_accuracy_m=np.full(2, np.nan),
+        gnss_altitude_amsl_m=np.full(2, np.nan),
         reboot_count=(0, 0),
         position_resets=(0, 0),
         fix_type=np.full(2, 3.0),

@@ -19,6 +19,9 @@ from gcs.model.state import Landed, Mask, Mode
 
 TAKEOFF_HEIGHT: Final = "MIS_TAKEOFF_ALT"
 
+LOSS_TIME, LOSS_TIME_S = "COM_OF_LOSS_T", 1.0
+"""How long it flies on with its last setpoint, and the default."""
+
 _SET_MODE: Final = int(dialect.MAV_CMD_DO_SET_MODE)
 _CUSTOM: Final = float(dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
 _FROM_HERE: Final = (nan,) * 7  # at its position, with the configured parameters
@@ -116,8 +119,9 @@ class Px4:
         loss_s: float,
         parameters: Mapping[str, ParameterValue],
     ) -> WithoutSetpoints:
-        """COM_OF_LOSS_T, then the mode of COM_OBL_RC_ACT."""
-        return WithoutSetpoints(flies_on_s=loss_s, action=action)
+        """COM_OF_LOSS_T, then the mode of COM_OBL_RC_ACT. Not read: the longer of configured and default."""
+        unread_s = max(loss_s, LOSS_TIME_S)
+        return WithoutSetpoints(flies_on_s=float(parameters.get(LOSS_TIME, unread_s)), action=action)
 
     def response(self, parameters: Mapping[str, ParameterValue]) -> Response:
         """The gains of `control` were found for it."""

@@ -78,7 +78,7 @@ def _losing_us(operation: OperationSettings, station_id: int) -> tuple[Requireme
         Requirement("MAV_GCS_SYSID_HI", 0, alone, choices=(0, station_id)),
         Requirement("FS_GCS_ENABLE", choices[0], does, choices=choices),
         Requirement("FS_GCS_TIMEOUT", float(max(5, later_s)), until, least=later_s, most=60.0),
-        Requirement(FLIES_ON, loss_s, on, least=min(0.5, loss_s), most=loss_s, lacking=lacking),
+        Requirement(FLIES_ON, loss_s, on, least=min(0.5, loss_s), most=loss_s, alike=True, lacking=lacking),
         Requirement("FS_OPTIONS", GOES_ON_BY_HAND, acts, without=CONTINUES),
         Requirement("GUID_OPTIONS", 0, steered, without=UNSTABILISED),
         Requirement("FLTMODE_GCSBLOCK", 0, obeys, without=COMMANDED_MODES),

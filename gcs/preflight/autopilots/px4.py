@@ -9,6 +9,7 @@ from typing import Final
 
 from gcs.config.sections import OperationSettings
 from gcs.control import ControlSettings
+from gcs.links.autopilots.px4 import LOSS_TIME
 from gcs.model.setpoint_loss import STOP_S
 from gcs.planning.lost_space import AUTO_CRUISE_M_S
 from gcs.preflight.autopilots.common import WIDEST, least_tilt_deg, own_fence_m, own_fence_reasons
@@ -57,7 +58,7 @@ def _losing_us(operation: OperationSettings) -> tuple[Requirement, ...]:
     sticks = "with COM_OBL_RC_ACT 0 it does this without setpoints and without a transmitter; 3 is LAND"
     return (
         Requirement("COM_OBL_RC_ACT", number, does, choices=(number,)),
-        Requirement("COM_OF_LOSS_T", loss_s, until, least=min(0.5, loss_s), most=loss_s),
+        Requirement(LOSS_TIME, loss_s, until, least=min(0.5, loss_s), most=loss_s, alike=True),
         *(
             [Requirement("NAV_RCL_ACT", WITHOUT_STICKS_LANDS, sticks, choices=(WITHOUT_STICKS_LANDS,))]
             if action == "descend"

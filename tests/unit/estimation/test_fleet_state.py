@@ -36,6 +36,7 @@ def telemetry(ids: tuple[str, ...], *, received_s: float, altitude_amsl_m: float
         ready=(True,) * n,
         horizontal_accuracy_m=np.full(n, np.nan),
         vertical_accuracy_m=np.full(n, np.nan),
+        gnss_altitude_amsl_m=np.full(n, np.nan),
         reboot_count=(0,) * n,
         position_resets=(0,) * n,
         fix_type=np.full(n, 3.0),

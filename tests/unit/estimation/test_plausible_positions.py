@@ -54,6 +54,7 @@ class ReportedVehicle:
                     ready=(True,),
                     horizontal_accuracy_m=np.full(1, np.nan),
                     vertical_accuracy_m=np.full(1, np.nan),
+                    gnss_altitude_amsl_m=np.full(1, np.nan),
                     reboot_count=(0,) * 1,
                     position_resets=(self.resets,),
                     fix_type=np.full(1, fix),

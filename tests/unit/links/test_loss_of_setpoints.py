@@ -45,6 +45,12 @@ def test_unknown_parameters_count_as_those_of_the_oldest_version() -> None:
     assert (known.flies_on_s, known.deceleration_m_s2) == (0.5, 2.5)
 
 
+def test_px4_flies_on_by_its_parameter_as_read() -> None:
+    assert DEFAULT.without_setpoints("hold", 3.0, {"COM_OF_LOSS_T": 1.0}).flies_on_s == 1.0
+    assert DEFAULT.without_setpoints("hold", 3.0, {}).flies_on_s == 3.0
+    assert DEFAULT.without_setpoints("hold", 0.5, {}).flies_on_s == 1.0, "its default, where it was not set"
+
+
 def test_ardupilot_stays_in_guided_where_px4_changes_its_mode() -> None:
     px4, ardupilot = (each.without_setpoints("hold", 1.0, {}) for each in (DEFAULT, ARDUPILOT))
     assert (px4.changes_mode, ardupilot.changes_mode) == (True, False)

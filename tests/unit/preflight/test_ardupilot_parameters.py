@@ -189,3 +189,17 @@ def test_simulated_vehicles_get_the_names_of_their_version() -> None:
     assert settings["SYSID_MYGCS"] == later["MAV_GCS_SYSID"] == config.links[0].station_id
     assert {"MAN_OVERRIDE_SPD", "MAV_GCS_SYSID", "WP_ACC_Z", "GUID_TIMEOUT"} <= set(later)
     assert not {"COM_RC_OVERRIDE", "SYSID_MYGCS", "PILOT_ACCEL_Z"} & set(later)
+
+
+def test_loss_times_of_different_autopilots_leave_no_choice() -> None:
+    """A vehicle that stops after 1 s is met by those that fly on for 3 s."""
+    loss_s = mixed_config().operation.setpoint_loss_s
+    mixed = requirements_of(mixed_config())
+    (px4,) = [one for one in mixed["d1"] if one.name == "COM_OF_LOSS_T"]
+    (copter,) = [one for one in mixed["d2"] if one.name == "GUID_TIMEOUT"]
+    for one in (px4, copter):
+        assert (one.desired, one.set_to) == (f"{loss_s:g}", loss_s)
+        assert one.holds(loss_s)
+        assert not one.holds(loss_s - 0.5)
+    (alone,) = [one for one in requirements_of(show_config(2))["d1"] if one.name == "COM_OF_LOSS_T"]
+    assert alone.holds(loss_s - 0.5), "vehicles of one autopilot may all notice sooner"

@@ -41,6 +41,7 @@ GOOD = Telemetry(
     ready=(True,) * 3,
     horizontal_accuracy_m=np.full(3, 0.05),
     vertical_accuracy_m=np.full(3, 0.1),
+    gnss_altitude_amsl_m=np.full(3, np.nan),
     reboot_count=(0,) * 3,
     position_resets=(0,) * 3,
     fix_type=np.full(3, 6.0),
