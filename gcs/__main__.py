@@ -1,5 +1,6 @@
 """`python -m gcs` is `gcs`."""
 
+import errno
 import faulthandler
 import os
 import sys
@@ -23,7 +24,9 @@ def main() -> int:
         sys.stdout.flush()
     except KeyboardInterrupt:  # also while it is still being loaded
         return INTERRUPTED
-    except BrokenPipeError:  # the reader closed the pipe: `gcs phase | head -1`
+    except OSError as error:  # the reader closed the pipe (`gcs phase | head -1`), or the terminal is closed
+        if error.errno not in {errno.EPIPE, errno.EIO}:
+            raise
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nothing is left to flush at the end
         return PIPE_CLOSED
     return code

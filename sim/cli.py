@@ -212,7 +212,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def fly(given: argparse.Namespace, greeting: str) -> None:
-    """Fly until SIGINT or SIGTERM; print the greeting when the fleet can be reached.
+    """Fly until SIGINT, SIGTERM or SIGHUP; print the greeting when the fleet can be reached.
 
     Raises: FleetError when a port or file is taken, or the arguments exceed the possible ones.
     """

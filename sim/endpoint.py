@@ -305,7 +305,18 @@ class ControlPort:
 
 CATCH_UP_S = 0.25  # a longer stall is dropped, as if the vehicles had been paused
 REST_S = 0.002  # time in which datagrams of a continuous flow gather; PX4 answers in 1 to 4 ms
-STOPS = (signal.SIGINT, signal.SIGTERM)
+STOPS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+
+def _noted_stops(stack: ExitStack) -> list[int]:
+    """Requests to stop, as they come; until the stack is closed."""
+    stops: list[int] = []
+    for number in STOPS:
+        if number == signal.SIGHUP and signal.getsignal(number) is signal.SIG_IGN:  # nohup
+            continue
+        before = signal.signal(number, lambda signum, _: stops.append(signum))
+        stack.callback(signal.signal, number, before)
+    return stops
 
 
 def serve(
@@ -318,17 +329,14 @@ def serve(
     control_input: bool = False,
     simulator_port: int | None = None,
 ) -> None:
-    """Fly the fleet until SIGINT or SIGTERM; print the greeting when it can be reached.
+    """Fly the fleet until SIGINT, SIGTERM or SIGHUP; print the greeting when it can be reached.
 
     With `simulator_port`, vehicle i sends its true state to that port + i, as PX4's SIH does.
 
     Raises: PortError when a port is taken.
     """
     with ExitStack() as stack:
-        stops: list[int] = []
-        for number in STOPS:
-            before = signal.signal(number, lambda signum, _: stops.append(signum))
-            stack.callback(signal.signal, number, before)
+        stops = _noted_stops(stack)
         fleet = fleet_of(settings, start_s=time.monotonic(), unix_at_start_s=time.time())
         fault_injector = FaultInjector(fleet)
         endpoints = [

@@ -1,8 +1,8 @@
 """Starts the API's program: `python -m gcs.cli.api_child CONTROL LINE LISTENER EMERGENCY_LISTENER`.
 
 CONTROL is the process id of control's process, the other words are numbers of inherited sockets. This process
-is started with SIGINT and SIGTERM blocked: these ask control to bring the vehicles home, and an operator
-wants to see that.
+is started with SIGINT, SIGTERM and SIGHUP blocked: these ask control to bring the vehicles home, and an
+operator wants to see that.
 """
 
 import ctypes

@@ -27,6 +27,8 @@ log = logging.getLogger(__name__)
 
 API_RETRY_S: Final = 1.0
 
+STOPS: Final = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
 LOOK_S: Final = 1.0
 HANGS: Final = 5
 """Looks without a sign of life until the process counts as hanging: each comes from its event loop."""
@@ -107,7 +109,7 @@ class ApiProcess:
         self._listens = self._beats = False
         with theirs:
             files = [each.fileno() for each in (theirs, *self._listeners)]
-            ours = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
+            ours = signal.pthread_sigmask(signal.SIG_BLOCK, STOPS)
             try:  # the process inherits what is blocked
                 self._process = await asyncio.create_subprocess_exec(
                     *(sys.executable, "-m", "gcs.cli.api_child", *map(str, (os.getpid(), *files))),

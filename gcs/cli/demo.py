@@ -23,8 +23,9 @@ from gcs.cli import demo_script, demo_show, demo_site
 from gcs.cli.demo_script import DemoScript, Marks, Scale, StoppedEarlyError
 from gcs.cli.demo_show import ShowScript
 from gcs.cli.output import REFUSED, Say, answer, failed, lines
-from gcs.cli.process import run_exactly, set_up_log
+from gcs.cli.process import ignore_the_terminal, run_exactly, set_up_log
 from gcs.cli.serve import running
+from gcs.cli.supervisor import hangs_up
 from gcs.client import Client
 from gcs.config import schema as configuration
 from gcs.config.sections import LinkSettings
@@ -275,12 +276,13 @@ async def _follow(orchestrator: Orchestrator, rows: list[tuple[float, ...]]) -> 
 
 
 async def _fly_script(script: DemoScript | ShowScript) -> GcsError | None:
-    """Run the script in a thread of its own; Ctrl-C brings the fleet home.
+    """Run the script in a thread of its own; Ctrl-C and a closed terminal bring the fleet home.
 
     Returns: the error that ended it early; None when there was none.
     """
-    for number in (signal.SIGINT, signal.SIGTERM):
+    for number in (signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hangs_up() else [])):
         asyncio.get_running_loop().add_signal_handler(number, script.interrupt)
+    ignore_the_terminal()
     try:
         await asyncio.to_thread(script.fly)
     except GcsError as failure:

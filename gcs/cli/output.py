@@ -16,6 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final, NoReturn
 
+from gcs.cli.outlet import Outlet
 from gcs.model import errors
 from gcs.model.errors import ConfigError, GcsError
 
@@ -125,8 +126,12 @@ def station_of(arguments: argparse.Namespace) -> str | None:
     return found
 
 
+def noted(text: str, *, as_json: bool) -> str:
+    return _dumped({"note": text}, None) if as_json else f"gcs: {text}"
+
+
 def note(text: str, *, as_json: bool) -> None:
-    print(_dumped({"note": text}, None) if as_json else f"gcs: {text}", file=sys.stderr, flush=True)
+    print(noted(text, as_json=as_json), file=sys.stderr, flush=True)
 
 
 Say = Callable[..., None]
@@ -136,18 +141,20 @@ Say = Callable[..., None]
 def lines(arguments: argparse.Namespace) -> Say:
     """Return a function that prints text lines or, with `--json`, objects of event, text and facts.
 
-    With `--station` each line names it.
+    With `--station` each line names it. A terminal that is gone or does not read is not waited for.
     """
     station = station_of(arguments)
     named = {} if station is None else {"station": station}
     prefix = "" if station is None else f"{station}: "
 
-    def say(event: str, text: str, **facts: object) -> None:
+    def line(event: str, text: str, **facts: object) -> str:
         whole = {"event": event, **named, "text": text, **facts}
-        line = _dumped(whole, None) if arguments.json else f"{prefix}{text}"
-        print(line, flush=True)
+        return _dumped(whole, None) if arguments.json else f"{prefix}{text}"
 
-    return say
+    outlet = Outlet(
+        sys.stdout, lambda count: line("lines_not_written", f"({count} lines dropped)", count=count)
+    )
+    return lambda event, text, **facts: outlet.write(line(event, text, **facts))
 
 
 def _problems(error: GcsError) -> list[dict[str, object]]:

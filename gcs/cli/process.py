@@ -5,6 +5,7 @@ import logging
 import os
 import select
 import selectors
+import signal
 import socket
 import sys
 import time
@@ -12,6 +13,9 @@ from collections.abc import Callable, Coroutine, MutableMapping
 from typing import Any, Final, TypeVar
 
 from pythonjsonlogger.json import JsonFormatter
+
+from gcs.cli.outlet import Outlet, OutletHandler
+from gcs.cli.supervisor import hangs_up
 
 FIELDS: Final = {"levelname": "level", "name": "logger", "message": "event", "exc_info": "traceback"}
 
@@ -37,13 +41,19 @@ def set_up_log(level: int, station: str | None = None) -> None:
 
     `station` is named in every line.
     """
-    handler = logging.StreamHandler(sys.stderr)
-    handler.setFormatter(JsonLines(station))
+    form = JsonLines(station)
+    handler = OutletHandler(Outlet(sys.stderr, lambda count: form.format(_not_written(count))))
+    handler.setFormatter(form)
     handler.addFilter(lambda record: record.levelno >= level or record.name.split(".")[0] != "gcs")
     root = logging.getLogger()
     root.handlers[:] = [handler]
     root.setLevel(logging.WARNING)
     logging.getLogger("gcs").setLevel(level)
+
+
+def _not_written(count: int) -> logging.LogRecord:
+    given = {"name": __name__, "levelno": logging.WARNING, "levelname": "WARNING", "msg": "lines_not_written"}
+    return logging.makeLogRecord({**given, "count": count})
 
 
 T = TypeVar("T")
@@ -73,6 +83,36 @@ else:
 
     def _exact_loop() -> asyncio.AbstractEventLoop:
         return asyncio.new_event_loop()
+
+
+class StopRequests:
+    """Requests to stop, by signals. A second one stops at once.
+
+    A closed terminal or a lost connection (SIGHUP) counts only as a first request: it may send several, and
+    no operator reads there what a second one would do.
+    """
+
+    def __init__(self) -> None:
+        """Must be made on the running event loop."""
+        self.first, self.second = asyncio.Event(), asyncio.Event()
+        loop = asyncio.get_running_loop()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            loop.add_signal_handler(number, self._take)
+        if hangs_up():
+            loop.add_signal_handler(signal.SIGHUP, self.first.set)
+        self._count = 0
+
+    def _take(self) -> None:
+        self._count += 1
+        self.first.set()
+        if self._count > 1:
+            self.second.set()
+
+
+def ignore_the_terminal() -> None:
+    """Let no key of the terminal stop this process: neither Ctrl-Z nor a write in the background."""
+    for number in (signal.SIGTSTP, signal.SIGTTOU):
+        signal.signal(number, signal.SIG_IGN)
 
 
 log = logging.getLogger(__name__)

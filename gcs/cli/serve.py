@@ -5,7 +5,6 @@ import asyncio
 import errno
 import logging
 import secrets
-import signal
 import socket
 import sys
 from collections.abc import AsyncIterator, Iterator
@@ -20,7 +19,14 @@ from gcs.api.map_tiles import open_map
 from gcs.cli import scheduling, site_processes, supervisor, wall_clock
 from gcs.cli.api_process import api_process
 from gcs.cli.output import REFUSED, Say, failed, lines, require_rtk, require_stations
-from gcs.cli.process import Notifier, notifier_from_environment, run_exactly, set_up_log
+from gcs.cli.process import (
+    Notifier,
+    StopRequests,
+    ignore_the_terminal,
+    notifier_from_environment,
+    run_exactly,
+    set_up_log,
+)
 from gcs.config import schema as configuration
 from gcs.config import yaml_files as documents
 from gcs.config.schema import Config
@@ -45,6 +51,7 @@ from gcs.recording.audit_reader import exclusions, interruption, lost_begin
 from gcs.recording.session import Record
 from gcs.service import FleetView, ShowAction
 from gcs.service.access import ACCESS_OFF, is_loopback
+from gcs.service.folder_lock import owned
 from gcs.shows.timecode import Reading, receiver
 
 log = logging.getLogger(__name__)
@@ -92,7 +99,17 @@ async def running(
     Raises:
         LinkError: the API's port is not available at the start.
         ConfigError: the file of tokens or keys is not valid.
+        RefusedError: another service writes the folder of records.
     """
+    with nullcontext() if config.record is None else owned(config.record.folder):
+        async with _served(config, heart, priority, site) as (orchestrator, port):
+            yield orchestrator, port
+
+
+@asynccontextmanager
+async def _served(
+    config: Config, heart: Heart | None, priority: scheduling.PriorityRequest, site: Config | None
+) -> AsyncIterator[tuple[Orchestrator, int]]:
     async with api_process(config) as api:  # it loads its modules while control is made
         record = make_record(config, site)
         keeps_frames = config.record is not None and config.record.frames
@@ -263,13 +280,14 @@ def log_access(config: Config) -> None:
 async def serve(config: Config, say: Say, notifier: Notifier, *, site: Config | None = None) -> None:
     """Run until a signal requests a stop. The first Ctrl-C brings the fleet home; the second stops at once.
 
+    A closed terminal brings it home as well.
+
     `site` as of `running`.
 
     Raises: GcsError when it cannot start.
     """
-    stop_requests = asyncio.Semaphore(0)  # counts the requests to stop
-    for number in (signal.SIGINT, signal.SIGTERM):
-        asyncio.get_running_loop().add_signal_handler(number, stop_requests.release)
+    stop = StopRequests()
+    ignore_the_terminal()
     async with running(config, notifier, priority=config.scheduling, site=site) as (orchestrator, port):
         notifier.ready()
         scheme = "http" if config.access.tls is None else "https"
@@ -280,7 +298,7 @@ async def serve(config: Config, say: Say, notifier: Notifier, *, site: Config | 
         if config.access.tokens_file is None:
             off = "access is off: every user of this machine can fly; gcs token create makes tokens"
             say("access_off", off)
-        await stop_requests.acquire()
+        await stop.first.wait()
         notifier.stopping()
         if not _any_airborne(orchestrator.view.value):
             return
@@ -293,7 +311,7 @@ async def serve(config: Config, say: Say, notifier: Notifier, *, site: Config | 
             "coming home; press Ctrl-C again to stop at once (the vehicles' own failsafe takes over)",
         )
         landed = asyncio.create_task(_landed(orchestrator), name="landed")
-        again = asyncio.create_task(stop_requests.acquire(), name="again")
+        again = asyncio.create_task(stop.second.wait(), name="again")
         await asyncio.wait((landed, again), return_when=asyncio.FIRST_COMPLETED)
         landed.cancel()
         again.cancel()

@@ -10,12 +10,12 @@ import subprocess
 import sys
 import time
 from collections.abc import Sequence
-from types import FrameType
 from typing import Final
 
-from gcs.cli.output import note
+from gcs.cli.outlet import Outlet
+from gcs.cli.output import noted
 from gcs.cli.process import Notifier
-from gcs.cli.supervisor import ALL
+from gcs.cli.supervisor import ALL, pass_on
 
 LOOK_S: Final = 0.05
 
@@ -25,14 +25,9 @@ def run(names: Sequence[str], words: Sequence[str], arguments: argparse.Namespac
 
     Returns: 0, or the exit code of the first in the list that failed.
     """
-    stop_requests = 0
-
-    def request_stop(_number: int, _frame: FrameType | None) -> None:
-        nonlocal stop_requests
-        stop_requests += 1
-
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, request_stop)
+    stop_requests: list[int] = []
+    pass_on(stop_requests)
+    outlet = Outlet(sys.stderr, lambda count: noted(f"{count} lines dropped", as_json=arguments.json))
     command = [sys.executable, "-m", "gcs", *(word for word in words if word != ALL)]
     children = {
         name: subprocess.Popen([*command, "--station", name], start_new_session=True)  # noqa: S603 (this program)
@@ -48,13 +43,14 @@ def run(names: Sequence[str], words: Sequence[str], arguments: argparse.Namespac
                 if not passed_on:
                     rest = len(children) - len(codes)
                     go_on = f"; {rest} of {len(children)} stations go on" if rest else ""
-                    note(f"{name} ended with exit code {codes[name]}{go_on}", as_json=arguments.json)
-        while passed_on < stop_requests:
+                    text = f"{name} ended with exit code {codes[name]}{go_on}"
+                    outlet.write(noted(text, as_json=arguments.json))
+        for number in stop_requests[passed_on:]:
             if not passed_on:
                 notifier.stopping()
             passed_on += 1
             for name in children.keys() - codes.keys():
-                children[name].send_signal(signal.SIGTERM)
+                children[name].send_signal(number)
         notifier.beat()
         time.sleep(LOOK_S)
     return next((codes[name] for name in names if codes[name]), 0)
@@ -62,6 +58,6 @@ def run(names: Sequence[str], words: Sequence[str], arguments: argparse.Namespac
 
 def _code(returned: int, *, stopped: bool) -> int:
     """Exit code as a shell reports it; a station that was stopped before it could listen ended well."""
-    if stopped and returned == -signal.SIGTERM:
+    if stopped and returned in {-signal.SIGTERM, -signal.SIGHUP}:
         return 0
     return returned if returned >= 0 else 128 - returned

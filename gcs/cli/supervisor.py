@@ -48,6 +48,24 @@ arguments.
 """
 
 
+def hangs_up() -> bool:
+    """Whether a closed terminal is noticed: not with SIGHUP ignored from the start, as `nohup` does."""
+    return signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN
+
+
+def pass_on(received: list[int]) -> None:
+    """Note the requests to stop that a parent receives, as it sends them to its children.
+
+    A closed terminal (SIGHUP) is passed on as such, because no number of them stops a flight at once.
+    """
+
+    def note(number: int, _frame: FrameType | None) -> None:
+        received.append(signal.SIGHUP if number == signal.SIGHUP else signal.SIGTERM)
+
+    for number in (signal.SIGINT, signal.SIGTERM, *([signal.SIGHUP] if hangs_up() else [])):
+        signal.signal(number, note)
+
+
 def is_requested(words: Sequence[str]) -> bool:
     """Whether this process is to supervise one service; with `--all` each station gets a supervisor."""
     return list(words[:1]) == ["serve"] and OPTION in words and ALL not in words
@@ -84,7 +102,7 @@ class Supervisor:
         self._named = {} if station is None else {"station": station}
         self._watchdog_s = watchdog_s
         self._waits_s = tuple(waits_s)
-        self._stop_requests = 0  # number of requests to stop
+        self._stop_requests: list[int] = []  # signals that request a stop
         self._passed_on = 0
         self._selector = selectors.DefaultSelector()
 
@@ -101,12 +119,7 @@ class Supervisor:
             notify.setblocking(False)
             self._selector.register(notify, selectors.EVENT_READ)
             self._selector.register(wake_in, selectors.EVENT_READ)
-
-            def note(_number: int, _frame: FrameType | None) -> None:
-                self._stop_requests += 1
-
-            for number in (signal.SIGINT, signal.SIGTERM):
-                signal.signal(number, note)
+            pass_on(self._stop_requests)
             signal.signal(signal.SIGCHLD, lambda _number, _frame: None)  # wakes the selector
             signal.set_wakeup_fd(wake_out, warn_on_full_buffer=False)
             return self._keep(path, notify, wake_in)
@@ -136,7 +149,7 @@ class Supervisor:
             sys.stderr.flush()
 
     def _must_stop(self) -> bool:
-        return self._stop_requests > 0  # a signal handler changes it
+        return bool(self._stop_requests)  # a signal handler changes it
 
     def _watched(self, path: Path, notify: socket.socket, wake: int) -> tuple[subprocess.Popen[bytes], bool]:
         """Start the service and wait for its end. Returns: its process, and whether it was ever ready."""
@@ -158,9 +171,9 @@ class Supervisor:
                 # also if this process stood still: the service may have, too
                 due_s = now_s + self._watchdog_s
             looked_s = now_s
-            while self._passed_on < self._stop_requests:
+            for number in self._stop_requests[self._passed_on :]:
                 self._passed_on += 1
-                child.send_signal(signal.SIGTERM)
+                child.send_signal(number)
             if now_s > due_s:
                 self._end(child, is_ready=is_ready)
         return child, is_ready

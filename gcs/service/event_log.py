@@ -35,6 +35,7 @@ WORDS: Final[Mapping[str, str]] = {
     "excluded": "taken out of the show by {by}: {reason}",
     "interrupted": "{cause} while the show was {show}: take-over and bring-home settle it",
     "service_stalled": "the service stalled for {stalled_s} s while the show was {show}",
+    "folder_not_locked": "{folder} cannot be locked, so no second service on it is noticed: {cause}",
     "found_interrupted": "session {of_session} was cut off while the show was {was}[: {mismatches}]",
     "included": "taken into the show again by {by}",
     "interruption_over": "the flight of session {of_session} that was cut off is settled",

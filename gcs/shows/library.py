@@ -25,6 +25,7 @@ from gcs.config.yaml_files import Source
 from gcs.model.errors import ConfigError, GcsError, InvalidError, Problem, RefusedError, UnknownError
 from gcs.service import CheckState, ShowCheck, StoredShow
 from gcs.service.check_process import answered
+from gcs.service.folder_lock import in_turn
 from gcs.service.snapshots import ShowFigures
 from gcs.shows import Flaw, Show, Timeline, stored_drawings
 from gcs.shows.drawn import DrawnShow
@@ -146,17 +147,18 @@ class ShowLibrary:
         beside = path.with_suffix(".part")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            if not path.exists() and len(list(path.parent.glob("*.yaml"))) >= FILES_MAX:
-                raise RefusedError(f"there are {FILES_MAX} shows already: remove one")
-            before = stored_drawings.named_by(path)
-            if drawing is not None:
-                stored_drawings.keep(path.parent, *drawing)
-            with beside.open("wb") as file:
-                file.write(text)
-                file.flush()
-                os.fsync(file.fileno())
-            beside.replace(path)
-            stored_drawings.drop_unnamed(path.parent, before)
+            with in_turn(path.parent):  # other services may keep their shows in the same folder
+                if not path.exists() and len(list(path.parent.glob("*.yaml"))) >= FILES_MAX:
+                    raise RefusedError(f"there are {FILES_MAX} shows already: remove one")
+                before = stored_drawings.named_by(path)
+                if drawing is not None:
+                    stored_drawings.keep(path.parent, *drawing)
+                with beside.open("wb") as file:
+                    file.write(text)
+                    file.flush()
+                    os.fsync(file.fileno())
+                beside.replace(path)
+                stored_drawings.drop_unnamed(path.parent, before)
         except OSError as error:
             with contextlib.suppress(OSError):
                 beside.unlink(missing_ok=True)
@@ -168,9 +170,10 @@ class ShowLibrary:
     def _remove(self, name: str) -> None:
         path = self._place(name)
         try:
-            source = stored_drawings.named_by(path)
-            path.unlink()
-            stored_drawings.drop_unnamed(path.parent, source)
+            with in_turn(path.parent):
+                source = stored_drawings.named_by(path)
+                path.unlink()
+                stored_drawings.drop_unnamed(path.parent, source)
         except FileNotFoundError:
             raise UnknownError(f"there is no show {name!r}") from None
         except OSError as error:
