@@ -1388,7 +1388,7 @@ export interface components {
          * @description Cause of an alarm.
          * @enum {string}
          */
-        AlarmCause: "killed" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "obstacle-waits" | "no-headway" | "no-way" | "radius-small" | "little-authority" | "slow-vehicle" | "slow-answers" | "corrections-stopped" | "timecode" | "clock-doubtful" | "poor-link" | "no-heartbeat" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
+        AlarmCause: "killed" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "obstacle-waits" | "no-headway" | "no-way" | "radius-small" | "little-authority" | "slow-vehicle" | "slow-answers" | "corrections-stopped" | "timecode" | "clock-doubtful" | "poor-link" | "no-heartbeat" | "input-flooded" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
         /**
          * AlarmList
          * @description All alarms, and the overall severity.
