@@ -84,7 +84,7 @@ def answer(arguments: argparse.Namespace, document: Any, text: str, *, indent: i
     if arguments.json:
         print_json(document, indent=indent)
     elif text:
-        print(text)
+        print(errors.visible(text))
 
 
 def failed(error: GcsError, arguments: argparse.Namespace, code: int | None = None) -> int:
@@ -116,7 +116,8 @@ def fail(
         print(_dumped({"error": named | error}, None), file=sys.stderr)
         return
     for text in (detail, *notes):
-        print(f"{'' if station is None else f'{station}: '}gcs: {text}", file=sys.stderr)
+        prefix = "" if station is None else f"{station}: "
+        print(errors.visible(f"{prefix}gcs: {text}"), file=sys.stderr)
 
 
 def station_of(arguments: argparse.Namespace) -> str | None:
@@ -126,7 +127,8 @@ def station_of(arguments: argparse.Namespace) -> str | None:
 
 
 def note(text: str, *, as_json: bool) -> None:
-    print(_dumped({"note": text}, None) if as_json else f"gcs: {text}", file=sys.stderr, flush=True)
+    line = _dumped({"note": text}, None) if as_json else errors.visible(f"gcs: {text}")
+    print(line, file=sys.stderr, flush=True)
 
 
 Say = Callable[..., None]
@@ -144,7 +146,7 @@ def lines(arguments: argparse.Namespace) -> Say:
 
     def say(event: str, text: str, **facts: object) -> None:
         whole = {"event": event, **named, "text": text, **facts}
-        line = _dumped(whole, None) if arguments.json else f"{prefix}{text}"
+        line = _dumped(whole, None) if arguments.json else errors.visible(f"{prefix}{text}")
         print(line, flush=True)
 
     return say
@@ -200,15 +202,6 @@ def require_matplotlib(what: str) -> None:
         raise ConfigError(
             f"{what} needs matplotlib, which is not installed; to install it:"
             " pip install 'formation-gcs[plots]'"
-        )
-
-
-def require_rtk() -> None:
-    """Check for the extra `rtk`. Raises: ConfigError that names it."""
-    if find_spec("pyrtcm") is None:
-        raise ConfigError(
-            "a configuration with rtk needs pyrtcm, which is not installed; to install it:"
-            " pip install 'formation-gcs[rtk]'"
         )
 
 
