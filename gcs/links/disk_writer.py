@@ -103,7 +103,9 @@ class DiskWriter(ABC, Generic[Item]):
         """Why nothing is being recorded, or how much was dropped; empty while all was recorded."""
         if self._failure:
             return self._failure
-        if self._thread is not None and not self._thread.is_alive() and not self._closed:
+        with self._changed:  # a thread that is being started is not alive yet
+            has_ended = self._thread is not None and not self._thread.is_alive() and not self._closed
+        if has_ended:
             return f"{self._place}: the thread that writes {self._items} has ended; the log says why"
         return f"{self._place}: {self.dropped} {self._items} were not recorded" if self.dropped else ""
 
@@ -118,8 +120,8 @@ class DiskWriter(ABC, Generic[Item]):
             if self._runs:
                 return
             self._runs = True
-        self._thread = Thread(target=self._run, name=f"record/{self._items}", daemon=True)
-        self._thread.start()
+            self._thread = Thread(target=self._run, name=f"record/{self._items}", daemon=True)
+            self._thread.start()
 
     def close(self) -> None:
         """Write what is left. Blocks, but only for a limited time on a disk that hangs."""
