@@ -24,6 +24,9 @@ SERVED: Final = "/api/v1/map/{z}/{x}/{y}"
 TILE_MOST_BYTES: Final = 1 << 20
 """Largest tile that is read; usual ones have some 10 kB."""
 
+ATTRIBUTION_MAX: Final = 2000
+"""Characters, with the marks that are left out."""
+
 MEDIA: Final = {"png": "image/png", "jpg": "image/jpeg", "jpeg": "image/jpeg", "webp": "image/webp"}
 """Media type by the `format` of an MBTiles file."""
 
@@ -64,7 +67,8 @@ class TileFile:
             problem = "vector tiles (format pbf)" if kind == "pbf" else f"tiles of format {kind or 'unknown'}"
             raise ConfigError(f"map.tiles: {path}: {problem} cannot be drawn: png, jpg or webp can")
         self.media_type = MEDIA[kind]
-        plain = html.unescape(re.sub(r"<[^>]*>", "", reported.get("attribution", "")))
+        attribution = reported.get("attribution", "")[:ATTRIBUTION_MAX]  # the search is quadratic
+        plain = html.unescape(re.sub(r"<[^>]*>", "", attribution))
         self.attribution = plain.strip()[:200]
 
     def _read(self, sql: str, *values: int) -> list[tuple[object, ...]]:

@@ -4,6 +4,7 @@ import errno
 import faulthandler
 import os
 import sys
+from io import TextIOWrapper
 
 from gcs.cli import supervisor
 
@@ -17,6 +18,9 @@ def main() -> int:
     if supervisor.is_requested(sys.argv[1:]):
         return supervisor.run(sys.argv[1:])
     faulthandler.enable()  # what hangs and is sent SIGABRT says where
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):  # a terminal may have ASCII only
+            stream.reconfigure(errors="backslashreplace")
     try:
         from gcs import cli  # noqa: PLC0415 (heavy)
 

@@ -230,7 +230,7 @@ terminal's history.
 """
 
 WAITING_MAX: Final = 100
-"""Most armed kills at a time; one more drops the oldest."""
+"""Most armed kills of one caller at a time; one more drops its oldest, and none of another caller."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,9 +254,12 @@ class KillSwitch:
     def arm(self, vehicles: Sequence[VehicleId], caller: str, now_s: float) -> Armed:
         """Make a code for these vehicles; nothing is sent to them yet."""
         self._waiting = {code: one for code, one in self._waiting.items() if one.until_s > now_s}
-        while len(self._waiting) >= WAITING_MAX:
-            del self._waiting[next(iter(self._waiting))]
-        armed = Armed(self._make_code(), tuple(vehicles), caller, now_s + VALID_S)
+        own = [code for code, one in self._waiting.items() if one.caller == caller]
+        for code in own[: len(own) - WAITING_MAX + 1]:
+            del self._waiting[code]
+        while (code := self._make_code()) in self._waiting:
+            pass  # another caller's must not be replaced
+        armed = Armed(code, tuple(vehicles), caller, now_s + VALID_S)
         self._waiting[armed.code] = armed
         return armed
 

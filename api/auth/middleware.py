@@ -23,7 +23,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from gcs.api.auth.authorization import Authorization, Principal, Refusal, Request, is_emergency, needed
 from gcs.api.errors import echo, error_response, invalid_response, refuse
 from gcs.api.schemas import reports
-from gcs.model.errors import cut
+from gcs.model.errors import UNSEEN_IN_LINE, cut
 from gcs.service import CALLER, Audit, Call
 
 READING: Final = frozenset({"GET", "HEAD", "OPTIONS"})
@@ -320,6 +320,9 @@ def _problems(value: object, path: tuple[str, ...]) -> Iterator[reports.FieldPro
     if isinstance(value, _Long):
         allowed = f"a number of at most {DIGITS_MAX} digits"
         yield reports.FieldProblem(field=_field(path), value=echo(str(value)), allowed=allowed)
+    if isinstance(value, str) and UNSEEN_IN_LINE.search(value):
+        allowed = "text without control characters, on one line"
+        yield reports.FieldProblem(field=_field(path), value=echo(value), allowed=allowed)
     if isinstance(value, dict):
         for name, part in value.items():
             yield from _problems(part, (*path, name))

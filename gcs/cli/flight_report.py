@@ -10,7 +10,7 @@ from typing import Final
 from gcs.cli.output import kinds, require_matplotlib
 from gcs.cli.progress import Report, part_of, share_of
 from gcs.config import schema as configuration
-from gcs.model.errors import GcsError
+from gcs.model.errors import GcsError, visible
 from gcs.recording.audit_reader import AUDIT, last_known
 from gcs.recording.flight_report import EXIT_CODES, FlightReport, make_flight_report
 from gcs.recording.mcap_reader import FlightData, Standard
@@ -42,7 +42,7 @@ def run_report(arguments: argparse.Namespace) -> int:
         from gcs.cli.flight_report_page import page  # noqa: PLC0415  (60 MB, only for HTML)
 
         _write(Path(arguments.html), page(flight_report, source))
-    print(text if arguments.json else summary(flight_report, source))
+    print(text if arguments.json else visible(summary(flight_report, source)))
     return EXIT_CODES[flight_report.verdict]
 
 

@@ -85,7 +85,7 @@ def answer(arguments: argparse.Namespace, document: Any, text: str, *, indent: i
     if arguments.json:
         print_json(document, indent=indent)
     elif text:
-        print(text)
+        print(errors.visible(text))
 
 
 def failed(error: GcsError, arguments: argparse.Namespace, code: int | None = None) -> int:
@@ -117,7 +117,8 @@ def fail(
         print(_dumped({"error": named | error}, None), file=sys.stderr)
         return
     for text in (detail, *notes):
-        print(f"{'' if station is None else f'{station}: '}gcs: {text}", file=sys.stderr)
+        prefix = "" if station is None else f"{station}: "
+        print(errors.visible(f"{prefix}gcs: {text}"), file=sys.stderr)
 
 
 def station_of(arguments: argparse.Namespace) -> str | None:
@@ -127,7 +128,7 @@ def station_of(arguments: argparse.Namespace) -> str | None:
 
 
 def noted(text: str, *, as_json: bool) -> str:
-    return _dumped({"note": text}, None) if as_json else f"gcs: {text}"
+    return _dumped({"note": text}, None) if as_json else errors.visible(f"gcs: {text}")
 
 
 def note(text: str, *, as_json: bool) -> None:
@@ -149,7 +150,7 @@ def lines(arguments: argparse.Namespace) -> Say:
 
     def line(event: str, text: str, **facts: object) -> str:
         whole = {"event": event, **named, "text": text, **facts}
-        return _dumped(whole, None) if arguments.json else f"{prefix}{text}"
+        return _dumped(whole, None) if arguments.json else errors.visible(f"{prefix}{text}")
 
     outlet = Outlet(
         sys.stdout, lambda count: line("lines_not_written", f"({count} lines dropped)", count=count)
@@ -207,15 +208,6 @@ def require_matplotlib(what: str) -> None:
         raise ConfigError(
             f"{what} needs matplotlib, which is not installed; to install it:"
             " pip install 'formation-gcs[plots]'"
-        )
-
-
-def require_rtk() -> None:
-    """Check for the extra `rtk`. Raises: ConfigError that names it."""
-    if find_spec("pyrtcm") is None:
-        raise ConfigError(
-            "a configuration with rtk needs pyrtcm, which is not installed; to install it:"
-            " pip install 'formation-gcs[rtk]'"
         )
 
 

@@ -20,7 +20,7 @@ from gcs.cli.commands import ACTIONS, CALLS, Call
 from gcs.cli.output import REFUSED, exit_code, fail, failed, print_json
 from gcs.client import URL, Client, fleet_client
 from gcs.client.http import Deferred
-from gcs.model.errors import GcsError, UnknownError
+from gcs.model.errors import GcsError, UnknownError, visible
 
 if TYPE_CHECKING:
     import pydantic
@@ -200,7 +200,7 @@ def _reported(
 
 def _print(answer: object, arguments: argparse.Namespace) -> None:
     if isinstance(answer, str) and not arguments.json:
-        print(answer, end="")
+        print(visible(answer), end="")
     elif answer is not None or arguments.json:
         print_json(document(answer))
 

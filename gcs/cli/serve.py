@@ -18,7 +18,7 @@ from pydantic import ValidationError
 from gcs.api.map_tiles import open_map
 from gcs.cli import scheduling, site_processes, supervisor, wall_clock
 from gcs.cli.api_process import api_process
-from gcs.cli.output import REFUSED, Say, failed, lines, require_rtk, require_stations
+from gcs.cli.output import REFUSED, Say, failed, lines, require_stations
 from gcs.cli.process import (
     Notifier,
     StopRequests,
@@ -37,9 +37,11 @@ from gcs.config.yaml_files import Source
 from gcs.flight.orchestrator import Heart, Orchestrator
 from gcs.flight.site_member import Membership
 from gcs.flight.timecode import Timecode
+from gcs.links import rtk
 from gcs.links.batch_link import Link
 from gcs.links.mavsdk.link import MavsdkLink
 from gcs.links.native.link import NativeLink
+from gcs.links.rtcm_stream import Place
 from gcs.links.settings import Listen, TcpIn
 from gcs.links.signing import Signing
 from gcs.links.stream_requests import desired_rates
@@ -116,8 +118,6 @@ async def _served(
         folder = record.folder if record is not None and keeps_frames else None
         links = [make_link(link, config, folder) for link in config.links]
         planning = ThreadPoolExecutor(1, thread_name_prefix="ways", initializer=scheduling.step_down)
-        if config.rtk is not None:
-            require_rtk()
         membership = None if site is None else make_membership(config, site)
         problems = map_problems(config)
         orchestrator = Orchestrator(
@@ -155,20 +155,19 @@ async def keep_corrections(config: Config, orchestrator: Orchestrator) -> None:
     """Give what the base sends to control, without end; at once over where no base is configured."""
     if config.rtk is None:
         return
-    from gcs.links.rtk import Place, keep_receiving  # noqa: PLC0415 (needs the extra)
-
     clock, corrections = asyncio.get_running_loop().time, orchestrator.corrections
 
     def take(message: bytes, base: Place | None) -> None:
         corrections.take(message, base, clock())
 
-    await keep_receiving(config.rtk, take, corrections.failed)
+    await rtk.keep_receiving(config.rtk, take, corrections.failed, corrections.intake)
 
 
 async def keep_timecode(config: Config, orchestrator: Orchestrator) -> None:
     """Give the timecode to control, without end; at once over where none is configured."""
     if config.timecode is not None:
-        await receiver.keep_receiving(config.timecode, TimecodeSink(orchestrator.timecode))
+        timecode = orchestrator.timecode
+        await receiver.keep_receiving(config.timecode, TimecodeSink(timecode), timecode.intake)
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,8 +179,8 @@ class TimecodeSink:
     def take(self, reading: Reading) -> None:
         self.timecode.take(reading, asyncio.get_running_loop().time())
 
-    def count(self, garbage: int, dropped: int) -> None:
-        self.timecode.count(garbage, dropped)
+    def count(self, garbage: int) -> None:
+        self.timecode.count(garbage)
 
     def failed(self, why: str) -> None:
         self.timecode.failed(why)

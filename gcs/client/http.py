@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
+import re
 import ssl
 from collections.abc import Callable
 from functools import wraps
@@ -16,7 +17,7 @@ from urllib.parse import quote
 import httpx
 
 from gcs.model import errors
-from gcs.model.errors import ConfigError, GcsError, InvalidError, LinkError
+from gcs.model.errors import ConfigError, GcsError, InvalidError, LinkError, visible
 
 
 class Deferred:
@@ -46,6 +47,9 @@ URGENT: Final = frozenset(
 )
 """Last words of the paths whose POST goes to the emergency listener, if there is one."""
 
+ANSWER_MAX_BYTES: Final = 64 << 20
+"""Longest body of an answer; that of the largest drawing has 8 MiB."""
+
 CONNECT_S: Final = 2.0
 """Longest time to connect; after it an emergency call tries the other listener."""
 
@@ -70,7 +74,9 @@ class Exchange:
         self, url: str, token: str | None, emergency_url: str | None, ca_file: Path | None, timeout_s: float
     ) -> None:
         """Raises: ConfigError for an invalid certificate file or URL."""
-        headers = {} if token is None else {"Authorization": f"Bearer {token}"}
+        headers = {"Accept-Encoding": "identity"}
+        if token is not None:
+            headers["Authorization"] = f"Bearer {token}"
         try:
             trusted = True if ca_file is None else ssl.create_default_context(cafile=str(ca_file))
         except OSError as error:  # includes SSLError
@@ -120,20 +126,22 @@ class Exchange:
         headers = {} if body is None else {"Content-Type": media_type}
         for http in (self._lane, self._http) if urgent and self._lane is not None else (self._http,):
             try:
-                answer = http.request(method, path, content=content, headers=headers)
+                with http.stream(method, path, content=content, headers=headers) as answer:
+                    received = _received(answer)
                 break
             except httpx.HTTPError as error:  # no answer from the lane: try the main listener
                 failure = error
         else:
             cause = str(failure) or type(failure).__name__
             raise LinkError(f"no answer from {self._http.base_url}: {cause}") from failure
+        if declared is None and answer.is_success:
+            return received
+        received = _visible(received)
         if not answer.is_success:
-            raise _error(answer)
-        if declared is None:
-            return answer.content
+            raise _error(answer, received)
         kind = get_type_hints(declared)["return"]  # only now: it loads every schema of the API
         try:
-            return None if kind is NoneType else pydantic.TypeAdapter(kind).validate_json(answer.content)
+            return None if kind is NoneType else pydantic.TypeAdapter(kind).validate_json(received)
         except pydantic.ValidationError as error:
             raise LinkError(f"{path} answered what this client does not understand") from error
 
@@ -173,9 +181,42 @@ def calls(method: str, path: str, **renamed: str) -> Callable[[F], F]:
     return decorated
 
 
-def _error(answer: httpx.Response) -> GcsError:
+def _received(answer: httpx.Response) -> bytes:
+    """Return the body as it was sent. Raises: LinkError when it is compressed or too long."""
+    if answer.headers.get("Content-Encoding", "identity") != "identity":
+        raise LinkError(f"{answer.url} answered with a compressed body, which was not asked for")
+    body = bytearray()
+    for piece in answer.iter_raw():
+        body += piece
+        if len(body) > ANSWER_MAX_BYTES:
+            raise LinkError(f"{answer.url} answered with more than {ANSWER_MAX_BYTES} bytes")
+    return bytes(body)
+
+
+_MAY_BE_UNSEEN: Final = re.compile(rb"\\u[0-9a-fA-F]{4}|\xc2[\x80-\x9f]|\xe2[\x80\x81]|\x7f")
+
+
+def _visible(received: bytes) -> bytes:
+    """JSON whose texts have no control characters: strangers may have given them, and terminals obey them."""
+    if not _MAY_BE_UNSEEN.search(received):
+        return received
+    try:
+        return json.dumps(_visible_in(json.loads(received))).encode()
+    except ValueError:  # not JSON: whoever reads it says so
+        return received
+
+
+def _visible_in(value: Any) -> Any:
+    if isinstance(value, str):
+        return visible(value)
+    if isinstance(value, dict):
+        return {visible(name): _visible_in(part) for name, part in value.items()}
+    return [_visible_in(part) for part in value] if isinstance(value, list) else value
+
+
+def _error(answer: httpx.Response, received: bytes) -> GcsError:
     try:  # without the API's schema, whose import takes longer than the rest of a command
-        body = json.loads(answer.content)
+        body = json.loads(received)
         detail, problems = str(body["detail"]), list(body["problems"])
         first = problems[0] if problems else None
         invalid = first and InvalidError(str(first["field"]), first["value"], str(first["allowed"]))

@@ -15,7 +15,7 @@ import yaml
 from yaml.events import AliasEvent, Event, NodeEvent
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
-from gcs.model.errors import ConfigError, FileError, Problem, cut
+from gcs.model.errors import UNSEEN, ConfigError, FileError, Problem, cut
 
 Loc: TypeAlias = Sequence[str | int]
 """Path to a value, as in pydantic: keys and indices."""
@@ -77,6 +77,8 @@ class _Loader(yaml.SafeLoader):
         if self._depth > DEPTH_MAX:
             raise self._refused(event, f"nested deeper than {DEPTH_MAX} levels")
         node: Node | None = super().compose_node(parent, index)
+        if isinstance(node, ScalarNode) and (found := UNSEEN.search(node.value)):
+            raise self._refused(node, f"character U+{ord(found[0]):04X} is not allowed")
         self._depth -= 1
         return node
 
@@ -129,6 +131,9 @@ class Source:
         except yaml.MarkedYAMLError as error:
             words = f"not YAML: {cut(error.problem or error.context or 'it cannot be read')}"
             raise FileError(file, [_problem(error.problem_mark or error.context_mark, words)]) from None
+        except (ValueError, OverflowError):  # of an escape, "\U00110000" for instance
+            line = loader.line + 1
+            raise FileError(file, [Problem(line, None, "not YAML: an escape beyond Unicode")]) from None
         except yaml.reader.ReaderError as error:
             line = text.count("\n", 0, error.position) + 1
             words = f"not YAML: character U+{ord(text[error.position]):04X} is not allowed"

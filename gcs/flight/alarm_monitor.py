@@ -188,6 +188,7 @@ class AlarmMonitor:
             *_of_failsafes(findings.failsafes),
             *self._of_links(findings),
             *self._of_timecode(),
+            *self._of_intakes(),
             *self._of_the_ground(),
             *_of_the_service(findings),
         ]
@@ -289,6 +290,11 @@ class AlarmMonitor:
             consequence = "" if flight.timecode.frozen_since_unix_s is None else SHOW_STANDS
             severity = AlarmSeverity.WARNING if flight.timecode.is_missing(flight.fleet.time_s) else None
             yield Condition(AlarmCause.TIMECODE, why, consequence=consequence, severity=severity)
+
+    def _of_intakes(self) -> Iterator[Condition]:
+        for intake in self.flight.intakes:
+            if why := intake.why_over(self.flight.fleet.time_s):
+                yield Condition(AlarmCause.INPUT_FLOODED, why, about=intake.name)
 
     def _of_links(self, findings: Findings) -> Iterator[Condition]:
         flight = self.flight

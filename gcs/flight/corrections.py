@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gcs.links.batch_link import Link
+from gcs.links.intake import CORRECTIONS, Intake
 from gcs.links.settings import RtkSettings
 from gcs.mavlink.rtcm import LONGEST_BYTES
 from gcs.model.preflight_report import Check, State
@@ -16,6 +17,7 @@ class Corrections:
 
     def __init__(self, settings: RtkSettings | None, links: Sequence[Link], now_s: float) -> None:
         self.settings = settings
+        self.intake = Intake(f"rtk {settings.source}" if settings else "rtk", CORRECTIONS)
         self._links = tuple(links)
         self._began_s = now_s
         self._arrived_s = -np.inf
@@ -73,6 +75,7 @@ class Corrections:
         if self.settings is None:
             return None
         latitude_deg, longitude_deg, height_m = self._base or (np.nan,) * 3
+        late = sum(link.counters.corrections_dropped for link in self._links)
         return CorrectionsView(
             source=self.settings.source,
             age_s=max(0.0, now_s - self._arrived_s) if np.isfinite(self._arrived_s) else np.nan,
@@ -83,5 +86,5 @@ class Corrections:
             messages=self._messages,
             received_bytes=self._bytes,
             sent=sum(link.counters.corrections_sent for link in self._links),
-            dropped=self._too_long + sum(link.counters.corrections_dropped for link in self._links),
+            dropped=self._too_long + self.intake.dropped + late,
         )

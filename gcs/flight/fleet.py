@@ -33,6 +33,7 @@ from gcs.formation.repulsion import NEAREST_FACTOR, NEAREST_FACTOR_FEW
 from gcs.links import Command, ParameterValue
 from gcs.links.autopilots.versions import Version
 from gcs.links.batch_link import Link
+from gcs.links.intake import Intake
 from gcs.model.errors import CommandError, RefusedError, UnknownError
 from gcs.model.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowEvent, ShowPhase, advance_show
 from gcs.model.plan import LawName, Plan
@@ -209,6 +210,12 @@ class Fleet:
         copied = object.__new__(Fleet)
         copied.__dict__.update(self.__dict__)
         return copied
+
+    @property
+    def intakes(self) -> Sequence[Intake]:
+        """What bounds the inputs beside the vehicles' own."""
+        others = chain.from_iterable(link.counters.intakes for link in self.links)
+        return self.corrections.intake, self.timecode.intake, *others
 
     def _made_vehicles(self) -> dict[VehicleId, Vehicle]:
         """Return the configured vehicles, in order."""

@@ -5,8 +5,10 @@ from typing import Final
 
 from gcs.config.sections import TimecodeSettings
 from gcs.flight.running_show import ShowRun
+from gcs.links.intake import Intake
 from gcs.service import TimecodeView
 from gcs.shows.timecode import Chase, Rate, Reading, State
+from gcs.shows.timecode.receiver import bound_of
 from gcs.shows.timecode.smpte import label_at, parse_label
 
 WHY = {
@@ -38,7 +40,8 @@ class Timecode:
         )
         self._chase = Chase(freewheel_s, jump_max_s)
         self._failed = ""
-        self._readings = self._garbage = self._dropped = 0
+        self._readings = self._garbage = 0
+        self.intake = Intake(f"timecode {settings.source}" if settings else "timecode", bound_of(settings))
         self._begins: tuple[Rate, float] | None = None  # the timecode of a show's beginning, at that rate
 
     def take(self, reading: Reading, now_s: float) -> None:
@@ -47,9 +50,9 @@ class Timecode:
         self._readings += 1
         self._chase.take(reading, now_s)
 
-    def count(self, garbage: int, dropped: int) -> None:
-        """Note how many messages made no sense, and how many were dropped unread."""
-        self._garbage, self._dropped = garbage, dropped
+    def count(self, garbage: int) -> None:
+        """Note how many messages made no sense."""
+        self._garbage = garbage
 
     def failed(self, why: str) -> None:
         """Note why nothing can be received."""
@@ -130,5 +133,5 @@ class Timecode:
             frozen_since_unix_time_s=self.frozen_since_unix_s if follows else None,
             readings=self._readings,
             garbage=self._garbage,
-            dropped=self._dropped,
+            dropped=self.intake.dropped,
         )

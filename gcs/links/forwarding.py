@@ -11,7 +11,9 @@ from typing import Final
 import numpy as np
 
 from gcs.links.command_protocol import KillLatch
+from gcs.links.intake import FORWARDED, Arrived, Intake
 from gcs.links.link import Counters, Direction
+from gcs.links.reading import Turn
 from gcs.links.sender import Outbox
 from gcs.links.settings import Forward
 from gcs.links.signing import SignatureFilter
@@ -20,7 +22,7 @@ from gcs.mavlink.framing import SETPOINT_MESSAGES, Frame, moves
 from gcs.model.errors import LinkError
 
 _DATAGRAM_BYTES: Final = 1400
-_READS_PER_CALL: Final = 32
+_LONGEST_BYTES: Final = 4096
 _SETUP_SIGNING: Final = 256
 _NEVER: Final = SETPOINT_MESSAGES | {_SETUP_SIGNING}
 
@@ -35,6 +37,9 @@ class Forwarder:
         self._socket: socket.socket | None = None
         self._waiting: list[bytes] = []
         self._waiting_bytes = 0
+        self._turn = Turn()
+        self._intake = Intake(f"forward {self._far[0]}:{self._far[1]}", FORWARDED)
+        counters.intakes.append(self._intake)
 
     def open(self) -> None:
         """Raises: LinkError when no socket can be opened."""
@@ -70,19 +75,22 @@ class Forwarder:
         else:
             self._counters.forwarded += len(waiting)
 
-    def read(self) -> Iterator[Frame]:
+    def read(self, now_s: float) -> Iterator[Frame]:
         """Frames that this station sent; none from other senders, and none if it is read-only."""
         if self._socket is None or self._read_only:
             return
-        for _ in range(_READS_PER_CALL):
+        arrived = []
+        while self._turn.may_read(now_s):
             try:
-                data, sender = self._socket.recvfrom(65535)
+                data, sender = self._socket.recvfrom(_LONGEST_BYTES)
             except BlockingIOError:
-                return
+                break
             except OSError:  # an ICMP error of an earlier send
                 continue
             if sender == self._far:
-                yield from split(data).frames
+                arrived.append(Arrived(data, sender))
+        for data, _ in self._intake.admit(arrived, now_s):
+            yield from split(data).frames
 
 
 @dataclass(eq=False)
@@ -118,9 +126,10 @@ class Forwarding:
 
     def exchange(self) -> None:
         """Send the queued frames; pass what the stations sent on to vehicles, where that is allowed."""
+        now_s = self.clock()
         for forwarder in self._forwarders:
             forwarder.flush()
-            for frame in forwarder.read():
+            for frame in forwarder.read(now_s):
                 if self._passes(frame):
                     self.counters.taken_from_others += 1
                 else:

@@ -1,10 +1,11 @@
 """What passes between the fleet and a link, and what is counted and observed of its frames."""
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import NamedTuple, TypeAlias
 
+from gcs.links.intake import Intake
 from gcs.model.state import VehicleId
 
 ParameterValue: TypeAlias = int | float
@@ -86,3 +87,4 @@ class Counters:
     not_forwarded: int = 0
     taken_from_others: int = 0  # frames of other ground stations, passed on to a vehicle
     refused_from_others: int = 0
+    intakes: list[Intake] = field(default_factory=list)  # of further ground stations

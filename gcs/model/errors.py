@@ -14,6 +14,7 @@ GcsError
     └── CommandError   a vehicle refused a command or did not answer
 """
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from reprlib import Repr
@@ -28,9 +29,21 @@ _REPR.maxlist = _REPR.maxtuple = _REPR.maxdict = _REPR.maxset = _REPR.maxfrozens
 _REPR.maxstring = _REPR.maxlong = _REPR.maxother = SHOWN_MAX
 
 
+_UNSEEN: Final = "\x00-\x08\x0b-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069\ud800-\udfff"
+"""Characters that a terminal obeys, that turn the direction of text, or that no encoding has."""
+
+UNSEEN: Final = re.compile(f"[{_UNSEEN}]")
+UNSEEN_IN_LINE: Final = re.compile(f"[\t\n{_UNSEEN}]")
+
+
+def visible(text: str) -> str:
+    """A text with its control characters written out; line ends and tabs stay."""
+    return UNSEEN.sub(lambda found: repr(found[0])[1:-1], text)
+
+
 def cut(text: str) -> str:
-    """At most `SHOWN_MAX` characters of a text, on one line; an ellipsis replaces the rest."""
-    line = text[: SHOWN_MAX + 1].replace("\n", " ")
+    """At most `SHOWN_MAX` characters of a text, on one visible line; an ellipsis replaces the rest."""
+    line = visible(text[: SHOWN_MAX + 1].replace("\n", " "))
     return line if len(line) <= SHOWN_MAX else line[: SHOWN_MAX - 1] + "…"
 
 

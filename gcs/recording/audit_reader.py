@@ -100,11 +100,22 @@ def last_known(path: Path) -> LastKnown:
     session = show = None
     for row in rows(path, "SELECT * FROM sessions ORDER BY began_unix_s DESC, id DESC LIMIT 1"):
         times, folder = (row["began_unix_s"], row["ended_unix_s"]), Path(row["folder"])
-        session = Session(row["id"], *times, folder, json.loads(row["config"]))
+        session = Session(row["id"], *times, folder, _object(path, "configuration", row["config"]))
     for row in rows(path, "SELECT session, unix_s, phase, reason, plan FROM show"):
-        show = KnownShow(**{**dict(row), "plan": json.loads(row["plan"])})
+        show = KnownShow(**{**dict(row), "plan": _object(path, "plan", row["plan"])})
     vehicles = rows(path, "SELECT * FROM vehicles ORDER BY id")
     return LastKnown(session, show, {row["id"]: _vehicle(row) for row in vehicles})
+
+
+def _object(path: Path, what: str, text: str) -> dict[str, Any]:
+    """Return a JSON object of the audit. Raises: GcsError when it is none."""
+    try:
+        found = json.loads(text)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise GcsError(f"{audit_file(path)}: damaged: the {what} is no JSON: {error}") from None
+    if not isinstance(found, dict):
+        raise GcsError(f"{audit_file(path)}: damaged: the {what} is no JSON object")
+    return found
 
 
 def rows(path: Path, sql: str, *values: str) -> list[Row]:

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from pydantic import ValidationError
 
 from gcs.links.autopilots import DEFAULT
-from gcs.model.errors import GcsError
+from gcs.model.errors import GcsError, quoted
 from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Mode, VehicleId
@@ -39,7 +39,11 @@ from gcs.safety.filter import SafetySettings
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 ELSEWHERE: Final = "/fleet/elsewhere"
-RECORD_MAX_BYTES: Final = 64 << 20
+RECORD_MAX_BYTES: Final = 16 << 20
+CHUNK_MAX_BYTES: Final = 4 << 20
+"""Of a chunk without compression; ours end at 1 MB."""
+
+CHUNK_RECORDS_MAX: Final = 20_000
 DAMAGED: Final = (
     McapError,
     zstandard.ZstdError,
@@ -136,16 +140,29 @@ def messages(chunk: Chunk) -> list[McapRecord]:
     """Return the messages in a chunk. Raises: one of `DAMAGED` when its checksum is wrong."""
     if chunk.uncompressed_crc == 0:
         raise McapError("a chunk without a checksum")
-    if chunk.uncompressed_size > RECORD_MAX_BYTES:
+    if chunk.uncompressed_size > CHUNK_MAX_BYTES:
         raise McapError(f"a chunk of {chunk.uncompressed_size} bytes")
-    if chunk.compression == "zstd":
-        size = zstandard.get_frame_parameters(chunk.data).content_size
-        if size != chunk.uncompressed_size and size > RECORD_MAX_BYTES:
-            raise McapError(f"a chunk of {size} bytes")
+    if chunk.compression != "zstd":
+        raise McapError(f"a chunk with compression {quoted(chunk.compression)}")
+    size = zstandard.get_frame_parameters(chunk.data).content_size
+    if size != chunk.uncompressed_size:
+        raise McapError(f"a chunk of {size} bytes, not {chunk.uncompressed_size}")
+    data = zstandard.decompress(chunk.data, size)
+    if _count(data) > CHUNK_RECORDS_MAX:
+        raise McapError(f"a chunk of more than {CHUNK_RECORDS_MAX} records")
     try:
-        return breakup_chunk(chunk, validate_crc=True)
+        return breakup_chunk(replace(chunk, compression="", data=data), validate_crc=True)
     except CRCValidationError:
         raise McapError("the checksum does not match") from None
+
+
+def _count(data: bytes) -> int:
+    """Records in the data of a chunk, up to the first that is too many."""
+    count = at = 0
+    while at + _FRAME.size <= len(data) and count <= CHUNK_RECORDS_MAX:
+        at += _FRAME.size + _FRAME.unpack_from(data, at)[1]
+        count += 1
+    return count
 
 
 def _record(data: mmap, at: int) -> tuple[McapRecord, int]:

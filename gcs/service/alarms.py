@@ -70,6 +70,7 @@ class AlarmCause(StrEnum):
     CLOCK_DOUBTFUL = "clock-doubtful"
     POOR_LINK = "poor-link"
     NO_HEARTBEAT = "no-heartbeat"
+    INPUT_FLOODED = "input-flooded"
     RECORD_FAILS = "record-fails"
     SUPERVISOR_GONE = "supervisor-gone"
     NOT_FLYING = "not-flying"
@@ -274,6 +275,9 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "[Its mode is not known: a pilot may have it. Watch it|Their modes are not known: pilots may"
         " have them. Watch them]; check antennas and distance.",
         off_after_s=0.0,
+    ),
+    AlarmCause.INPUT_FLOODED: CauseRow(
+        C, "Input {about} flooded", "Find what sends there, and stop it. What is too much is dropped unread."
     ),
     AlarmCause.RECORD_FAILS: CauseRow(
         C, "Not recorded", "Free the disk or make it writable: recording goes on by itself.", off_after_s=0.0

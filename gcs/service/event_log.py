@@ -12,6 +12,7 @@ from typing import Annotated, Final
 
 from pydantic import Field
 
+from gcs.model.errors import visible
 from gcs.model.state import VehicleId
 
 KEPT: Final = 100
@@ -197,7 +198,7 @@ def plain(value: object) -> str:
         return ", ".join(f"{plain(name)} {plain(part)}" for name, part in value.items())
     if isinstance(value, Iterable) and not isinstance(value, str | bytes):
         return ", ".join(plain(part) for part in value)
-    return str(value)
+    return visible(str(value))
 
 
 def _fields(form: str) -> set[str]:

@@ -5,6 +5,7 @@ from collections import defaultdict
 import numpy as np
 from pymavlink.dialects.v20 import common
 
+from gcs.links.intake import Arrived
 from gcs.links.link import Direction
 from gcs.model.errors import RefusedError
 from gcs.service import ShowAction
@@ -95,3 +96,18 @@ def test_corrections_and_lights_leave_after_the_setpoints() -> None:
             assert not extra & set(each[:last]), each
 
     fly(story, show_config(4, lights={"driver": "led-control"}, **RTK))
+
+
+def test_a_flood_of_an_input_is_named_with_its_sender() -> None:
+    async def story(show: Show) -> None:
+        await show.standby()
+        flood = [Arrived(b"\xd3\x03" * 700, ("192.0.2.9", 4711))] * 100
+        show.service.corrections.intake.admit(flood, show.now_s)
+        await show.wait(0.5)
+        texts = [alarm.text for alarm in show.view.alarms if alarm.cause is AlarmCause.INPUT_FLOODED]
+        limit = "more than 64 kB or 1000 messages a second"
+        assert texts == [f"Input rtk tcp://127.0.0.1:2101 flooded: {limit} from 192.0.2.9:4711."]
+        await show.wait(4.0)
+        assert AlarmCause.INPUT_FLOODED not in {alarm.cause for alarm in show.view.alarms}
+
+    fly(story, show_config(1, **RTK))

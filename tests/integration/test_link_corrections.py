@@ -17,7 +17,8 @@ import pytest
 
 from gcs.flight.corrections import Corrections
 from gcs.links.native.link import NativeLink
-from gcs.links.rtk import Place, keep_receiving
+from gcs.links.rtcm_stream import Place
+from gcs.links.rtk import keep_receiving
 from gcs.links.settings import Listen, RtkSettings
 from gcs.model.frames import ShowFrame
 from gcs.service.snapshots import CorrectionsView

@@ -18,9 +18,12 @@ TOTAL_MAX_BYTES: Final = 256 * 1024**2
 """Of everything that is read from one archive; an entry that is read twice counts twice."""
 
 RATIO_MAX: Final = 200
-"""Most that an entry beyond `SMALL_BYTES` may expand; deflate reaches 1,032, numbers as text about 20."""
+"""Most that what is beyond `SMALL_BYTES` may expand; deflate reaches 1,032, numbers as text about 20."""
 
 SMALL_BYTES: Final = 8 * 1024**2
+_BOUNDED: Final = {zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED}
+"""Compressions that are undone piece by piece; of bzip2 and LZMA a few bytes expand to gigabytes at once."""
+
 _ENTRY_SIGNATURE: Final = b"PK\x01\x02"
 _BROKEN: Final = (
     zipfile.BadZipFile,
@@ -41,6 +44,7 @@ class Archive:
         """`file` names the archive in errors."""
         self.file = file
         self._read_bytes = 0
+        self._most_bytes = min(TOTAL_MAX_BYTES, max(SMALL_BYTES, RATIO_MAX * len(data)))
         if len(data) > ARCHIVE_MAX_BYTES:
             raise DrawingError(file, f"{len(data)} bytes: at most {ARCHIVE_MAX_BYTES} are accepted")
         if data.count(_ENTRY_SIGNATURE) > ENTRIES_MAX:  # before zipfile makes an object for each
@@ -66,6 +70,8 @@ class Archive:
         info = self._infos.get(name)
         if info is None:
             raise DrawingError(self.file, f"there is no entry {quoted(name)}")
+        if info.compress_type not in _BOUNDED:
+            raise DrawingError(place, f"compression {info.compress_type}: deflate, or none, is read")
         if info.file_size > ENTRY_MAX_BYTES:
             raise DrawingError(place, f"{info.file_size} bytes: at most {ENTRY_MAX_BYTES} in one entry")
         if info.file_size > max(SMALL_BYTES, RATIO_MAX * info.compress_size):
@@ -73,8 +79,8 @@ class Archive:
                 place, f"{info.compress_size} bytes expand to {info.file_size}: at most {RATIO_MAX} times"
             )
         self._read_bytes += info.file_size
-        if self._read_bytes > TOTAL_MAX_BYTES:
-            raise DrawingError(place, f"with the entries before it more than {TOTAL_MAX_BYTES} bytes")
+        if self._read_bytes > self._most_bytes:
+            raise DrawingError(place, f"with the entries before it more than {self._most_bytes} bytes")
         try:
             with self._zip.open(info) as entry:
                 content = entry.read(info.file_size + 1)

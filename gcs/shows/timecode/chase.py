@@ -41,6 +41,57 @@ AGE_MAX_S: Final = 0.5
 """A source may not say that a reading was true longer ago."""
 
 
+@dataclass(slots=True)
+class Line:
+    """The straight line through readings; a further one costs the same however many there are.
+
+    Sums count from `_from_s` and `_from_time_s`, which follow the readings: so they keep their precision.
+    """
+
+    points: deque[tuple[float, float]] = field(default_factory=deque)  # time, timecode
+    _from_s: float = 0.0
+    _from_time_s: float = 0.0
+    _t: float = 0.0
+    _y: float = 0.0
+    _tt: float = 0.0
+    _ty: float = 0.0
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def clear(self) -> None:
+        self.points.clear()
+
+    def add(self, at_s: float, time_s: float) -> None:
+        """Add a reading, and leave out those that are too old or too many."""
+        points = self.points
+        if not points or abs(at_s - self._from_s) > 2.0 * WINDOW_S:
+            self._from_s, self._from_time_s = at_s, time_s
+            self._t = self._y = self._tt = self._ty = 0.0
+            for point in points:
+                self._count(point, 1.0)
+        points.append((at_s, time_s))
+        self._count(points[-1], 1.0)
+        while at_s - points[0][0] > WINDOW_S or len(points) > READINGS_MAX:
+            self._count(points.popleft(), -1.0)
+
+    def _count(self, point: tuple[float, float], sign: float) -> None:
+        t, y = point[0] - self._from_s, point[1] - self._from_time_s
+        self._t += sign * t
+        self._y += sign * y
+        self._tt += sign * t * t
+        self._ty += sign * t * y
+
+    def fit(self) -> tuple[float, float, float]:
+        """Time and timecode of the middle of at least one reading, and the slope."""
+        count = len(self.points)
+        t, y, slope = self._t / count, self._y / count, 1.0
+        if count >= SLOPE_FROM and self.points[-1][0] - self.points[0][0] >= SLOPE_FROM_S:
+            slope = (self._ty - count * t * y) / (self._tt - count * t * t)
+        slope = min(max(slope, 1.0 - SLOPE_OFF_MAX), 1.0 + SLOPE_OFF_MAX)
+        return self._from_s + t, self._from_time_s + y, slope
+
+
 class State(StrEnum):
     """How it is with a timecode."""
 
@@ -67,7 +118,7 @@ class Chase:
     jump_max_s: float
     show_s: float = nan
     rate: Rate | None = None
-    _line: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=READINGS_MAX))
+    _line: Line = field(default_factory=Line)
     _strays: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=READINGS_MAX))
     _newest_s: float = -inf  # when the newest reading of the line was true
     _stands: bool = False  # the source has said so since the timecode ran last
@@ -90,7 +141,7 @@ class Chase:
         if self._line and at_s - self._newest_s > self.freewheel_s:
             self._end_line()
         if self._line and abs(reading.time_s - self._on_line_s(at_s)) <= STRAY_S:
-            self._line.append((at_s, reading.time_s))
+            self._line.add(at_s, reading.time_s)
             self._newest_s, self._fit = max(self._newest_s, at_s), None
             self._strays.clear()
         else:
@@ -116,7 +167,8 @@ class Chase:
             self._jump_s = time_s - from_s
             return
         self._line.clear()
-        self._line.extend(strays)
+        for stray in strays:
+            self._line.add(*stray)
         strays.clear()
         self._newest_s, self._fit, self._refused_s = at_s, None, -inf
         self._stands = False
@@ -137,14 +189,7 @@ class Chase:
     def _on_line_s(self, at_s: float) -> float:
         """The timecode at a time by the newest line, of at least one reading."""
         if self._fit is None:
-            while self._line[-1][0] - self._line[0][0] > WINDOW_S:
-                self._line.popleft()
-            when_s, time_s = np.array(self._line).T
-            middle_s, mean_s, slope = float(when_s.mean()), float(time_s.mean()), 1.0
-            if len(when_s) >= SLOPE_FROM and np.ptp(when_s) >= SLOPE_FROM_S:
-                off_s = when_s - middle_s
-                slope = float(off_s @ (time_s - mean_s) / (off_s @ off_s))
-            self._fit = middle_s, mean_s, min(max(slope, 1.0 - SLOPE_OFF_MAX), 1.0 + SLOPE_OFF_MAX)
+            self._fit = self._line.fit()
         middle_s, mean_s, slope = self._fit
         return mean_s + slope * (at_s - middle_s)
 

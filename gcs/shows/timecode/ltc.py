@@ -31,6 +31,9 @@ _RECENT: Final = 64
 _SLOWEST_PER_S, _FASTEST_PER_S = 0.8 * 24 * BITS, 1.25 * 30 * BITS
 """Bits per second."""
 
+_CHANGES_SPARE: Final = 16
+"""A one has two changes of sign, at the fastest rate; a click may add some."""
+
 _RATES: Final = (Rate.FPS_24, Rate.FPS_25, Rate.FPS_30)
 
 
@@ -65,8 +68,7 @@ class LinearTimecode:
         self._level = peak if peak > self._level else self._level + _FORGETS * (peak - self._level)
         found: list[tuple[float, Reading]] = []
         if self._level > _LEAST_LEVEL:
-            for edge in self._edges(sound):
-                self._change(edge, found)
+            self._changes(sound, found)
         self._sample += len(sound)
         self._before = float(sound[-1])
         return [
@@ -74,25 +76,28 @@ class LinearTimecode:
             for at, one in found
         ]
 
-    def _edges(self, sound: NDArray[np.float64]) -> list[float]:
-        """Samples at which the sign changes, interpolated between two."""
+    def _changes(self, sound: NDArray[np.float64], found: list[tuple[float, Reading]]) -> None:
+        """Take the changes of sign: of more than timecode can have, none."""
         far = np.flatnonzero(np.abs(sound) > _HYSTERESIS * self._level)
         high = sound[far] > 0.0
         changed = high != np.concatenate([[self._high], high[:-1]])
         if len(high):
             self._high = bool(high[-1])
         at = far[changed]
+        if len(at) > _CHANGES_SPARE + 2.0 * _FASTEST_PER_S * len(sound) / self.sample_rate_hz:
+            self._lose()
+            self._recent.clear()
+            self.garbage += 1
+            return
         # the zero before the sample that is far enough beyond it
         whole = np.concatenate([[self._before], sound])
-        edges = []
         for end, up in zip(at.tolist(), high[changed].tolist(), strict=True):
             place = end + 1
             while place > 1 and (whole[place - 1] > 0.0) is bool(up):
                 place -= 1
             before, after = float(whole[place - 1]), float(whole[place])
             share = before / (before - after) if before != after else 0.0
-            edges.append(self._sample + place - 2 + min(max(share, 0.0), 1.0))
-        return edges
+            self._change(self._sample + place - 2 + min(max(share, 0.0), 1.0), found)
 
     def _change(self, edge: float, found: list[tuple[float, Reading]]) -> None:
         """Take one change of sign."""

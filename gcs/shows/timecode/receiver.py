@@ -4,16 +4,19 @@ import asyncio
 import logging
 import os
 import secrets
+import socket
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Final, Protocol, TypeAlias, cast
+from typing import Final, Protocol, TypeAlias
 
 import numpy as np
 
 from gcs.config.sections import TimecodeSettings
+from gcs.links.intake import MIDI, Arrived, Bound, Intake, sound
+from gcs.links.reading import BUFFER_BYTES, Reader
 from gcs.model.errors import LinkError
 from gcs.shows.timecode.ltc import LinearTimecode
 from gcs.shows.timecode.midi import MidiTimecode
@@ -24,17 +27,10 @@ log = logging.getLogger(__name__)
 
 RETRY_S: Final = 2.0
 
-DATAGRAM_MAX: Final = 1500
-DATAGRAMS_PER_S: Final = 1000
-"""What is longer or more is dropped unread: timecode needs 120 a second, of a few bytes."""
+DATAGRAM_BYTES: Final = 1500
+"""What is longer is cut: timecode needs a few bytes."""
 
 CHUNK_BYTES: Final = 4096
-MIDI_BYTES_PER_S: Final = 20_000
-"""Likewise of a MIDI port; a cable carries 3,125."""
-
-SOUND_AHEAD: Final = 2.0
-"""Sound that comes faster than it was played, times this, is dropped: it has no use as a clock."""
-
 SAMPLE_BYTES: Final = 2
 _FULL_SCALE: Final = 32768.0
 
@@ -45,8 +41,8 @@ class Sink(Protocol):
     def take(self, reading: Reading) -> None:
         """Take a reading."""
 
-    def count(self, garbage: int, dropped: int) -> None:
-        """Note how many messages made no sense, and how many were dropped unread, since the source opened."""
+    def count(self, garbage: int) -> None:
+        """Note how many messages made no sense since the source opened."""
 
     def failed(self, why: str) -> None:
         """Note why nothing can be received."""
@@ -55,37 +51,24 @@ class Sink(Protocol):
 Decode: TypeAlias = Callable[[bytes], list[Reading]]
 
 
-@dataclass(slots=True)
-class Limit:
-    """Lets so much pass in a second of the loop's clock."""
-
-    per_s: float
-    dropped: int = 0
-    _second: int = 0
-    _passed: float = field(default=0.0)
-
-    def passes(self, size: float, now_s: float) -> bool:
-        """Whether this much may pass now."""
-        if int(now_s) != self._second:
-            self._second, self._passed = int(now_s), 0.0
-        self._passed += size
-        if self._passed <= self.per_s:
-            return True
-        self.dropped += 1
-        return False
+def bound_of(settings: TimecodeSettings | None) -> Bound:
+    """What may be parsed of a source in a second."""
+    if settings is None or settings.scheme != "ltc":
+        return MIDI
+    return sound(settings.sample_rate_hz, SAMPLE_BYTES)
 
 
-async def keep_receiving(settings: TimecodeSettings, sink: Sink) -> None:
+async def keep_receiving(settings: TimecodeSettings, sink: Sink, intake: Intake) -> None:
     """Receive without end; a source that fails is opened again."""
     known = ""
     while True:
         try:
             if settings.scheme == "rtp-midi":
-                await _receive_rtp(*settings.address, sink)
+                await _receive_rtp(*settings.address, sink, intake)
             elif settings.scheme == "udp-midi":
-                await _receive_udp(*settings.address, sink)
+                await _receive_udp(*settings.address, sink, intake)
             else:
-                await _receive_file(settings, sink)
+                await _receive_file(settings, sink, intake)
         except (OSError, LinkError) as error:
             why = str(error)
         if why != known:
@@ -95,71 +78,62 @@ async def keep_receiving(settings: TimecodeSettings, sink: Sink) -> None:
         await asyncio.sleep(RETRY_S)
 
 
-class _Datagrams(asyncio.DatagramProtocol):
-    """Gives each datagram to a function, which returns the answer to it."""
-
-    def __init__(self, receive: Callable[[bytes], bytes], failed: asyncio.Future[None]) -> None:
-        self.limit = Limit(DATAGRAMS_PER_S)
-        self._receive, self._failed = receive, failed
-        self._transport: asyncio.DatagramTransport | None = None
-
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        self._transport = cast("asyncio.DatagramTransport", transport)  # asyncio's own is not one by class
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        if not self._failed.done():
-            self._failed.set_exception(exc or LinkError("the port was closed"))
-
-    def datagram_received(self, data: bytes, addr: tuple[str, int]) -> None:
-        now_s = asyncio.get_running_loop().time()
-        if not self.limit.passes(1.0, now_s) or len(data) > DATAGRAM_MAX:
-            return
-        answer = self._receive(data)
-        if answer and self._transport is not None:
-            self._transport.sendto(answer, addr)
-
-
-async def _receive_udp(host: str, port: int, sink: Sink) -> None:
+async def _receive_udp(host: str, port: int, sink: Sink, intake: Intake) -> None:
     """MIDI messages as they are, in datagrams."""
-    loop, midi = asyncio.get_running_loop(), MidiTimecode()
-    failed = loop.create_future()
+    midi = MidiTimecode()
 
-    def receive(data: bytes) -> bytes:
-        for reading in midi.take(data):
-            sink.take(reading)
-        sink.count(midi.garbage, protocol.limit.dropped)
-        return b""
+    def take(arrived: list[Arrived], now_s: float) -> None:
+        for data, _ in intake.admit(arrived, now_s):
+            for reading in midi.take(data):
+                sink.take(reading)
+        sink.count(midi.garbage)
 
-    protocol = _Datagrams(receive, failed)
-    transport, _ = await loop.create_datagram_endpoint(lambda: protocol, local_addr=(host, port))
-    try:
-        await failed
-    finally:
-        transport.close()
+    with _bound(host, port) as port_of_data:
+        await _read([_reader(port_of_data, take)])
 
 
-async def _receive_rtp(host: str, port: int, sink: Sink) -> None:
+async def _receive_rtp(host: str, port: int, sink: Sink, intake: Intake) -> None:
     """A session of which somebody else is the initiator: its commands at `port`, MIDI at the one after it."""
-    loop, midi, session = asyncio.get_running_loop(), MidiTimecode(), Session(secrets.randbits(32))
-    failed = loop.create_future()
+    midi, session = MidiTimecode(), Session(secrets.randbits(32))
 
-    def receive(data: bytes) -> bytes:
-        found, answer = session.take(data, loop.time())
-        for reading in midi.take(found):
-            sink.take(reading)
-        sink.count(midi.garbage + session.refused, control.limit.dropped + datas.limit.dropped)
-        return answer
+    def take(through: socket.socket, arrived: list[Arrived], now_s: float) -> None:
+        for data, sender in intake.admit(arrived, now_s):
+            found, answer = session.take(data, now_s)
+            for reading in midi.take(found):
+                sink.take(reading)
+            if answer:
+                with suppress(OSError):  # no room, no route: the other side asks again
+                    through.sendto(answer, sender)
+        sink.count(midi.garbage + session.refused)
 
-    control, datas = _Datagrams(receive, failed), _Datagrams(receive, failed)
-    commands, _ = await loop.create_datagram_endpoint(lambda: control, local_addr=(host, port))
+    with _bound(host, port) as commands, _bound(host, port + 1) as messages:
+        await _read([_reader(one, partial(take, one)) for one in (commands, messages)])
+
+
+def _bound(host: str, port: int) -> socket.socket:
+    """A UDP socket that never blocks. Raises: OSError."""
+    bound = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     try:
-        messages, _ = await loop.create_datagram_endpoint(lambda: datas, local_addr=(host, port + 1))
-        try:
-            await failed
-        finally:
-            messages.close()
+        bound.setblocking(False)
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+        bound.bind((host, port))
+    except OSError:
+        bound.close()
+        raise
+    return bound
+
+
+def _reader(bound: socket.socket, take: Callable[[list[Arrived], float], None]) -> Reader:
+    return Reader(bound.fileno(), lambda: Arrived(*bound.recvfrom(DATAGRAM_BYTES)), take)
+
+
+async def _read(readers: Sequence[Reader]) -> None:
+    """Read until one of them ends. Raises: OSError, LinkError with why."""
+    try:
+        await asyncio.gather(*(reader.ended for reader in readers))
     finally:
-        commands.close()
+        for reader in readers:
+            reader.close()
 
 
 def pcm_decoder(sample_rate_hz: float) -> tuple[LinearTimecode, Decode]:
@@ -186,41 +160,31 @@ def _opened(path: Path) -> int:
     return os.open(path, access | os.O_NONBLOCK | os.O_CLOEXEC)
 
 
-async def _receive_file(settings: TimecodeSettings, sink: Sink) -> None:
+async def _receive_file(settings: TimecodeSettings, sink: Sink, intake: Intake) -> None:
     """A MIDI port's device, or a pipe with sound."""
-    loop, path = asyncio.get_running_loop(), Path(settings.path)
+    path = Path(settings.path)
     reader: MidiTimecode | LinearTimecode
     decode: Decode
     if settings.scheme == "midi":
         reader = MidiTimecode()
-        decode, limit = reader.take, Limit(MIDI_BYTES_PER_S)
+        decode = reader.take
     else:
         reader, decode = pcm_decoder(settings.sample_rate_hz)
-        limit = Limit(SOUND_AHEAD * SAMPLE_BYTES * settings.sample_rate_hz)
     source = _opened(path)
-    ended = loop.create_future()
 
-    def readable() -> None:
-        try:
-            data = os.read(source, CHUNK_BYTES)
-        except BlockingIOError:
-            return
-        except OSError as error:
-            loop.remove_reader(source)
-            ended.set_exception(error)
-            return
+    def read() -> Arrived:
+        data = os.read(source, CHUNK_BYTES)
         if not data:
-            loop.remove_reader(source)
-            ended.set_exception(LinkError(f"{path} has ended"))
-        elif limit.passes(len(data), loop.time()):
+            raise LinkError(f"{path} has ended")
+        return Arrived(data, settings.path)
+
+    def take(arrived: list[Arrived], now_s: float) -> None:
+        for data, _ in intake.admit(arrived, now_s):
             for reading in decode(data):
                 sink.take(reading)
-        sink.count(reader.garbage, limit.dropped)
+        sink.count(reader.garbage)
 
     try:
-        loop.add_reader(source, readable)
-        await ended
+        await _read([Reader(source, read, take)])
     finally:
-        with suppress(ValueError, OSError):
-            loop.remove_reader(source)
         os.close(source)

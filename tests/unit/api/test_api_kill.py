@@ -74,3 +74,12 @@ def test_newest_of_many_codes_can_be_confirmed() -> None:
     assert switch.confirm(armed[-1].code, "anna", 2.0) == ("d1",)
     with pytest.raises(RefusedError, match="confirms nothing"):
         switch.confirm(armed[0].code, "anna", 2.0)
+
+
+def test_no_caller_makes_the_codes_of_another_vanish() -> None:
+    codes = iter(["000001", *(f"{number:06x}" for number in range(10 * WAITING_MAX))])
+    switch = KillSwitch(lambda: next(codes))
+    anna = switch.arm(["d1"], "anna", 1.0)
+    berts = [switch.arm(["d2"], "bert", 1.0) for _ in range(5 * WAITING_MAX)]
+    assert anna.code not in {each.code for each in berts}
+    assert switch.confirm(anna.code, "anna", 2.0) == ("d1",)

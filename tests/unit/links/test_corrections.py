@@ -11,7 +11,7 @@ from gcs.links.address_book import Addresses
 from gcs.links.budget import Budget
 from gcs.links.corrections import OLD_S, CorrectionSender
 from gcs.links.link import Counters
-from gcs.links.rtk import RtcmStream
+from gcs.links.rtcm_stream import RtcmStream
 from gcs.links.sender import Outbox
 from gcs.links.settings import RtkSettings
 from gcs.mavlink.codec import encode

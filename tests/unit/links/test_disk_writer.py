@@ -52,6 +52,24 @@ def test_a_disk_that_hangs_blocks_neither_put_nor_close(monkeypatch: pytest.Monk
     soon(lambda: disk.stored == list(range(6)))
 
 
+def test_a_thread_that_is_being_started_has_not_ended(monkeypatch: pytest.MonkeyPatch) -> None:
+    disk, seen = Disk(), list[str]()
+
+    class SlowThread(Thread):
+        def start(self) -> None:
+            reader.start()
+            reader.join(0.2)  # it waits until the thread has started
+            super().start()
+
+    monkeypatch.setattr("gcs.links.disk_writer.Thread", SlowThread)
+    for _ in range(2):
+        reader = Thread(target=lambda: seen.append(disk.problem))
+        disk.open()
+        reader.join()
+        disk.close()
+    assert seen == ["", ""]
+
+
 def test_reopened_while_the_disk_hangs_one_thread_writes(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("gcs.links.disk_writer.JOIN_S", 0.05)
     disk = Disk()

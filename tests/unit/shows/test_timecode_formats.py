@@ -11,7 +11,7 @@ from gcs.model.errors import InvalidError
 from gcs.shows.timecode import Rate
 from gcs.shows.timecode.ltc import LinearTimecode
 from gcs.shows.timecode.midi import MidiTimecode, full_frame, quarter_frames
-from gcs.shows.timecode.receiver import Limit, pcm_decoder
+from gcs.shows.timecode.receiver import pcm_decoder
 from gcs.shows.timecode.rtp_midi import Session
 from gcs.shows.timecode.smpte import Label, label_at, parse_label
 from tests.support.timecode import END, INVITATION, SYNC, pcm, rtp, running, sound
@@ -155,10 +155,3 @@ def test_a_flood_of_one_message_without_end_is_not_kept() -> None:
     midi = MidiTimecode()
     midi.take(b"\xf0" + b"\x7f" * 1_000_000)
     assert len(midi._data) < 100
-
-
-def test_what_comes_too_fast_is_dropped_until_the_next_second() -> None:
-    limit = Limit(100.0)
-    assert sum(limit.passes(1.0, 5.3) for _ in range(1000)) == 100
-    assert limit.dropped == 900
-    assert limit.passes(1.0, 6.0)

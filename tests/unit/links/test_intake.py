@@ -1,0 +1,187 @@
+"""Inputs that strangers can send to cost what they may cost, and name the sender of more."""
+
+import asyncio
+import random
+import socket
+from collections.abc import Callable
+from contextlib import closing
+from functools import partial
+
+import numpy as np
+import pytest
+from pymavlink.dialects.v20 import common as dialect
+
+from gcs.links.intake import CORRECTIONS, FORWARDED, MIDI, SAVED_S, TURN_S, Arrived, Bound, Intake, sound
+from gcs.links.ntrip import Chunked
+from gcs.links.reading import READS_MAX, Reader
+from gcs.links.rtcm_stream import RtcmStream
+from gcs.mavlink.codec import split
+from gcs.model.errors import LinkError
+from gcs.shows.timecode import Chase
+from gcs.shows.timecode.ltc import LinearTimecode
+from gcs.shows.timecode.midi import MidiTimecode, quarter_frames
+from gcs.shows.timecode.receiver import SAMPLE_BYTES
+from gcs.shows.timecode.rtp_midi import Session
+from gcs.shows.timecode.smpte import Rate, label_at
+from tests.support.rtcm import base_message, rtcm
+from tests.support.timecode import rtp
+from tests.support.work import lines_run
+
+STRANGER = ("192.0.2.9", 4711)
+SAMPLES_PER_S = 48_000.0
+
+QUARTERS = b"".join(
+    b"".join(quarter_frames(label_at(2.0 * at / 30, Rate.FPS_30), Rate.FPS_30)) for at in range(90)
+)
+JUNK = {
+    "preambles": b"\xd3\x03" * 15_000,
+    "short-messages": b"\xd3\x00\x02\x00\x00\x00\x00\x00" * 4000,
+    "random": random.Random(1).randbytes(30_000),
+    "messages": rtcm(1077, 8) * 4000,
+    "places": base_message() * 1000,
+    "preambles-in-messages": b"".join(rtcm(kind, 8) for kind in (0xD30, 0xD3) * 2000),
+}
+
+
+def arrived(count: int, size: int = 10) -> list[Arrived]:
+    return [Arrived(at.to_bytes(4, "big").ljust(size, b"."), STRANGER) for at in range(count)]
+
+
+def test_what_is_over_the_bound_is_dropped_and_named() -> None:
+    intake = Intake("rtk", Bound(1000.0, 40.0))
+    assert intake.admit(arrived(5), 0.0) == arrived(5)
+    assert intake.why_over(0.0) == ""
+    assert intake.admit(arrived(100), 0.0) == arrived(100)[-5:], "10 messages in a quarter of a second"
+    assert (intake.dropped, intake.dropped_bytes) == (95, 950)
+    assert intake.why_over(1.0) == "more than 1 kB or 40 messages a second from 192.0.2.9:4711"
+    assert intake.why_over(3.0) == ""
+    assert len(intake.admit(arrived(100), 0.5)) == 10
+
+
+def test_bytes_are_bounded_as_messages_are() -> None:
+    intake = Intake("rtk", Bound(1000.0))
+    assert len(intake.admit(arrived(100, 50), 0.0)) == 5
+    assert intake.tail(b"abc" * 100, "/dev/ttyUSB0", 0.1) == (b"abc" * 100)[-100:]
+    assert intake.why_over(0.1) == "more than 1 kB a second from /dev/ttyUSB0"
+    passed = sum(len(intake.tail(bytes(500), "x", 1.0 + 0.05 * tick)) for tick in range(200))
+    assert passed <= 1000.0 * (10.0 + SAVED_S)
+
+
+def test_usual_corrections_and_timecode_are_below_the_bounds() -> None:
+    rtk, midi = Intake("rtk", CORRECTIONS), Intake("timecode", MIDI)
+    for tenth in range(100):
+        assert rtk.tail(bytes(2800), "x", 0.1 * tenth) == bytes(2800), "four constellations at 10 Hz"
+    for second in range(10):  # a second of RTP that arrives in two clumps
+        for half in (0.0, 0.5):
+            assert len(midi.admit(arrived(60, 30), second + half)) == 60
+
+
+@pytest.mark.parametrize("junk", JUNK.values(), ids=list(JUNK))
+def test_corrections_cost_the_same_whatever_they_contain(junk: bytes) -> None:
+    """As much as may pass in a tick, in any cut: a bounded number of lines of Python, twice for two ticks."""
+    tick = int(CORRECTIONS.bytes_per_s * TURN_S)
+
+    def taken(size: int, piece: int) -> int:
+        stream = RtcmStream()
+        stream.take(junk[:4000])
+        return lines_run(
+            lambda: [stream.take(junk[at : at + piece]) for at in range(4000, 4000 + size, piece)]
+        )
+
+    assert taken(tick, tick) < 12 * tick
+    assert taken(2 * tick, tick) < 2.5 * taken(tick, tick) + 500
+    by_message = CORRECTIONS.messages_per_s * TURN_S
+    assert taken(tick, round(tick / by_message)) < 30 * tick
+
+
+def test_chunks_of_one_byte_cost_no_more_than_their_bytes() -> None:
+    chunks = b"1\r\nx\r\n" * 10_000
+    once, twice = (lines_run(partial(Chunked().take, chunks[:size])) for size in (30_000, 60_000))
+    assert twice < 2.1 * once < 10 * len(chunks)
+
+
+def flooded_midi() -> int:
+    """Readings that make a line, in a tick: quarter frames as fast as their bytes may come."""
+    midi, chase = MidiTimecode(), Chase(1.0, 5.0)
+    tick = int(MIDI.bytes_per_s * TURN_S)
+    for at, reading in enumerate(midi.take(QUARTERS)):
+        chase.take(reading, 0.01 * at)
+    now_s = 0.01 * at
+
+    def take() -> None:
+        for reading in midi.take(QUARTERS[:tick]):
+            chase.take(type(reading)(chase.time_s(now_s), reading.rate), now_s)
+
+    return lines_run(take)
+
+
+def flooded_rtp() -> int:
+    session, tick = Session(1, partner=1234), int(MIDI.bytes_per_s * TURN_S)
+    return lines_run(lambda: session.take(rtp([QUARTERS[:tick]]), 0.0))
+
+
+def flooded_sound() -> int:
+    linear = LinearTimecode(SAMPLES_PER_S)
+    tick = int(sound(SAMPLES_PER_S, SAMPLE_BYTES).bytes_per_s * TURN_S) // SAMPLE_BYTES
+    worst = 0
+    for period in (1, 2, 4, 6, 8, 12, 20):
+        wave = np.repeat(np.tile([1.0, -1.0], tick), period)[:tick]
+        worst = max(worst, lines_run(lambda: linear.take(wave)))  # noqa: B023
+    return worst
+
+
+def flooded_station() -> int:
+    """Frames of a further station, as many as a tick's bytes hold."""
+    frame = bytes(dialect.MAVLink_ping_message(0, 0, 1, 1).pack(dialect.MAVLink(None, srcSystem=255)))
+    tick = int(FORWARDED.bytes_per_s * TURN_S)
+    many = frame * (tick // len(frame))
+    assert len(split(many).frames) == tick // len(frame)  # compiles
+    return lines_run(lambda: split(many))
+
+
+@pytest.mark.parametrize("flood", [flooded_midi, flooded_rtp, flooded_sound, flooded_station])
+def test_a_tick_of_a_flood_is_little_work(flood: Callable[[], int]) -> None:
+    """A core runs 50,000 such lines in a few milliseconds."""
+    assert flood() < 50_000
+
+
+def test_ten_times_the_reads_are_spread_over_ten_turns() -> None:
+    taken: list[tuple[int, float]] = []
+
+    async def main() -> None:
+        ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_DGRAM)
+        done = asyncio.Event()
+        with closing(ours), closing(theirs):
+            waiting = iter(arrived(10 * READS_MAX))
+
+            def read() -> Arrived:
+                if (one := next(waiting, None)) is None:
+                    done.set()
+                    raise BlockingIOError
+                return one
+
+            reader = Reader(ours.fileno(), read, lambda found, now_s: taken.append((len(found), now_s)))
+            theirs.send(b"x")
+            await done.wait()
+            reader.close()
+
+    asyncio.run(main())
+    counts, times_s = zip(*taken, strict=True)
+    assert counts == (READS_MAX,) * 10
+    assert min(np.diff(times_s)) >= 0.99 * TURN_S
+
+
+def test_an_input_that_ends_says_why() -> None:
+    async def main() -> None:
+        ours, theirs = socket.socketpair()
+        with closing(ours), closing(theirs):
+
+            def read() -> Arrived:
+                raise LinkError("it has ended")
+
+            reader = Reader(ours.fileno(), read, lambda *_: None)
+            theirs.send(b"x")
+            with pytest.raises(LinkError, match="it has ended"):
+                await reader.ended
+
+    asyncio.run(main())
