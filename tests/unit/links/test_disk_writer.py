@@ -116,24 +116,3 @@ def test_a_defect_ends_the_thread_and_is_reported() -> None:
     soon(lambda: disk.problem == "disk: the thread that writes numbers has ended; the log says why")
     assert not asyncio.run(disk.kept())
     disk.close()
-
-
-def test_a_thread_that_is_being_started_has_not_ended(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Threads are started while others compute: a new one may run some milliseconds later."""
-    disk = Disk()
-    seen: list[str] = []
-
-    class LateThread(Thread):
-        def start(self) -> None:
-            reader = Thread(target=lambda: seen.append(disk.problem))
-            reader.start()
-            reader.join(0.2)
-            super().start()
-
-    monkeypatch.setattr("gcs.links.disk_writer.Thread", LateThread)
-    for _ in range(2):  # also a writer that is opened again
-        disk.open()
-        assert asyncio.run(disk.kept())
-        disk.close()
-    soon(lambda: len(seen) == 2)
-    assert seen == ["", ""]
