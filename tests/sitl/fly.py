@@ -54,7 +54,7 @@ PADS_M = 5.0
 VEHICLES_MAX = 10
 """From instance 10 on every PX4 sends to port 14549."""
 
-SPEAKS_S = 60.0
+SPEAKS_S = 180.0
 
 
 def main(argv: list[str] | None = None) -> int:
