@@ -55,7 +55,7 @@ PADS_M = PAD_SPACING_M
 VEHICLES_MAX = 10
 """From instance 10 on every PX4 sends to port 14549."""
 
-SPEAKS_S = 60.0
+SPEAKS_S = 180.0
 
 
 def main(argv: list[str] | None = None) -> int:

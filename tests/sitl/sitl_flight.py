@@ -40,8 +40,8 @@ class Pace:
     home_s: float = 240.0
 
 
-QUICK = Pace(steady_s=5.0, orbit_s=4.0)
-"""ArduCopter swings round its place for some seconds."""
+QUICK = Pace(ready_s=300.0, up_s=300.0, formed_s=300.0, home_s=600.0, steady_s=5.0, orbit_s=4.0)
+"""Of tests, which other work may delay. ArduCopter swings round its place for some seconds."""
 
 
 @dataclass(frozen=True, slots=True)

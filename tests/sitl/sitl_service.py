@@ -15,8 +15,8 @@ from gcs.links.autopilots import AUTOPILOTS
 from gcs.model.errors import GcsError
 
 GCS = (sys.executable, "-m", "gcs")
-APPLIED_S = 180.0
-ANSWERS_S = 60.0
+APPLIED_S = 600.0
+ANSWERS_S = 180.0
 
 
 class ServiceError(RuntimeError):

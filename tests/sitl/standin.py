@@ -1,6 +1,7 @@
 """What both stand-ins for real programs have: a fake vehicle behind the surface of the program."""
 
 import json
+import os
 import selectors
 import socket
 import struct
@@ -24,7 +25,10 @@ LONGEST = 2048
 
 
 class Surface(ABC):
-    """The simulator's side of one vehicle: its true states go out, parameters of the simulation come in."""
+    """The simulator's side of one vehicle: its true states go out, parameters of the simulation come in.
+
+    Without STANDIN_VERSION in the environment the vehicle has the recorded version of its autopilot.
+    """
 
     faults: ClassVar[Faults] = {}
 
@@ -43,6 +47,7 @@ class Surface(ABC):
         own = ["--first", str(self._index), "--count", "1", "--spacing", "0"]
         own += ["--simulator-link", str(self._inside.getsockname()[1] - self._index)]
         own += ["--control", str(self._control[1])]
+        own += ["--autopilot-version", version] if (version := os.environ.get("STANDIN_VERSION")) else []
         return cli.main([*own, *options])
 
     @abstractmethod

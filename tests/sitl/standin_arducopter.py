@@ -1,6 +1,6 @@
 """Stands in for ArduPilot's SITL: its options, serial ports and FlightGear packets, over the fake fleet.
 
-STANDIN_VERSION is the version (4.5): 4.0 has --uartA and --uartC, later ones --serial0 and --serial1. On both
+STANDIN_VERSION is the version: 4.0 has --uartA and --uartC, later ones --serial0 and --serial1. On both
 serial ports it prints the text of its start, as the real one does before its first frame. Without
 parameters (--defaults) it has neither frame nor calibrations, and never arms. STANDIN_FDM_PORT replaces 5503.
 """
@@ -18,8 +18,8 @@ from typing import ClassVar
 
 from pymavlink.dialects.v20 import common
 
-from gcs.sim.autopilots.ardupilot.parameters import defaults
 from gcs.sim.cli import parameter_options
+from gcs.sim.vehicle import versions
 from tests.sitl.sitl_truth import FDM, FDM_PORT, FDM_PORTS_APART, FDM_VERSION
 from tests.sitl.standin import HOST, Address, Faults, Surface
 
@@ -72,7 +72,7 @@ class ArduCopterSurface(Surface):
 
 def main(words: Sequence[str]) -> int:
     """Fly one vehicle until it is stopped. Returns: the exit code."""
-    version = os.environ.get("STANDIN_VERSION") or "4.5"
+    version = os.environ.get("STANDIN_VERSION", "")
     given = _parser(version).parse_args(words)
     first, second = _address(given.first), _address(given.second)
     index = given.instance
@@ -80,14 +80,15 @@ def main(words: Sequence[str]) -> int:
     if parameters.get("SYSID_THISMAV", parameters.get("MAV_SYSID", 1)) != index + 1:
         print(f"system id of instance {index} is not {index + 1}", file=sys.stderr)
         return 1
-    text = CONSOLE.format(version=version).encode()
+    text = CONSOLE.format(version=versions.find("ardupilot", version).software).encode()
     for address in (first, second):
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as port:
             port.sendto(text, address)
     fdm = int(os.environ.get("STANDIN_FDM_PORT", FDM_PORT)) + FDM_PORTS_APART * index
     surface = ArduCopterSurface(index, second, (given.fg, fdm))
     latitude, longitude, altitude, _yaw = given.home.split(",")
-    known = {name: value for name, value in {**BARE, **parameters}.items() if name in defaults()}
+    listed = versions.find("ardupilot", version).parameters
+    known = {name: value for name, value in {**BARE, **parameters}.items() if listed.knows(name)}
     return surface.fly(
         [
             *("--autopilot", "ardupilot", "--origin", f"{latitude},{longitude},{altitude}"),
@@ -99,7 +100,7 @@ def main(words: Sequence[str]) -> int:
 def _parser(version: str) -> argparse.ArgumentParser:
     """Words are whole, as getopt_long of the real program demands."""
     parser = argparse.ArgumentParser(prog="arducopter", allow_abbrev=False)
-    old = tuple(map(int, version.split(".")[:2])) < (4, 1)
+    old = version == "4.0"
     serial = ("--uartA", "--uartC") if old else ("--serial0", "--serial1")
     parser.add_argument(serial[0], dest="first", metavar="device", required=True)
     parser.add_argument(serial[1], dest="second", metavar="device", default=f"udpclient:{HOST}:{DISCARD}")
