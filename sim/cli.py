@@ -9,11 +9,13 @@ from functools import partial
 from typing import get_args
 
 from gcs.sim.endpoint import MAX_PORT, Port, PortError, own_ports, serve, shared_ports
-from gcs.sim.fleet import FIRMWARES
 from gcs.sim.ground_truth import FIRST_PORT, HOST, GroundTruthFile
+from gcs.sim.mixed import KINDS
 from gcs.sim.protocol.streams import RECORDED_HZ, lean_hz
 from gcs.sim.settings import MAX_SYSTEM_ID, Autopilot, Origin, Settings
-from gcs.sim.vehicle.px4 import ParameterError, QuirkError, Quirks, Value, quirk_names
+from gcs.sim.vehicle import versions
+from gcs.sim.vehicle.parameters import ParameterError, ParameterList, Table, Value
+from gcs.sim.vehicle.px4 import QuirkError, Quirks, quirk_names
 
 
 def whole(low: int, high: int) -> Callable[[str], int]:
@@ -79,21 +81,7 @@ def parameter(text: str) -> tuple[str, Value | Sequence[Value]]:
     values = [_float(part) for part in values_text.split(",")]
     if not separator or not all(map(math.isfinite, values)):
         raise argparse.ArgumentTypeError(f"{text!r} is not NAME=VALUE, as in COM_OBL_RC_ACT=5")
-    kinds = [kind for kind, firmware in FIRMWARES.items() if name in firmware.defaults()]
-    if not kinds:
-        near = [known for known in _known() if known.startswith(name.split("_")[0] + "_")][:5]
-        hint = f"; there are {', '.join(near)} ..." if near else ""
-        raise argparse.ArgumentTypeError(f"{name}: no such parameter of PX4 v1.16 or ArduCopter 4.1{hint}")
-    try:
-        for value in values:
-            FIRMWARES[kinds[0]].check(name, value)
-    except ParameterError as error:
-        raise argparse.ArgumentTypeError(str(error)) from None
     return name, values if len(values) > 1 else values[0]
-
-
-def _known() -> list[str]:
-    return sorted({name for firmware in FIRMWARES.values() for name in firmware.defaults()})
 
 
 def parameter_options(parameters: Mapping[str, Value | Sequence[Value]]) -> list[str]:
@@ -125,6 +113,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--count", type=whole(1, MAX_COUNT), default=1, metavar="N", help="vehicles in this process")
     text = "which autopilot they have; mixed: PX4 and ArduPilot alternate, vehicle 0 has PX4"
     add("--autopilot", choices=get_args(Autopilot), default="px4", help=text)
+    text = "as 1.18 or 4.7, mixed 1.16,4.5; without: as recorded, PX4 1.16 and ArduCopter 4.1-dev. There are "
+    text += "; ".join(f"{kind} {', '.join(versions.names(kind))}" for kind in KINDS)
+    add("--autopilot-version", default="", metavar="VERSION", help=text)
+    text = "parameters begin as in the autopilot's simulator, or as delivered in its firmware"
+    add("--defaults", choices=["simulator", "firmware"], default="simulator", help=text)
     text = "index of the first; its number is I+1, and so is its id, up to the namespace's size"
     add("--first", type=whole(0, MAX_COUNT - 1), default=0, metavar="I", help=text)
     text = "system ids per namespace: vehicle i has id i %% S + 1 in namespace i // S, with own ports"
@@ -180,11 +173,13 @@ def _add_flight(parser: argparse.ArgumentParser) -> None:
     text = "as the autopilots' simulators without it: PX4 1.0, ArduPilot 0.65; real 0.1 to 0.3"
     add("--drag", type=number(0.0, 10.0), metavar="PER_S", help=text)
     add("--wind", type=triple("N,E,D"), default=(0.0, 0.0, 0.0), metavar="N,E,D", help="of the air, m/s")
+    text = "of ArduPilot's clocks over the wall clock, as of a slow simulator: 0.984"
+    add("--clock-rate", type=number(0.5, 1.5), default=1.0, metavar="RATE", help=text)
     text = "flight time of a full battery"
     add("--battery", type=number(0.1, 1e5), default=20.0, metavar="MIN", help=text)
     text = "parameter: COM_OBL_RC_ACT=5, WPNAV_ACCEL=250; or of vehicle 0, 1 and on: RTL_RETURN_ALT=30,34"
     add("--param", type=parameter, action="append", default=[], metavar="NAME=VALUE", help=text)
-    text = "make PX4 behave as one would wish, or with late-ready=off ArduPilot be ready at once"
+    text = "make an autopilot behave as one would wish"
     text += f" (repeatable): {', '.join(quirk_names())}"
     add("--quirk", type=quirk, action="append", default=[], metavar="NAME=off", help=text)
 
@@ -246,10 +241,13 @@ def _settings(given: argparse.Namespace) -> Settings:
     columns = given.grid_columns or math.ceil(math.sqrt(given.count))
     return Settings(
         autopilot=given.autopilot,
+        version=given.autopilot_version,
+        as_delivered=given.defaults == "firmware",
         count=given.count,
         first=given.first,
         namespace_size=given.namespace_size,
         seed=given.seed,
+        clock_rate=given.clock_rate,
         noise_scale=given.noise,
         drag_per_s=given.drag,
         wind_m_s=given.wind,
@@ -272,9 +270,9 @@ def _checked_ports(given: argparse.Namespace) -> list[Port]:
     if last > MAX_COUNT:
         fit = f"at most {MAX_COUNT - given.first} fit"
         raise FleetError(2, f"--first {given.first} --count {given.count}: {fit}")
+    lists = _parameter_lists(given)
     for name, value in given.param:
-        if given.autopilot in FIRMWARES and name not in FIRMWARES[given.autopilot].defaults():
-            raise FleetError(2, f"--param {name}: {given.autopilot} has no such parameter; see --autopilot")
+        _check_parameter(name, value, lists)
         if isinstance(value, Sequence) and len(value) < last:
             raise FleetError(2, f"--param {name}: {len(value)} values for vehicles up to index {last - 1}")
     make = shared_ports if given.shared_port else own_ports
@@ -285,6 +283,34 @@ def _checked_ports(given: argparse.Namespace) -> list[Port]:
     if given.simulator_link is not None and given.simulator_link + last > MAX_PORT:
         raise FleetError(2, f"--simulator-link {given.simulator_link} leads beyond port {MAX_PORT}")
     return ports
+
+
+def _parameter_lists(given: argparse.Namespace) -> list[ParameterList]:
+    """Those of each kind of autopilot in the fleet. Raises: FleetError for an unknown version."""
+    text, kind = given.autopilot_version, given.autopilot
+    try:
+        if kind != "mixed":
+            return [versions.find(kind, text).parameters]
+        return [versions.find(kind, versions.part_for(kind, text)).parameters for kind in KINDS]
+    except versions.VersionError as error:
+        raise FleetError(2, f"--autopilot-version: {error}") from None
+
+
+def _check_parameter(name: str, value: Value | Sequence[Value], lists: Sequence[ParameterList]) -> None:
+    """Raises: FleetError where no vehicle has that parameter, or it cannot have that value."""
+    listed = next((each for each in lists if each.knows(name)), None)
+    if listed is None:
+        titles, has = " and ".join(each.title for each in lists), "has" if len(lists) == 1 else "have"
+        family = name.split("_", maxsplit=1)[0] + "_"
+        near = sorted({known for each in lists for known in each.names if known.startswith(family)})
+        hint = f"; there are {', '.join(near[:5])} ..." if near else ""
+        advice = f"see --autopilot and --autopilot-version{hint}"
+        raise FleetError(2, f"--param {name}: {titles} {has} no such parameter; {advice}")
+    try:
+        for each in value if isinstance(value, Sequence) else [value]:
+            Table(listed, {name: each})
+    except ParameterError as error:
+        raise FleetError(2, f"--param {error}") from None
 
 
 def destinations(given: argparse.Namespace) -> list[int]:

@@ -59,6 +59,7 @@ class Fleet:
         ]
         self.state = self._firmware.state
         self.state.now_s = start_s
+        self._scale = np.column_stack([np.ones((count, 2)), self.state.height_scale])
         self.accuracy_m = measured.accuracy_m(settings.noise_scale)
         self.state.horizontal_accuracy_m[:], self.state.vertical_accuracy_m[:] = self.accuracy_m
         self.state.fix_type[:] = self.fix_type = measured.fix_type(settings.noise_scale)
@@ -112,7 +113,7 @@ class Fleet:
         awake = self.time_s >= state.fix_at_s
         for row in (awake & ~state.home_set).nonzero()[0].tolist():
             self._set_home(row)
-        disturbance = Disturbance(self.wind_m_s, self._error.velocity_m_s)
+        disturbance = Disturbance(self.wind_m_s, self._error.velocity_m_s + state.drift_m_s)
         self._firmware.step(sensors, awake, disturbance, step_s)
         self._contact = self.bodies.rest_on_ground()
 
@@ -160,7 +161,8 @@ class Fleet:
     def _sense(self) -> Sensors:
         """Every vehicle's estimate; its local origin is its first one (item 1)."""
         state = self.state
-        estimate_m = self.bodies.position_m + self._error.position_m + state.offset_m
+        estimate_m = self._scale * self.bodies.position_m + self._error.position_m
+        estimate_m += state.offset_m + state.drift_m
         frozen_m = state.frozen_m
         estimate_m = np.where(np.isnan(frozen_m), estimate_m, frozen_m)
         if self._lost:
@@ -171,7 +173,7 @@ class Fleet:
             self._lost = bool((unknown & ~fresh).any())
         return Sensors(
             position_m=estimate_m - self._local_origin_m,
-            velocity_m_s=self.bodies.velocity_m_s + self._error.velocity_m_s,
+            velocity_m_s=self._scale * self.bodies.velocity_m_s + self._error.velocity_m_s + state.drift_m_s,
             acceleration_m_s2=self.bodies.acceleration_m_s2,
             height_m=-self.bodies.position_m[:, 2],
             contact=self._contact,

@@ -7,8 +7,9 @@ from typing import TypeAlias
 import numpy as np
 
 from gcs.sim.autopilots.firmware import Sent
-from gcs.sim.fleet import FIRMWARES, STEP_S, Fleet
+from gcs.sim.fleet import STEP_S, Fleet
 from gcs.sim.settings import Autopilot, Settings
+from gcs.sim.vehicle import versions
 from gcs.sim.vehicle.dynamics import Array
 
 KINDS: tuple[Autopilot, ...] = ("px4", "ardupilot")
@@ -33,16 +34,10 @@ class MixedFleet:
         self.parts = [
             Fleet(
                 replace(
-                    settings,
-                    autopilot=KINDS[(first + offset) % len(KINDS)],
+                    _settings_of(KINDS[(first + offset) % len(KINDS)], settings),
                     first=first + offset,
                     count=(count - offset + 1) // len(KINDS),
                     every=len(KINDS),
-                    parameters={
-                        name: value
-                        for name, value in settings.parameters.items()
-                        if name in FIRMWARES[KINDS[(first + offset) % len(KINDS)]].defaults()
-                    },
                 ),
                 start_s=start_s,
                 unix_at_start_s=unix_at_start_s,
@@ -135,6 +130,14 @@ class MixedReceiver:
             (part, [row // kinds for row in rows if row % kinds == offset])
             for offset, part in enumerate(self._fleet.parts)
         ]
+
+
+def _settings_of(kind: Autopilot, settings: Settings) -> Settings:
+    """Those of the vehicles with that autopilot: its version, and the parameters that this version knows."""
+    version = versions.part_for(kind, settings.version)
+    listed = versions.find(kind, version).parameters
+    parameters = {name: value for name, value in settings.parameters.items() if listed.knows(name)}
+    return replace(settings, autopilot=kind, version=version, parameters=parameters)
 
 
 AnyFleet: TypeAlias = Fleet | MixedFleet

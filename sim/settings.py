@@ -5,7 +5,8 @@ from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
 from gcs.sim.protocol.streams import RECORDED_HZ
-from gcs.sim.vehicle.px4 import Quirks, Value
+from gcs.sim.vehicle.parameters import Value
+from gcs.sim.vehicle.px4 import Quirks
 
 MAX_SYSTEM_ID = 250
 
@@ -32,14 +33,20 @@ class Settings:
     Its namespace is i // namespace_size, its system id there i % namespace_size + 1. Where a parameter
     has several values, vehicle i has the i-th. Without `drag_per_s` bodies have the drag of the recorded
     simulators: 1.0 with PX4, 0.65 with ArduPilot. `rates_hz` are those that PX4 sends without a request.
+    `version` is one of sim.vehicle.versions, as "1.16", of a mixed fleet "1.16,4.5"; "" is as recorded.
+    Parameters begin as in the autopilot's simulator, or `as_delivered` in its firmware. `clock_rate` is the
+    rate of ArduPilot's clocks, which are its simulator's, over the wall clock.
     """
 
     autopilot: Autopilot = "px4"
+    version: str = ""
+    as_delivered: bool = False
     count: int = 1
     first: int = 0
     every: int = 1
     namespace_size: int = MAX_SYSTEM_ID
     seed: int = 0
+    clock_rate: float = 1.0
     noise_scale: float = 0.25
     drag_per_s: float | None = None
     wind_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)

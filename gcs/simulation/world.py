@@ -14,7 +14,8 @@ from gcs.model.state import Array, FleetState, Mask, Setpoints, VehicleId
 from gcs.planning.lost_space import return_heights_m
 from gcs.safety.walls import Fence
 from gcs.sim.vehicle.guidance import Guidance
-from gcs.sim.vehicle.px4 import Columns, Mode, Parameters, Quirks
+from gcs.sim.vehicle.parameters import Columns
+from gcs.sim.vehicle.px4 import Mode, Parameters, Quirks
 from gcs.sim.vehicle.sensors import Sensors, draw_errors, step_errors
 from gcs.sim.vehicle.state import State
 from gcs.simulation.autopilots import bodies_of

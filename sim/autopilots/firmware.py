@@ -12,7 +12,6 @@ from gcs.sim.protocol.frames import Fields
 from gcs.sim.protocol.streams import Outbox, Schedule
 from gcs.sim.settings import Settings
 from gcs.sim.vehicle.dynamics import Array, Mask
-from gcs.sim.vehicle.px4 import Value
 from gcs.sim.vehicle.sensors import Sensors
 from gcs.sim.vehicle.state import Rows, State
 
@@ -88,16 +87,6 @@ class Firmware(Protocol):
     @property
     def autopilots(self) -> Sequence[BaseAutopilot]:
         """The vehicles' protocols, by row."""
-        ...
-
-    @staticmethod
-    def defaults() -> Mapping[str, Value]:
-        """The parameters that there are, by name."""
-        ...
-
-    @staticmethod
-    def check(name: str, value: Value) -> None:
-        """Raises: ParameterError where the parameter does not exist or cannot have that value."""
         ...
 
     def boot(self, row: int, now_s: float, random: np.random.Generator) -> None:

@@ -1,4 +1,4 @@
-"""PX4 v1.16.1 as the firmware of a fleet: its modules are in sim.vehicle and sim.protocol."""
+"""PX4 as the firmware of a fleet: its modules are in sim.vehicle and sim.protocol."""
 
 import math
 from collections.abc import Mapping
@@ -16,13 +16,15 @@ from gcs.sim.protocol.reports import Snapshot
 from gcs.sim.protocol.setpoints import store_setpoints
 from gcs.sim.protocol.streams import Schedule
 from gcs.sim.settings import Settings
-from gcs.sim.vehicle import px4
-from gcs.sim.vehicle.commander import Transitions
+from gcs.sim.vehicle import versions
 from gcs.sim.vehicle.dynamics import Array, Mask, PointMasses, Response
+from gcs.sim.vehicle.estimator import Estimator
 from gcs.sim.vehicle.guidance import Guidance
-from gcs.sim.vehicle.px4 import Columns, Parameters, Value
+from gcs.sim.vehicle.parameters import Columns
+from gcs.sim.vehicle.px4 import Parameters
 from gcs.sim.vehicle.sensors import Batteries, Sensors
 from gcs.sim.vehicle.state import Rows, State
+from gcs.sim.vehicle.transitions import Transitions
 
 READY_AFTER_S = (4.0, 6.0)  # item 2
 READY_AT_ONCE_S = 0.1
@@ -37,8 +39,9 @@ class Px4:
     any_component = False
 
     def __init__(self, settings: Settings, position_m: Array, step_s: float, services: Services) -> None:
-        """See `Firmware`. Raises: ParameterError for a parameter or value that PX4 does not accept."""
+        """See `Firmware`. Raises: ParameterError, VersionError."""
         self._quirks = settings.quirks
+        version = versions.find("px4", settings.version, as_delivered=settings.as_delivered)
         drag_per_s = Response().drag_per_s if settings.drag_per_s is None else settings.drag_per_s
         self.bodies = PointMasses(position_m, step_s, Response(drag_per_s=drag_per_s))
         self.state = State(settings.count, math.remainder(math.radians(settings.heading_deg), math.tau))
@@ -48,6 +51,7 @@ class Px4:
             self.schedule,
             services.outbox,
             settings.quirks,
+            version,
             services.set_home,
             services.reboot,
         )
@@ -55,7 +59,10 @@ class Px4:
             Autopilot(
                 shared,
                 row,
-                Parameters({**settings.parameters_of(index), "MAV_SYS_ID": settings.system_id(index)}),
+                Parameters(
+                    {**settings.parameters_of(index), "MAV_SYS_ID": settings.system_id(index)},
+                    version.parameters,
+                ),
             )
             for row, index in enumerate(settings.indices)
         ]
@@ -64,16 +71,7 @@ class Px4:
         self._batteries = Batteries(self.state, parameters, settings.endurance_s)
         self._transitions = Transitions(self.state, commanders, parameters, settings.quirks)
         self._guidance = Guidance(self.state, commanders, parameters, settings.quirks)
-
-    @staticmethod
-    def defaults() -> Mapping[str, Value]:
-        """See `Firmware`."""
-        return px4.defaults()
-
-    @staticmethod
-    def check(name: str, value: Value) -> None:
-        """See `Firmware`. Raises: ParameterError."""
-        Parameters({name: value})
+        self._estimator = Estimator(self.state, settings.quirks)
 
     def boot(self, row: int, now_s: float, random: np.random.Generator) -> None:
         """Ready after some seconds, by the vehicle's own random numbers; the clock is slow."""
@@ -84,6 +82,7 @@ class Px4:
         state.ready_at_s[row] = now_s + (ready_s if quirks.late_ready else READY_AT_ONCE_S)
         state.fix_at_s[row] = state.ready_at_s[row] - (FIX_BEFORE_READY_S if quirks.late_ready else 0.0)
         self.start_streams(row, now_s, random)
+        self._estimator.boot(row, random)
 
     def start_streams(self, row: int, now_s: float, random: np.random.Generator) -> None:
         """All of PX4's streams, each at a random phase of its own."""
@@ -92,6 +91,7 @@ class Px4:
     def step(self, sensors: Sensors, awake: Mask, disturbance: Disturbance, step_s: float) -> None:
         """See `Firmware`."""
         state = self.state
+        state.position_lost = self._estimator.update(sensors.height_m, step_s)
         demand_m_s = self._guidance.velocity(sensors, awake, step_s)
         self._transitions.update(awake, sensors.contact, -demand_m_s[:, 2], self._batteries)
         powered = state.powered

@@ -62,7 +62,9 @@ STEP_M = Number(-1e5, 1e5, 0.0)
 SPEED_M_S = Number(-50.0, 50.0, 0.0)
 ACCURACY = Number(0.0, 500.0, math.nan)
 SHIFT: Mapping[str, Field] = MappingProxyType({"north_m": STEP_M, "east_m": STEP_M, "down_m": STEP_M})
-FIXES = MappingProxyType({"none": 1, "2d": 2, "3d": 3, "dgps": 4, "rtk-float": 5, "rtk-fixed": 6})
+FIXES = MappingProxyType(
+    {"none": 1, "no-gps": 0, "2d": 2, "3d": 3, "dgps": 4, "rtk-float": 5, "rtk-fixed": 6}
+)
 """GPS_FIX_TYPE."""
 SENSORS = MappingProxyType(
     {"gyro": 0x1, "accelerometer": 0x2, "magnetometer": 0x4, "barometer": 0x8, "gps": 0x20, "ahrs": 0x200000}
@@ -107,6 +109,8 @@ EVENTS: Mapping[str, Mapping[str, Field]] = MappingProxyType(
         "clock-jump": {"by_s": Number(-1e6, 1e6)},
         "reboot": {"off_s": Number(0.0, 60.0, 1.0), "motors": Choice(("stop", "go-on"))},
         "battery": {"remaining": Number(0.0, 1.0)},
+        "termination": {},
+        "compass": {},
     }
 )
 FAULTS: Mapping[str, Mapping[str, Field]] = MappingProxyType({**LINK_FAULTS, **VEHICLE_FAULTS, **EVENTS})

@@ -218,8 +218,18 @@ class FaultInjector:
         elif fault == "reboot":
             self._reboot(row, values)
         else:
-            return self._take_over(row, values)
+            return self._of_autopilot(row, command)
         return True
+
+    def _of_autopilot(self, row: int, command: FaultCommand) -> bool:
+        """What the autopilot itself does; False where it does not."""
+        fleet, at = self._fleet.part_of(row)
+        commander = fleet.autopilots[at].commander
+        if command.fault == "termination":
+            return commander.terminate()
+        if command.fault == "compass":
+            return commander.doubt_compass()
+        return self._take_over(row, command.values)
 
     def _reboot(self, row: int, values: Mapping[str, Value]) -> None:
         """Silence the link for off_s. In the air PX4's motors stop; with go-on only the flight continues."""

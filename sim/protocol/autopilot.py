@@ -20,8 +20,10 @@ from gcs.sim.protocol.frames import Message
 from gcs.sim.protocol.streams import Outbox, Schedule
 from gcs.sim.vehicle import px4
 from gcs.sim.vehicle.commander import CRITICAL, INFO, Commander, Result
+from gcs.sim.vehicle.parameters import ParameterError
 from gcs.sim.vehicle.px4 import Mode, Quirks
 from gcs.sim.vehicle.state import NO_MODE, State
+from gcs.sim.vehicle.versions import Version
 
 MODE_RESULT_AFTER_S = 0.008  # item 3: recorded 6 to 15 ms
 SECOND_PARAMETER_AFTER_S = 0.015  # PX4 answers PARAM_SET, then announces the change: recorded
@@ -31,7 +33,6 @@ FORCE = 21196  # param2 that overrides the checks: arms in any case, kills in th
 CUSTOM_MODE_ENABLED = 1
 CUSTOM_PATTERN = 255  # LED_CONTROL_PATTERN_CUSTOM
 AUTOPILOT_VERSION_ID, PROTOCOL_VERSION_ID = 148, 300
-VERSION = 0x011001FF  # v1.16.1, release
 CAPABILITIES = (  # only those that hold here
     common.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
     | common.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
@@ -49,6 +50,7 @@ class Shared:
     schedule: Schedule
     outbox: Outbox
     quirks: Quirks
+    version: Version
     set_home: Callable[[int], None]
     reboot: Callable[[int], None]
 
@@ -62,7 +64,8 @@ class Autopilot(BaseAutopilot):
         self.parameters: px4.Parameters = parameters
         self._shared = shared
         self._commander = Commander(
-            shared.state, row, parameters, shared.quirks, self._post_text, self._announce
+            *(shared.state, row, parameters, shared.quirks, shared.version.release),
+            *(self._post_text, self._announce),
         )
         self._text_id = 0
         self._corrections = Reassembly()
@@ -98,9 +101,11 @@ class Autopilot(BaseAutopilot):
         super().forget()
 
     def parameter(self, name: str) -> Message:
-        value = px4.encoded_value(name, self.parameters[name])
+        listed = self.parameters.listed
+        kind = listed.kind(name)
+        value = px4.encoded_value(kind, self.parameters.own(name))
         return common.MAVLink_param_value_message(
-            name.encode("ascii"), value, px4.kind(name), len(px4.defaults()), px4.index(name)
+            name.encode("ascii"), value, kind, len(listed), listed.indices[name]
         )
 
     def report_invalid(self) -> None:
@@ -151,19 +156,21 @@ class Autopilot(BaseAutopilot):
 
     def _receive_parameter_read(self, message: Message) -> None:
         """By index, or by name where the index is -1; there is no answer for an unknown parameter."""
-        by_name = message.param_index < 0
-        name = message.param_id if by_name else px4.name_at(message.param_index)
-        if name is not None and name in px4.defaults():
-            self.reply(self.parameter(name))
+        names = self.parameters.listed.names
+        if message.param_index < 0 and message.param_id in self.parameters.listed:
+            self.reply(self.parameter(message.param_id))
+        elif 0 <= message.param_index < len(names):
+            self.reply(self.parameter(names[message.param_index]))
 
     def _receive_parameter_set(self, message: Message) -> None:
         """Answer with the resulting value; only a change is announced a second time."""
         name = message.param_id
-        if name not in px4.defaults():
+        if name not in self.parameters.listed:
             return
+        kind = self.parameters.listed.kind(name)
         try:
-            self.parameters.set(name, px4.decoded_value(name, message.param_type, message.param_value))
-        except px4.ParameterError:
+            self.parameters.set(name, px4.decoded_value(kind, message.param_type, message.param_value))
+        except ParameterError:
             self.reply(self.parameter(name))
             return
         self.reply(self.parameter(name))
@@ -218,6 +225,11 @@ class Autopilot(BaseAutopilot):
             return self.arm(force=force)
         return self.commander.disarm(force=force) if desired == 0.0 else Result.DENIED
 
+    def _terminate(self, params: Params) -> Result:
+        if params[0] > 0.5:
+            self.commander.terminate()
+        return Result.ACCEPTED
+
     def _set_mode(self, params: Params) -> Result:
         base, main, sub = params[:3]
         if not all(map(math.isfinite, params[:3])) or not int(base) & CUSTOM_MODE_ENABLED:
@@ -269,13 +281,19 @@ class Autopilot(BaseAutopilot):
 
     def _request_version(self, _params: Params) -> Result:
         """AUTOPILOT_VERSION; the uid is the system id, so that vehicles can be distinguished."""
-        none = [0] * 8
+        none, number = [0] * 8, self._shared.version.flight_sw_version
         self.reply(
             common.MAVLink_autopilot_version_message(
-                CAPABILITIES, VERSION, VERSION, 0, 0, none, none, none, 0, 0, self.system_id
+                CAPABILITIES, number, number, 0, 0, none, none, none, 0, 0, self.system_id
             )
         )
         return Result.ACCEPTED
+
+    def _request_capabilities(self, params: Params) -> Result:
+        """REQUEST_AUTOPILOT_CAPABILITIES, deprecated and still in use; gone in v1.18."""
+        if self._shared.version.release >= (1, 18):
+            return Result.UNSUPPORTED
+        return self._request_version(params)
 
     _COMMANDS: ClassVar[Mapping[int, Callable[["Autopilot", Params], Result]]] = MappingProxyType(
         {
@@ -285,16 +303,14 @@ class Autopilot(BaseAutopilot):
                 params[6] if math.isfinite(params[6]) else None
             ),
             common.MAV_CMD_DO_SET_MODE: _set_mode,
-            common.MAV_CMD_DO_FLIGHTTERMINATION: lambda self, params: (
-                self.commander.disarm(force=True) if params[0] > 0.5 else Result.ACCEPTED
-            ),
+            common.MAV_CMD_DO_FLIGHTTERMINATION: _terminate,
             common.MAV_CMD_DO_SET_ACTUATOR: _set_actuator,
             common.MAV_CMD_COMPONENT_ARM_DISARM: _arm_or_disarm,
             common.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: _reboot,
             common.MAV_CMD_GET_MESSAGE_INTERVAL: _get_interval,
             common.MAV_CMD_SET_MESSAGE_INTERVAL: _set_interval,
             common.MAV_CMD_REQUEST_MESSAGE: _request,
-            520: _request_version,  # REQUEST_AUTOPILOT_CAPABILITIES, deprecated and still in use
+            520: _request_capabilities,
         }
     )
 
@@ -310,7 +326,7 @@ class Autopilot(BaseAutopilot):
             "TIMESYNC": _receive_timesync,
             "PARAM_REQUEST_READ": _receive_parameter_read,
             "PARAM_REQUEST_LIST": lambda self, _: self._shared.outbox.listed.update(
-                {self.row: deque(px4.defaults())}
+                {self.row: deque(self.parameters.listed.names)}
             ),
             "PARAM_SET": _receive_parameter_set,
         }

@@ -7,7 +7,7 @@ from typing import ClassVar, Protocol, TypeAlias
 
 from gcs.sim.protocol.frames import AUTOPILOT_COMPONENT, Message
 from gcs.sim.protocol.streams import Item, Outbox
-from gcs.sim.vehicle.px4 import Table
+from gcs.sim.vehicle.parameters import Table
 from gcs.sim.vehicle.state import State, Stuck
 
 Params: TypeAlias = tuple[float, float, float, float, float, float, float]
@@ -34,6 +34,14 @@ class BaseCommander(Protocol):
 
     def release(self) -> None:
         """Let it hold its place without the pilot."""
+        ...
+
+    def terminate(self) -> bool:
+        """Stop the motors in flight, as its flight termination does; False where it is not armed."""
+        ...
+
+    def doubt_compass(self) -> bool:
+        """Complain of the compass in flight; False where this autopilot has no such text."""
         ...
 
 

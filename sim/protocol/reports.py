@@ -15,10 +15,11 @@ from pymavlink.dialects.v20 import common
 
 from gcs.sim.protocol.frames import Fields
 from gcs.sim.protocol.snapshot import Snapshot as BaseSnapshot
-from gcs.sim.vehicle.commander import Transitions, can_arm
+from gcs.sim.vehicle.commander import can_arm
 from gcs.sim.vehicle.dynamics import GRAVITY_M_S2, Array, Mask
 from gcs.sim.vehicle.px4 import BASE_MODES, CUSTOM_MODES, Mode
 from gcs.sim.vehicle.sensors import Batteries
+from gcs.sim.vehicle.transitions import Transitions
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,9 +35,10 @@ class Snapshot(BaseSnapshot):
 
 
 QUADROTOR, PX4 = 2, 12
-STANDBY, ACTIVE, CRITICAL = 3, 4, 5  # MAV_STATE; PX4 sends 0 where it could not be armed
+STANDBY, ACTIVE, CRITICAL, TERMINATED = 3, 4, 5, 8  # MAV_STATE; PX4 sends 0 where it could not be armed
 SENSORS_PRESENT, SENSORS_ENABLED, SENSORS_HEALTHY = 0x300402F, 0x301402F, 0x320C83F
 GPS_SENSOR, PREARM_CHECK = 0x20, 0x10000000
+NO_FIX = 1  # GPS_FIX_TYPE; 0 is no receiver
 ARMED, GUIDED = 128, 16
 UNKNOWN_CELL_MV = 65535
 THROTTLE_HOVER = 0.5
@@ -52,6 +54,7 @@ def heartbeat(s: Snapshot) -> Fields:
     status = np.where(s.can_arm, STANDBY, 0)
     status[armed] = ACTIVE
     status[armed & (state.failsafe[rows] | state.intervenes[rows])] = CRITICAL
+    status[state.terminated[rows]] = TERMINATED
     return {
         "type": QUADROTOR,
         "autopilot": PX4,
@@ -248,7 +251,7 @@ def gps_raw_int(s: Snapshot) -> Fields:
         "epv": np.round(100.0 * state.vdop[rows]),
         "vel": np.minimum(np.round(s.ground_speed_m_s * 100.0), 65534),
         "cog": np.round(course_deg * 100.0) % 36000,
-        "satellites_visible": 10,
+        "satellites_visible": np.where(state.fix_type[rows] > NO_FIX, 10, 0),
         "alt_ellipsoid": place["alt"],
         "h_acc": np.round(1e3 * state.horizontal_accuracy_m[rows]),
         "v_acc": np.round(1e3 * state.vertical_accuracy_m[rows]),

@@ -1,36 +1,25 @@
-"""PX4's commander: the transitions of one vehicle, and for a whole fleet when they are due.
+"""PX4's commander: the transitions of one vehicle. When they are due: sim.vehicle.transitions.
 
 Two modes are kept apart, as in PX4: the one requested (intended) and the one flown (mode). They differ
 during a failsafe. Items in comments are those of FACTS, section 3.
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
 
-from gcs.sim.vehicle import px4
-from gcs.sim.vehicle.dynamics import Array, Mask
-from gcs.sim.vehicle.px4 import Columns, Mode, Parameters, Quirks
-from gcs.sim.vehicle.sensors import Batteries
-from gcs.sim.vehicle.state import Charge, Numbers, State, Stuck
+from gcs.sim.vehicle import failsafe, px4
+from gcs.sim.vehicle.dynamics import Mask
+from gcs.sim.vehicle.parameters import Columns
+from gcs.sim.vehicle.px4 import Mode, Parameters, Quirks
+from gcs.sim.vehicle.state import State, Stuck
 
 CRITICAL, INFO = 2, 6  # MAV_SEVERITY
 IMPATIENT_S = 0.25  # longest time without setpoints in OFFBOARD where the quirk of item 13 is off
 OVERRIDE_AUTO, OVERRIDE_OFFBOARD = 1, 2  # bits of COM_RC_OVERRIDE
-BATTERY_TEXTS: Mapping[int, str] = {
-    Charge.LOW: "Low battery",
-    Charge.CRITICAL: "Critical battery",
-    Charge.EMERGENCY: "Emergency battery level",
-}
-BATTERY_ACTIONS: Mapping[tuple[int, int], Mode] = {
-    (2, Charge.CRITICAL): Mode.LAND,
-    (2, Charge.EMERGENCY): Mode.LAND,
-    (3, Charge.CRITICAL): Mode.RETURN,
-    (3, Charge.EMERGENCY): Mode.LAND,
-}
 
 
 class Result(IntEnum):
@@ -53,6 +42,8 @@ class LandedState(IntEnum):
 
 
 OFFBOARD, TAKEOFF, LAND = Mode.OFFBOARD.number, Mode.TAKEOFF.number, Mode.LAND.number
+HOLD = Mode.HOLD.number
+BY_HAND = np.array([mode in px4.NEEDS_PILOT for mode in px4.MODES])
 NOT_ARMABLE = np.array([mode in px4.PREVENTS_ARMING for mode in px4.MODES])
 
 
@@ -68,7 +59,7 @@ def fed(state: State, parameters: Parameters | Columns, quirks: Quirks) -> Mask:
 def can_arm(state: State, parameters: Parameters | Columns, quirks: Quirks) -> Mask:
     """(n,): the prearm check: started up, in a mode that allows arming, with the setpoints that it needs."""
     able: Mask = (state.now_s >= state.ready_at_s) & ~NOT_ARMABLE[state.intended]
-    able &= state.unhealthy_sensors == 0
+    able &= (state.unhealthy_sensors == 0) & ~state.position_lost & ~state.terminated
     if quirks.starved_offboard:
         able &= (state.intended != OFFBOARD) | fed(state, parameters, quirks)
     return able
@@ -82,6 +73,7 @@ class Commander:
     row: int
     parameters: Parameters
     quirks: Quirks
+    firmware_release: tuple[int, int]
     send_text: Callable[[int, str], None]  # takes a MAV_SEVERITY and a text
     changed: Callable[[], None]  # reports mode and arming
     stuck: Stuck = Stuck.NO
@@ -132,11 +124,14 @@ class Commander:
         is_fed = bool(fed(self.state, self.parameters, self.quirks)[self.row])
         starved = mode is Mode.OFFBOARD and self.quirks.starved_offboard and not is_fed
         missing = starved or (mode in px4.NEEDS_PILOT and not self.state.piloted[self.row])
+        lost = bool(self.state.position_lost[self.row])
+        missing |= lost and mode in px4.NEEDS_POSITION
         if self.armed and missing:
             self._report(CRITICAL, f"Switching to {mode.name.capitalize()} is currently not available")
             return Result.TEMPORARILY_REJECTED
         self.intend(mode)
         if mode is Mode.LAND:
+            self.state.blind[self.row] = lost
             self._report(INFO, "Landing at current position")
         return Result.ACCEPTED
 
@@ -177,35 +172,87 @@ class Commander:
             self.changed()
             return
         state.failsafe[row] = True
-        self._report(CRITICAL, "Failsafe activated")
-        action = int(self.parameters["COM_OBL_RC_ACT"])
-        if action in px4.OFFBOARD_LOSS_MODE:
-            state.mode[row] = px4.OFFBOARD_LOSS_MODE[action].number
-            self.changed()
+        self._report(CRITICAL, failsafe.ACTIVATED)
+        action = failsafe.setpoint_loss_action(
+            self.firmware_release, int(self.parameters["COM_OBL_RC_ACT"]), int(self.parameters["NAV_RCL_ACT"])
+        )
+        if action < 0:
+            self._stop_by_failsafe(action)
         else:
-            self.stop("Disarmed by failsafe")
+            state.mode[row] = action
+            self.changed()
 
     def lose_station(self) -> None:
         """Apply NAV_DLL_ACT; it never ends a landing, nor a return in favour of a hold."""
-        mode = px4.STATION_LOSS_MODE.get(int(self.parameters["NAV_DLL_ACT"]))
-        if self.mode is Mode.LAND or (self.mode is Mode.RETURN and mode is Mode.HOLD):
+        action = failsafe.LOSS_ACTIONS.get(int(self.parameters["NAV_DLL_ACT"]))
+        if action is None or self.mode is Mode.LAND or (self.mode is Mode.RETURN and action == HOLD):
             return
-        self._report(INFO, "GCS connection lost")
-        self._report(CRITICAL, "Failsafe activated")
-        if mode is None:
-            self.stop("Disarmed by failsafe")
-        else:
-            self._intervene(mode)
+        self._report(INFO, "Connection to ground station lost")
+        self._act_after_hold(action)
 
     def weaken(self, charge: int) -> None:
-        """Apply COM_LOW_BAT_ACT at each worsening: 2 lands at critical; 3 returns, at emergency lands."""
+        """Apply COM_LOW_BAT_ACT at each worsening; what has no action is a warning."""
         self.state.charge[self.row] = charge
-        self._report(CRITICAL, BATTERY_TEXTS[charge])
-        action = int(self.parameters["COM_LOW_BAT_ACT"])
-        mode = BATTERY_ACTIONS.get((action, charge))
-        if mode is not None and self.mode is not Mode.LAND:
-            self._report(CRITICAL, "Failsafe activated")
-            self._intervene(mode)
+        self._report(CRITICAL, failsafe.BATTERY_TEXTS[charge])
+        action = failsafe.BATTERY_ACTIONS.get((int(self.parameters["COM_LOW_BAT_ACT"]), charge))
+        if action is not None and self.mode is not Mode.LAND:
+            self._act_after_hold(action)
+        elif action is None and self.firmware_release < failsafe.NO_TEXT_FOR_WARNINGS:
+            self._report(CRITICAL, failsafe.ACTIVATED)
+
+    def lose_position(self) -> None:
+        """Descend without a position, at once: PX4's DESCEND, which HEARTBEAT shows as LAND."""
+        self._report(CRITICAL, failsafe.ACTIVATED)
+        self._intervene(Mode.LAND)
+        self.state.blind[self.row] = True
+
+    def terminate(self) -> bool:
+        """Flight termination: the motors stop until the next boot. Returns: whether it was armed."""
+        state, row = self.state, self.row
+        if not state.armed[row]:
+            return False
+        self._report(CRITICAL, failsafe.ACTIVATED)
+        self.intend(Mode.TERMINATION)
+        state.terminated[row] = True
+        return True
+
+    def doubt_compass(self) -> bool:
+        """The text of a compass that disagrees with the estimator in flight. Returns: True."""
+        self._report(CRITICAL, "Compass needs calibration - Land now!")
+        return True
+
+    def act(self) -> None:
+        """Execute the action of a failsafe whose HOLD is over."""
+        state, row = self.state, self.row
+        action = int(state.action[row])
+        state.acts_at_s[row] = math.inf
+        if action == HOLD:
+            return
+        self._report(CRITICAL, failsafe.ACTIVATED)
+        if action < 0:
+            self._stop_by_failsafe(action)
+        else:
+            self._intervene(px4.MODES[action])
+
+    def _act_after_hold(self, action: int) -> None:
+        """HOLD for COM_FAIL_ACT_T, in which a pilot may take over; at once within another failsafe."""
+        state, row = self.state, self.row
+        hold_s = float(self.parameters["COM_FAIL_ACT_T"])
+        state.action[row] = action
+        if state.acts_at_s[row] < math.inf:
+            return
+        if hold_s <= 0.0 or state.intervenes[row] or not self.quirks.failsafe_hold:
+            self.act()
+            return
+        self._report(CRITICAL, failsafe.hold_text(self.firmware_release, hold_s))
+        self._intervene(Mode.HOLD)
+        state.acts_at_s[row] = state.now_s + hold_s
+
+    def _stop_by_failsafe(self, action: int) -> None:
+        if action == failsafe.TERMINATE:
+            self.terminate()
+        else:
+            self.stop("Disarmed by failsafe")
 
     def lift_off(self) -> None:
         state, row = self.state, self.row
@@ -223,9 +270,11 @@ class Commander:
     def stop(self, text: str) -> None:
         """Disarm; the mode falls back to the last one that allows arming (item 7)."""
         state, row = self.state, self.row
-        state.armed[row] = state.failsafe[row] = state.intervenes[row] = False
-        state.climb_since_s[row] = math.inf
+        state.armed[row] = state.failsafe[row] = state.intervenes[row] = state.blind[row] = False
+        state.climb_since_s[row] = state.acts_at_s[row] = math.inf
         self._report(INFO, text)
+        if state.terminated[row]:
+            return
         reverts = self.quirks.mode_reverts
         state.intended[row] = state.mode[row] = state.after_disarming[row] if reverts else Mode.HOLD.number
         self.changed()
@@ -233,7 +282,10 @@ class Commander:
     def intend(self, mode: Mode) -> None:
         """Fly that mode from now on, whatever requested it."""
         state, row = self.state, self.row
-        state.failsafe[row] = state.intervenes[row] = False
+        if state.terminated[row]:
+            return
+        state.failsafe[row] = state.intervenes[row] = state.blind[row] = False
+        state.acts_at_s[row] = math.inf
         state.intended[row] = state.mode[row] = mode.number
         if mode not in px4.PREVENTS_ARMING:
             state.after_disarming[row] = mode.number
@@ -246,114 +298,3 @@ class Commander:
 
     def _report(self, severity: int, text: str) -> None:
         self.send_text(severity, text + "\t")  # PX4 ends its texts with a tab
-
-
-# From spool-up to "Takeoff detected": recorded 1.84 s after arming, of which COM_SPOOLUP_TIME is 1.0.
-TAKEOFF_DETECTION_S = 0.84
-# PX4 passes through three stages, each LNDMC_TRIG_TIME long at least: recorded 3.3 s after touching.
-LANDING_STAGES = 3
-CLIMB_DEMAND_M_S = 0.3
-
-
-@dataclass(eq=False)
-class Transitions:
-    """Advances the commanders of a fleet."""
-
-    state: State
-    commanders: Sequence[Commander]
-    parameters: Columns
-    quirks: Quirks
-
-    def update(self, awake: Mask, contact: Mask, climb_m_s: Array, batteries: Batteries) -> None:
-        """Execute the transitions that are due at the state's time.
-
-        Args:
-            awake: (n,), vehicles with a position.
-            contact: (n,), vehicles on the ground.
-            climb_m_s: (n,), the upward speed that the flown mode demands.
-            batteries: for MAV_BATTERY_CHARGE_STATE.
-        """
-        state = self.state
-        armed = awake & state.armed
-        if armed.any():
-            self._watch_setpoints(armed)
-            self._watch_station(armed)
-            charge = batteries.charge_state()
-            weak = armed & ~state.landed & (charge > state.charge)
-            for row in weak.nonzero()[0].tolist():
-                self.commanders[row].weaken(int(charge[row]))
-        waiting = awake & state.armed & state.landed
-        self._watch_landing(awake & ~state.landed, contact, climb_m_s)
-        if waiting.any():
-            self._watch_takeoff(waiting, climb_m_s)
-        standing = awake & state.armed & state.landed
-        if standing.any():
-            self._watch_disarming(standing)
-
-    def landed_state(self) -> Numbers:
-        """(n,): MAV_LANDED_STATE, as in EXTENDED_SYS_STATE."""
-        state = self.state
-        flying = np.where(state.mode == LAND, int(LandedState.LANDING), int(LandedState.IN_AIR))
-        flying[state.armed & (state.mode == TAKEOFF)] = LandedState.TAKEOFF
-        return np.where(state.landed, int(LandedState.ON_GROUND), flying)
-
-    def _watch_setpoints(self, armed: Mask) -> None:
-        state = self.state
-        is_fed = fed(state, self.parameters, self.quirks)
-        due = armed & (state.intended == OFFBOARD) & (is_fed == state.failsafe)
-        if not self.quirks.resume:
-            due &= ~state.failsafe
-        if not self.quirks.setpoint_loss:
-            due &= state.failsafe
-        for row in due.nonzero()[0].tolist():
-            self.commanders[row].starve_or_feed()
-
-    def _watch_station(self, armed: Mask) -> None:
-        """Apply NAV_DLL_ACT, once, COM_DL_LOSS_T after the last heartbeat of a ground station."""
-        state, p = self.state, self.parameters
-        silent = state.now_s - state.station_s > p["COM_DL_LOSS_T"]
-        if not silent.any():
-            state.station_lost[:] = False
-            return
-        due = armed & ~state.landed & silent & ~state.station_lost & (p["NAV_DLL_ACT"] > 0)
-        state.station_lost = silent & (state.station_lost | due)
-        for row in due.nonzero()[0].tolist():
-            self.commanders[row].lose_station()
-
-    def _watch_takeoff(self, waiting: Mask, climb_m_s: Array) -> None:
-        state = self.state
-        spooled_s = state.armed_s + self.parameters["COM_SPOOLUP_TIME"]
-        climbing = waiting & (climb_m_s >= CLIMB_DEMAND_M_S) & (state.now_s >= spooled_s)
-        state.climb_since_s[waiting & ~climbing] = np.inf
-        state.climb_since_s[climbing] = np.minimum(state.climb_since_s[climbing], state.now_s)
-        for row in np.flatnonzero(
-            climbing & (state.now_s >= state.climb_since_s + TAKEOFF_DETECTION_S)
-        ).tolist():
-            self.commanders[row].lift_off()
-
-    def _watch_landing(self, flying: Mask, contact: Mask, climb_m_s: Array) -> None:
-        """On the ground with a descent demanded: landed after a while, at once when the motors are off."""
-        state = self.state
-        if not contact.any():
-            state.down_since_s[flying] = np.inf
-            return
-        down = flying & contact & ~(state.armed & (climb_m_s >= 0.0))
-        state.down_since_s[flying & ~down] = np.inf
-        if not down.any():
-            return
-        state.down_since_s[down] = np.minimum(state.down_since_s[down], state.now_s)
-        wait_s = np.where(state.armed, LANDING_STAGES * self.parameters["LNDMC_TRIG_TIME"], 0.0)
-        for row in np.flatnonzero(down & (state.now_s >= state.down_since_s + wait_s)).tolist():
-            self.commanders[row].touch_down()
-
-    def _watch_disarming(self, standing: Mask) -> None:
-        """Apply COM_DISARM_LAND after a flight, COM_DISARM_PRFLT before one; not positive means never."""
-        state, p = self.state, self.parameters
-        wait_s = np.where(state.flown, p["COM_DISARM_LAND"], p["COM_DISARM_PRFLT"])
-        since_s = np.where(state.flown, state.landed_s, state.armed_s)
-        still = standing & (state.climb_since_s == np.inf) & (wait_s > 0.0)
-        for row in np.flatnonzero(still & (state.now_s >= since_s + wait_s)).tolist():
-            landed = state.flown[row]
-            self.commanders[row].stop(
-                "Disarmed by landing" if landed else "Disarmed by auto preflight disarming"
-            )

@@ -10,7 +10,8 @@ import numpy as np
 
 from gcs.sim.vehicle.commander import Commander
 from gcs.sim.vehicle.dynamics import Array, Mask
-from gcs.sim.vehicle.px4 import MODES, NEEDS_PILOT, Columns, Mode, Quirks
+from gcs.sim.vehicle.parameters import Columns
+from gcs.sim.vehicle.px4 import MODES, NEEDS_PILOT, Mode, Quirks
 from gcs.sim.vehicle.sensors import Sensors
 from gcs.sim.vehicle.state import NO_MODE, Rows, State
 
@@ -52,7 +53,7 @@ class Guidance:
         """(n, 3): the velocity that each mode demands, bounded per axis as PX4 bounds it; rest for others."""
         state = self.state
         demand_m_s = np.zeros((state.count, 3))
-        flying = awake & (~state.landed | LIFTS[state.mode])
+        flying = awake & (~state.landed | LIFTS[state.mode]) & ~state.terminated
         state.guided_mode[awake & ~flying] = NO_MODE
         rows = flying.nonzero()[0]
         if not len(rows):
@@ -124,7 +125,10 @@ class Guidance:
         return lowest_m
 
     def _return_down_m(self, rows: Rows, sensors: Sensors) -> Array:
-        """Height of the return: RTL_RETURN_ALT, lower inside the cone around home, never lower than now."""
+        """Height of the return: RTL_RETURN_ALT, lower inside the cone around home, never lower than now.
+
+        Without a cone it is RTL_RETURN_ALT near home as well.
+        """
         p, home_m, here_m = self.parameters, self.state.home_m[rows], sensors.position_m[rows]
         distance_m = np.hypot(*(here_m - home_m)[:, :2].T)
         lowest_m, highest_m = p["RTL_DESCEND_ALT"][rows], p["RTL_RETURN_ALT"][rows]
@@ -132,8 +136,8 @@ class Guidance:
         has_cone = (cone_deg > 0) & (cone_deg < 90)
         slope = np.tan(np.radians(np.where(has_cone, cone_deg, 45.0)))
         in_cone_m = np.minimum(np.maximum(distance_m / slope, lowest_m), highest_m)
+        in_cone_m = np.where(distance_m <= p["RTL_MIN_DIST"][rows], lowest_m, in_cone_m)
         height_m = np.where(has_cone, in_cone_m, highest_m)
-        height_m = np.where(distance_m <= p["RTL_MIN_DIST"][rows], lowest_m, height_m)
         down_m: Array = np.minimum(here_m[:, 2], home_m[:, 2] - height_m)
         return down_m
 
@@ -184,7 +188,9 @@ class Guidance:
         sink_m_s = slow_m_s + share * (fast_m_s - slow_m_s)
         crawling = height_m < p["MPC_LAND_ALT3"][rows]
         sink_m_s = np.where(crawling, np.minimum(sink_m_s, p["MPC_LAND_CRWL"][rows]), sink_m_s)
-        return self._across(rows, sensors, sink_m_s)
+        demand_m_s = self._across(rows, sensors, sink_m_s)
+        demand_m_s[self.state.blind[rows], :2] = 0.0
+        return demand_m_s
 
     def _return(self, rows: Rows, sensors: Sensors) -> Array:
         """Climb, fly home, descend to RTL_DESCEND_ALT, wait RTL_LAND_DELAY (negative: without end), land."""

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from gcs.sim.vehicle.dynamics import Array, Mask
-from gcs.sim.vehicle.px4 import Columns
+from gcs.sim.vehicle.parameters import Columns
 from gcs.sim.vehicle.state import Charge, Numbers, Rows, State
 
 MANY = 8

@@ -1,6 +1,6 @@
 """State of the autopilots of a fleet, as columns: row i of every array is vehicle i.
 
-One vehicle's transitions, the fleet's conditions (sim.vehicle.commander) and sim.vehicle.guidance share it:
+One vehicle's transitions, the fleet's conditions (sim.vehicle.transitions) and sim.vehicle.guidance share it:
 one vehicle and a thousand behave alike.
 """
 
@@ -21,7 +21,7 @@ NO_MODE = -1
 # Columns that a reboot does not reset: the vehicle's number and battery, its receiver, the pilot.
 LASTING = frozenset(
     {
-        *("system_id", "remaining", "offset_m", "frozen_m", "hdop", "vdop"),
+        *("system_id", "remaining", "offset_m", "frozen_m", "hdop", "vdop", "height_scale"),
         *("horizontal_accuracy_m", "vertical_accuracy_m", "piloted", "stick_m_s"),
         *("fix_type", "unhealthy_sensors", "unix_ahead_s"),
     }
@@ -79,6 +79,11 @@ class State:
         self.flown = _no(count)  # since it was armed
         self.failsafe = _no(count)  # setpoints were lost
         self.intervenes = _no(count)  # another failsafe of its own flies it
+        self.action: Numbers = np.full(count, NO_MODE)  # of that failsafe, after its HOLD
+        self.acts_at_s = np.full(count, np.inf)
+        self.position_lost = _no(count)  # no GPS for too long
+        self.blind = _no(count)  # and it descends without a position
+        self.terminated = _no(count)  # the motors stand still until the next boot
         self.piloted = _no(count)  # a pilot has the sticks
         self.setpoint_seen = _no(count)
         self.setpoint_s = np.full(count, -np.inf)
@@ -119,8 +124,15 @@ class State:
         self.setpoint_yaw_rate_rad_s = np.full(count, np.nan)
 
         self.offset_m = np.zeros((count, 3))  # added to the estimated position by a fault
+        self.height_scale = np.ones(count)  # of estimated over true height
         self.frozen_m = np.full((count, 3), np.nan)  # the estimate that a frozen receiver repeats
         self.reset_counter = np.zeros(count, dtype=np.uint8)
+        self.heading_aligned = _no(count)  # in this flight
+        self.heading_turn_rad = np.zeros(count)  # by that alignment
+        self.gps_lost_s = np.full(count, np.inf)  # since when there is no fix
+        self.drift_m_s2 = np.zeros((count, 3))  # growth of the error without GPS
+        self.drift_m_s = np.zeros((count, 3))
+        self.drift_m = np.zeros((count, 3))
         self.horizontal_accuracy_m = np.full(count, 0.9)  # as PX4's simulator reports
         self.vertical_accuracy_m = np.full(count, 1.78)
         self.hdop = np.full(count, 0.7)
@@ -143,7 +155,7 @@ class State:
     @property
     def powered(self) -> Mask:
         """(n,): whether the motors carry the vehicle."""
-        return self.armed & ~self.landed
+        return self.armed & ~self.landed & ~self.terminated
 
     def boot_clock_s(self) -> Array:
         """(n,): the vehicles' boot clocks; slower than the wall clock (item 12)."""

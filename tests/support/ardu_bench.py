@@ -12,6 +12,7 @@ from typing import Any, Self
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from gcs.sim.autopilots.ardupilot.firmware import HEIGHT_SCALE
 from gcs.sim.autopilots.ardupilot.modes import Mode
 from gcs.sim.vehicle.px4 import Quirks
 from tests.support.sim_bench import ACCEPTED, Bench
@@ -21,6 +22,8 @@ ARDU_DATA = Path(__file__).parents[1] / "data" / "ardupilot" / "fake"
 ON_GROUND, IN_AIR, TAKING_OFF, LANDING = 1, 2, 3, 4
 STATION = 245
 SET_INTERVAL = 511
+MAGICS = (0xFE, 0xFD)
+"""First bytes of frames."""
 ASKED_HZ = {1: 2.0, 24: 2.0, 32: 10.0, 33: 10.0, 85: 5.0, 147: 2.0, 193: 2.0, 242: 2.0, 245: 10.0}
 """What a ground station asks for."""
 
@@ -29,9 +32,18 @@ class ArduBench(Bench):
     """Vehicles that are ready at once, unless `late`; their streams are asked for, unless not `asked`."""
 
     def __init__(
-        self, step_s: float = FLEET_STEP_S, *, late: bool = False, asked: bool = True, **settings: Any
+        self,
+        step_s: float = FLEET_STEP_S,
+        *,
+        late: bool = False,
+        asked: bool = True,
+        scaled: bool = False,
+        **settings: Any,
     ) -> None:
-        quirks = Quirks().changed([("late-ready", late)])
+        """With `scaled` the reported height is as much too large as that of a real one."""
+        self.console = b""
+        self.over_true = HEIGHT_SCALE if scaled else 1.0
+        quirks = Quirks().changed([("late-ready", late), ("height-scale", scaled)])
         super().__init__(step_s, autopilot="ardupilot", quirks=quirks, **settings)
         self._dialect = dialect.MAVLink(None)
         if asked:
@@ -72,7 +84,7 @@ class ArduBench(Bench):
         self.run(1.2)
         for mode in (self.order(Mode.GUIDED), self.arm(), self.command(22, 0, 0, 0, 0, 0, 0, height_m)):
             assert mode == [ACCEPTED]
-        self.until(lambda: self.height_m > height_m - 0.3, 30.0)
+        self.until(lambda: self.height_m * self.over_true > height_m - 0.3, 30.0)
         self.run(4.0)
         return self
 
@@ -85,7 +97,10 @@ class ArduBench(Bench):
 
     def _receive(self, stated: dict[int, list[bytes]]) -> None:
         for frame in chain.from_iterable(stated.values()):
-            self.received.append((self.now_s, self._dialect.decode(bytearray(frame))))
+            if frame[0] in MAGICS:
+                self.received.append((self.now_s, self._dialect.decode(bytearray(frame))))
+            else:
+                self.console += frame
 
 
 def command(number: int, *values: float, target: int = 1, component: int = 1) -> Any:

@@ -18,6 +18,7 @@ from gcs.sim.autopilots.ardupilot.modes import (
 from gcs.sim.autopilots.ardupilot.parameters import Parameters
 from gcs.sim.autopilots.ardupilot.power import Batteries
 from gcs.sim.autopilots.ardupilot.state import ArduState
+from gcs.sim.autopilots.ardupilot.texts import refusal_text
 from gcs.sim.vehicle.commander import Result
 from gcs.sim.vehicle.dynamics import Array
 from gcs.sim.vehicle.state import Stuck
@@ -40,6 +41,7 @@ class Commander:
     send_text: Callable[[int, str], None]  # takes a MAV_SEVERITY and a text
     changed: Callable[[], None]  # sends a HEARTBEAT out of turn
     set_home: Callable[[], None]
+    firmware_release: tuple[int, int]
     stuck: Stuck = Stuck.NO
 
     @property
@@ -107,10 +109,13 @@ class Commander:
         if self.armed and mode in IMPOSSIBLE_IN_AIR:
             if mode is Mode.FOLLOW:
                 self.send_text(WARNING, "Set FOLL_ENABLE = 1")
-            self.send_text(WARNING, f"Flight mode change failed {mode.name}")
+            if self.firmware_release < (4, 1):
+                self.send_text(WARNING, f"Flight mode change failed {mode.name}")
+            else:
+                self.send_text(WARNING, refusal_text(self.firmware_release, mode.name, "init failed"))
             return Result.UNSUPPORTED
         if self.armed and mode in POSITION_MODES and not self.state.position_ok[self.row]:
-            self.send_text(WARNING, f"Mode change failed: {mode.name} requires position")
+            self.send_text(WARNING, refusal_text(self.firmware_release, mode.name, "requires position"))
             return Result.UNSUPPORTED
         self.state.commanded_s[self.row] = self.state.now_s
         self.fly(mode)
@@ -170,6 +175,16 @@ class Commander:
             return False
         self.fly(OF_PILOT[mode])
         return True
+
+    def terminate(self) -> bool:
+        """Stop the motors, as its kill does; False where it is not armed."""
+        was_armed = self.armed
+        self.disarm(force=True)
+        return was_armed
+
+    def doubt_compass(self) -> bool:
+        """PX4's text is unknown here. Returns: False."""
+        return False
 
     def release(self) -> None:
         """Let it hold where it was flown by hand: BRAKE, for LOITER descends without a transmitter."""

@@ -20,13 +20,13 @@ from gcs.sim.autopilots.ardupilot.modes import (
 from gcs.sim.autopilots.ardupilot.power import LEVELS, Batteries
 from gcs.sim.autopilots.ardupilot.prearm import NOT_ARMABLE, RADIO_LOST_AFTER_S
 from gcs.sim.autopilots.ardupilot.state import ArduState
+from gcs.sim.autopilots.ardupilot.texts import breach_text
 from gcs.sim.vehicle.commander import LandedState
 from gcs.sim.vehicle.dynamics import Array, Mask
-from gcs.sim.vehicle.px4 import Columns
+from gcs.sim.vehicle.parameters import Columns
 from gcs.sim.vehicle.sensors import Sensors
 from gcs.sim.vehicle.state import FIX_3D, Numbers
 
-STATION_LOST_AFTER_S = 5.0  # habit 51: FS_GCS_TIMEOUT does not exist in this version
 INERTIA_S, BLIND_S = 7.9, 8.15  # habit 55: without GPS, until the position is given up, and until it lands
 GPS_BACK_S, GPS_BACK_ON_GROUND_S = 10.0, 1.0
 LANDED_AFTER_S = 1.9  # on the ground with a descent demanded
@@ -45,6 +45,9 @@ OF_RADIO: Mapping[int, Mode] = {1: RTL, 2: RTL, 3: Mode.LAND, 4: SMART_RTL, 5: S
 OF_FENCE: Mapping[int, Mode] = {1: RTL, 2: Mode.LAND, 3: SMART_RTL, 4: Mode.BRAKE, 5: SMART_RTL}
 """By FENCE_ACTION; 0 reports only."""
 
+NOTICE = 5  # MAV_SEVERITY
+TELLS_MODE, TELLS_GLITCH = (4, 1), (4, 3)
+"""Releases from which on these texts are sent."""
 BOTH = ("IMU0", "IMU1")
 START: Sequence[tuple[float, tuple[str, ...]]] = (
     (1.76, ("Barometer 1 calibration complete",)),
@@ -77,6 +80,7 @@ class Transitions:
     parameters: Columns
     batteries: Batteries
     fence: Fence
+    release: tuple[int, int]
 
     def update(self, sensors: Sensors, awake: Mask, descends: Mask) -> None:
         """Execute the transitions that are due at the state's time.
@@ -145,6 +149,9 @@ class Transitions:
         """The position survives the loss of GPS for 8.2 s on inertia (habit 55)."""
         state = self.state
         gps_ok = (self.parameters["SIM_GPS_DISABLE"] == 0) & (state.fix_type >= FIX_3D)
+        if self.release >= TELLS_GLITCH:
+            for row in self._rows(state.gps_ok & ~gps_ok & state.powered):
+                self.commanders[row].send_text(CRITICAL, "GPS Glitch or Compass error")
         state.gps_since_s = np.where(gps_ok == state.gps_ok, state.gps_since_s, state.now_s)
         state.gps_ok = gps_ok
         since_s, before = state.now_s - state.gps_since_s, state.position_ok
@@ -159,6 +166,8 @@ class Transitions:
             for severity, text in POSITION_LOST:
                 self.commanders[row].send_text(severity, text)
             self.commanders[row].fail_safe(Mode.LAND)
+            if self.release >= TELLS_MODE:
+                self.commanders[row].send_text(CRITICAL, "EKF Failsafe: changed to LAND Mode")
 
     def _watch_radio(self) -> None:
         """FS_THR_ENABLE 0 while the failsafe stands leaves it standing (habit 54)."""
@@ -182,7 +191,7 @@ class Transitions:
         """Only heartbeats of SYSID_MYGCS count, and setpoints do not (habit 51)."""
         state, action = self.state, self.parameters["FS_GCS_ENABLE"]
         silent_s = state.now_s - state.station_s
-        lost = (silent_s > STATION_LOST_AFTER_S) & (state.station_s > -np.inf)
+        lost = (silent_s > self.parameters["FS_GCS_TIMEOUT"]) & (state.station_s > -np.inf)
         for row in self._rows((action > 0) & lost & state.armed & ~state.station_failsafe):
             state.station_failsafe[row] = True
             self.commanders[row].send_text(WARNING, "GCS Failsafe")
@@ -207,7 +216,7 @@ class Transitions:
             commander.fail_safe(OF_BATTERY[action])
 
     def _watch_fence(self, sensors: Sensors, awake: Mask) -> None:
-        """A breach acts once, without a text, and again where a command keeps it outside (habit 53)."""
+        """A breach acts once, and again where a command keeps it outside (habit 53)."""
         state = self.state
         from_home_m = np.where(awake[:, np.newaxis], sensors.position_m - state.home_m, 0.0)
         breach = np.where(awake & state.home_set, self.fence.breach(from_home_m), 0)
@@ -218,6 +227,9 @@ class Transitions:
         for row in self._rows((fresh | again) & state.powered):
             state.breach_count[row] += 1
             state.breach_s[row] = state.now_s
+            text = breach_text(self.release, int(breach[row]))
+            if text is not None:
+                self.commanders[row].send_text(NOTICE, text)
             mode = OF_FENCE.get(int(self.parameters["FENCE_ACTION"][row]))
             if mode is not None and commanded_s[row] >= (0.0 if fresh[row] else PILOT_HAS_S):
                 self.commanders[row].fail_safe(mode)

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs.sim.vehicle.dynamics import Array, Mask
-from gcs.sim.vehicle.px4 import Columns
+from gcs.sim.vehicle.parameters import Columns
 from gcs.sim.vehicle.state import Numbers, Rows
 
 HEIGHT, CIRCLE = 1, 2

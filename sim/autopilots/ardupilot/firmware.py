@@ -1,4 +1,4 @@
-"""ArduCopter 4.1-dev as the firmware of a fleet."""
+"""ArduCopter as the firmware of a fleet: 4.1-dev as recorded, or another version."""
 
 import math
 from collections.abc import Mapping
@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.sim.autopilots.ardupilot import parameters, reports
+from gcs.sim.autopilots.ardupilot import reports
 from gcs.sim.autopilots.ardupilot.failsafes import FIRST_CHECK_S, FIRST_REASONS_S, Transitions, descends
 from gcs.sim.autopilots.ardupilot.fence import Fence
-from gcs.sim.autopilots.ardupilot.guidance import Guidance
+from gcs.sim.autopilots.ardupilot.guidance import GUIDED_BY_WPNAV, Guidance
 from gcs.sim.autopilots.ardupilot.modes import Mode
 from gcs.sim.autopilots.ardupilot.parameters import Parameters
 from gcs.sim.autopilots.ardupilot.power import Batteries
@@ -20,18 +20,22 @@ from gcs.sim.autopilots.ardupilot.reports import Snapshot
 from gcs.sim.autopilots.ardupilot.response import Copters, Response
 from gcs.sim.autopilots.ardupilot.setpoints import store_setpoints
 from gcs.sim.autopilots.ardupilot.state import ArduState
+from gcs.sim.autopilots.ardupilot.texts import Console
 from gcs.sim.autopilots.firmware import Disturbance, Sent, Services
 from gcs.sim.protocol.frames import Fields, as_version_1
 from gcs.sim.protocol.streams import Schedule
 from gcs.sim.settings import Settings
+from gcs.sim.vehicle import versions
 from gcs.sim.vehicle.dynamics import Array, Mask
-from gcs.sim.vehicle.px4 import Columns, Value
+from gcs.sim.vehicle.parameters import Columns
 from gcs.sim.vehicle.sensors import Sensors
 from gcs.sim.vehicle.state import Rows
 
 FIRST_HEARTBEAT_S = 1.05  # habit 1
 ORIGIN_AFTER_S, READY_AFTER_S = 19.0, 39.5  # habit 19
 READY_AT_ONCE_S = 0.1
+HEIGHT_SCALE = 1.05
+"""Reported over true height: 25.1 m of 23.9 m, flown with 4.0.7, all six alike, and 4.5.5."""
 UNASKED_HZ = {HEARTBEAT: 1.0, 111: 0.1}
 """Habit 3: HEARTBEAT and TIMESYNC; SR0_* are 0."""
 PARAMETERS_PER_S = 1400  # habit 8: 1131 in 0.8 s
@@ -49,9 +53,10 @@ class ArduCopter:
     any_component = True  # habit 10
 
     def __init__(self, settings: Settings, position_m: Array, step_s: float, services: Services) -> None:
-        """See `Firmware`. Raises: ParameterError for a parameter or value that it does not accept."""
+        """See `Firmware`. Raises: ParameterError, VersionError."""
         count, quirks = settings.count, settings.quirks
-        self._late_ready, self._services = quirks.late_ready, services
+        version = versions.find("ardupilot", settings.version, as_delivered=settings.as_delivered)
+        self._late_ready, self._services, self._version = quirks.late_ready, services, version
         services.outbox.burst = round(PARAMETERS_PER_S * step_s)
         response = Response()
         if settings.drag_per_s is not None:
@@ -60,7 +65,10 @@ class ArduCopter:
         self.state = ArduState(count, math.remainder(math.radians(settings.heading_deg), math.tau))
         self.schedule = Schedule(count, UNASKED_HZ, reports.ALL)
         tables = [
-            Parameters({**settings.parameters_of(index), "SYSID_THISMAV": settings.system_id(index)})
+            Parameters(
+                {**settings.parameters_of(index), "SYSID_THISMAV": settings.system_id(index)},
+                version.parameters,
+            )
             for index in settings.indices
         ]
         self._parameters = Columns(tables)
@@ -70,6 +78,7 @@ class ArduCopter:
             self.schedule,
             services.outbox,
             self._batteries,
+            version,
             self._newest_sensors,
             services.set_home,
             services.reboot,
@@ -77,20 +86,15 @@ class ArduCopter:
         self.autopilots = [ArduPilot(shared, row, own) for row, own in enumerate(tables)]
         fence = Fence(self._parameters)
         commanders = [autopilot.commander for autopilot in self.autopilots]
-        self._transitions = Transitions(self.state, commanders, self._parameters, self._batteries, fence)
-        self._guidance = Guidance(self.state, self.bodies, self._parameters, fence)
+        self._transitions = Transitions(
+            self.state, commanders, self._parameters, self._batteries, fence, version.release
+        )
+        self._guidance = Guidance(self.state, self.bodies, self._parameters, fence, version.release)
+        self._console = Console(version.software) if quirks.console_text else None
+        self._clock_rate = settings.clock_rate
+        self.state.height_scale[:] = HEIGHT_SCALE if quirks.height_scale else 1.0
         self._announced: Mask = np.zeros(count, dtype=np.bool_)
         self._sensors: Sensors
-
-    @staticmethod
-    def defaults() -> Mapping[str, Value]:
-        """See `Firmware`."""
-        return parameters.defaults()
-
-    @staticmethod
-    def check(name: str, value: Value) -> None:
-        """See `Firmware`. Raises: ParameterError."""
-        Parameters({name: value})
 
     def boot(self, row: int, now_s: float, random: np.random.Generator) -> None:
         """The origin is set after 19 s and the position known after 39.5 s, or at once without late-ready."""
@@ -99,6 +103,9 @@ class ArduCopter:
         state.fix_at_s[row] = now_s + (ORIGIN_AFTER_S if late else 0.0)
         state.check_at_s[row] = now_s + (FIRST_CHECK_S if self._late_ready else 0.0)
         state.reasons_at_s[row] = now_s + FIRST_REASONS_S
+        state.clock_rate[row] = self._clock_rate
+        if self._console is not None:
+            self._console.boot(row, now_s)
         self.start_streams(row, now_s, random)
 
     def start_streams(self, row: int, now_s: float, random: np.random.Generator) -> None:
@@ -124,14 +131,13 @@ class ArduCopter:
             sensors.velocity_m_s,
             wind_m_s=disturbance.wind_m_s,
             resting=~powered | (sensors.contact & down),
+            jerk_m_s3=state.jerk_m_s3 if self._version.release >= GUIDED_BY_WPNAV else None,
         )
 
     def report(self, message_id: int, rows: Rows, unix_s: float, sensors: Sensors) -> Fields:
         """See `Firmware`."""
-        snapshot = Snapshot(
-            *(rows, unix_s, self.state, sensors),
-            *(self._parameters, self._transitions, self._batteries, self.bodies),
-        )
+        parts = (self._transitions, self._batteries, self.bodies, self._version)
+        snapshot = Snapshot(rows, unix_s, self.state, sensors, self._parameters, *parts)
         return reports.ALL[message_id](snapshot)
 
     def sending(self, message_id: int, rows: Rows) -> Rows:
@@ -165,6 +171,8 @@ class ArduCopter:
             del sent[row]
         for row in [row for row in sent if self.state.old_frames[row]]:
             sent[row] = [old for frame in sent[row] if (old := as_version_1(frame, reports.OLD_FORMS))]
+        if self._console is not None:
+            self._console.put(sent, self.state.now_s)
         return sent
 
     def _newest_sensors(self) -> Sensors:

@@ -26,11 +26,10 @@ from gcs.sim.autopilots.ardupilot.modes import (
 from gcs.sim.autopilots.ardupilot.response import Copters
 from gcs.sim.autopilots.ardupilot.state import ArduState
 from gcs.sim.vehicle.dynamics import Array, Mask
-from gcs.sim.vehicle.px4 import Columns
+from gcs.sim.vehicle.parameters import Columns
 from gcs.sim.vehicle.sensors import Sensors
 from gcs.sim.vehicle.state import Rows
 
-SETPOINT_TIMEOUT_S = 3.0  # habit 43: GUIDED_POSVEL_TIMEOUT, in this version's code
 THROTTLE_LOW_M_S = 2.4  # habit 14: descent while no transmitter holds the throttle up
 SINKS_SHARE = 0.55  # of PILOT_ACCEL_Z: recorded 7.5 m in the first 4 s
 STOPS_IN_S = 1.9  # habit 14: BRAKE and the modes by hand stop in a time, whatever WPNAV_ACCEL is
@@ -45,6 +44,8 @@ ARRIVED_M, ARRIVED_UP_M = 1.0, 0.3
 YAW_PER_S, YAW_DAMPING = 3.2, 0.26  # habit 49: as recorded it swings round the desired yaw
 BLIND_DRIFT_M_S = 0.3  # habit 55: without a position it drifted by 1.7 m and 11 m during its landing
 TURNS_BEYOND_M = 2.0  # WP_YAW_BEHAVIOR: a nearer goal does not turn the nose
+GUIDED_BY_WPNAV = (4, 1)
+"""Release since which WPNAV_ACCEL_Z and PSC_JERK_Z bound the climb in GUIDED, not PILOT_ACCEL_Z."""
 CM = 0.01
 
 
@@ -56,6 +57,7 @@ class Guidance:
     bodies: Copters
     parameters: Columns
     fence: Fence
+    release: tuple[int, int]
 
     def velocity(self, sensors: Sensors, awake: Mask) -> Array:
         """(n, 3): the velocity that each mode demands; rest for vehicles that are not in the air."""
@@ -133,6 +135,9 @@ class Guidance:
         self.bodies.start(entering, sensors.position_m, sensors.velocity_m_s)
         rows = entering.nonzero()[0]
         state.limit_m_s2[rows] = self._limits(rows, sensors.ground_speed_m_s[rows])
+        if self.release >= GUIDED_BY_WPNAV:
+            follows = (state.mode[rows] == GUIDED) & (state.submode[rows] == VELOCITY)
+            state.jerk_m_s3[rows] = np.where(follows, self.parameters["PSC_JERK_Z"][rows], np.inf)
         self._start_returns(rows[RETURNS[state.mode[rows]]], sensors)
 
     def _limits(self, rows: Rows, speed_m_s: Array) -> Array:
@@ -160,13 +165,14 @@ class Guidance:
             WAYPOINT_SHARE * set_m_s2,
         )
         pilots_m_s2, own_m_s2 = CM * p["PILOT_ACCEL_Z"][rows], CM * p["WPNAV_ACCEL_Z"][rows]
+        guided_m_s2 = pilots_m_s2 if self.release < GUIDED_BY_WPNAV else own_m_s2
         up_m_s2 = np.select(
             [
                 by_hand,
                 (guided & (submode <= VELOCITY)) | (mode == BRAKE),
                 guided & (submode == TAKEOFF),
             ],
-            [SINKS_SHARE * pilots_m_s2, pilots_m_s2, TAKES_OFF_SHARE * own_m_s2],
+            [SINKS_SHARE * pilots_m_s2, guided_m_s2, TAKES_OFF_SHARE * own_m_s2],
             own_m_s2,
         )
         return np.column_stack([level_m_s2, up_m_s2])
@@ -208,9 +214,9 @@ class Guidance:
         return desired_m_s
 
     def _follow(self, rows: Rows, _sensors: Sensors) -> Array:
-        """The last velocity for 3 s, then none; bent at the fence, not clipped (habits 40, 43, 53)."""
+        """The last velocity for GUID_TIMEOUT; bent at the fence, not clipped (habits 40, 43, 53)."""
         state = self.state
-        fed = state.now_s - state.setpoint_s[rows] < SETPOINT_TIMEOUT_S
+        fed = state.now_s - state.setpoint_s[rows] < self.parameters["GUID_TIMEOUT"][rows]
         velocity_m_s = np.where(fed[:, np.newaxis], state.setpoint_velocity_m_s[rows], 0.0)
         from_home_m = self.bodies.target_m[rows] - state.home_m[rows]
         return self.fence.bent(rows, velocity_m_s, from_home_m, state.limit_m_s2[rows])

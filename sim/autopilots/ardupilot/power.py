@@ -6,13 +6,15 @@ import numpy as np
 
 from gcs.sim.autopilots.ardupilot.state import ArduState
 from gcs.sim.vehicle.dynamics import Array
-from gcs.sim.vehicle.px4 import Columns
+from gcs.sim.vehicle.parameters import Columns
 from gcs.sim.vehicle.state import Numbers
 
 RESISTANCE_OHM = 0.017  # recorded: 12.59 V at rest, 12.24 V with 20.5 A
 FALLS_V, FALLS_BELOW = 2.1, 0.2
 """Voltage lost at the end of the charge, so that a fault of the battery shows; in SITL none is."""
 LEVELS = (("BATT_LOW_VOLT", "BATT_FS_LOW_ACT", "low"), ("BATT_CRT_VOLT", "BATT_FS_CRT_ACT", "critical"))
+CHARGES = ("BATT_LOW_MAH", "BATT_CRT_MAH")
+"""Thresholds of voltage and of charge; those that are 0 do not count, as the critical ones are delivered."""
 
 
 @dataclass(eq=False)
@@ -34,7 +36,8 @@ class Batteries:
         voltage_v, p = self.voltage_v(), self.parameters
         for level, (name, _, _) in enumerate(LEVELS):
             since_s = state.weak_since_s[:, level]
-            weak = (voltage_v < p[name]) & (p[name] > 0.0)
+            left_mah, least_mah = state.remaining * p["BATT_CAPACITY"], p[CHARGES[level]]
+            weak = ((voltage_v < p[name]) & (p[name] > 0.0)) | ((left_mah < least_mah) & (least_mah > 0.0))
             state.weak_since_s[:, level] = np.where(weak, np.minimum(since_s, state.now_s), np.inf)
 
     def level(self, since_s: Array | None = None) -> Numbers:

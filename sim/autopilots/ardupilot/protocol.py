@@ -10,7 +10,6 @@ from typing import ClassVar
 import numpy as np
 from pymavlink.dialects.v20 import common
 
-from gcs.sim.autopilots.ardupilot import parameters as table
 from gcs.sim.autopilots.ardupilot import reports
 from gcs.sim.autopilots.ardupilot.commander import (
     FORCE_ARM,
@@ -19,7 +18,7 @@ from gcs.sim.autopilots.ardupilot.commander import (
     Commander,
 )
 from gcs.sim.autopilots.ardupilot.modes import Mode
-from gcs.sim.autopilots.ardupilot.parameters import Parameters
+from gcs.sim.autopilots.ardupilot.parameters import NO_INDEX, Parameters
 from gcs.sim.autopilots.ardupilot.power import Batteries
 from gcs.sim.autopilots.ardupilot.state import ArduState
 from gcs.sim.protocol.base import MAX_MESSAGE_ID, BaseAutopilot, Params
@@ -28,13 +27,14 @@ from gcs.sim.protocol.streams import Outbox, Schedule
 from gcs.sim.vehicle.commander import Result
 from gcs.sim.vehicle.dynamics import Array
 from gcs.sim.vehicle.sensors import Sensors
+from gcs.sim.vehicle.versions import Version
 
 HEARTBEAT, HOME, ORIGIN, VERSION = 0, 242, 49, 148
 STRAY_ACK_S = 0.2  # habit 18
 CUSTOM_MODE_ENABLED = 1
 HIGHEST_M = 1e4  # of places in commands
 FASTEST_S = 0.003  # habit 5: 400 Hz asked, 334 sent
-BANNER = ("ArduCopter V4.1.0-dev (01bdf537)", "3d1219c7c4c5404aaa1f6d2a48adfda4", "Frame: QUAD")
+BANNER = ("ArduCopter V{software} (01bdf537)", "3d1219c7c4c5404aaa1f6d2a48adfda4", "Frame: QUAD")
 DATA_STREAMS: Mapping[int, tuple[str, tuple[int, ...]]] = MappingProxyType(
     {
         1: ("SR0_RAW_SENS", (129,)),
@@ -57,6 +57,7 @@ class Shared:
     schedule: Schedule
     outbox: Outbox
     batteries: Batteries
+    version: Version
     sensors: Callable[[], Sensors]  # of the newest step
     set_home: Callable[[int], None]
     reboot: Callable[[int], None]
@@ -79,6 +80,7 @@ class ArduPilot(BaseAutopilot):
             self._post_text,
             self._send_heartbeat,
             self._move_home,
+            shared.version.release,
         )
 
     @property
@@ -99,9 +101,10 @@ class ArduPilot(BaseAutopilot):
 
     def parameter(self, name: str, index: int | None = None) -> Message:
         """PARAM_VALUE: the value as a real number (habit 58)."""
-        place = table.index(name) if index is None else index
-        value, kind = float(self.parameters[name]), table.kind(name)
-        return common.MAVLink_param_value_message(name.encode(), value, kind, len(table.names()), place)
+        listed = self.parameters.listed
+        place = listed.indices[name] if index is None else index
+        value, kind = float(self.parameters.own(name)), listed.kind(name)
+        return common.MAVLink_param_value_message(name.encode(), value, kind, len(listed), place)
 
     def _post_text(self, severity: int, text: str) -> None:
         """Texts are sent only on a link on which something has been received: recorded."""
@@ -155,21 +158,21 @@ class ArduPilot(BaseAutopilot):
 
     def _receive_parameter_read(self, message: Message) -> None:
         """By name, answered without an index, or by index; there is no answer for an unknown one."""
-        names = table.names()
-        if message.param_index < 0 and message.param_id in table.defaults():
-            self.reply(self.parameter(message.param_id, table.NO_INDEX))
+        names = self.parameters.listed.names
+        if message.param_index < 0 and message.param_id in self.parameters.listed:
+            self.reply(self.parameter(message.param_id, NO_INDEX))
         elif 0 <= message.param_index < len(names):
             self.reply(self.parameter(names[message.param_index]))
 
     def _receive_parameter_list(self, _message: Message) -> None:
         for text in BANNER:
-            self._post_text(INFO, text)
-        self._outbox.listed[self.row] = deque(table.names())
+            self._post_text(INFO, text.format(software=self._shared.version.software))
+        self._outbox.listed[self.row] = deque(self.parameters.listed.names)
 
     def _receive_parameter_set(self, message: Message) -> None:
         """Answer with the resulting value, also an unchanged one (habit 59)."""
         if self.parameters.assign(message.param_id, message.param_value):
-            self.reply(self.parameter(message.param_id, table.NO_INDEX))
+            self.reply(self.parameter(message.param_id, NO_INDEX))
 
     def _receive_data_stream(self, message: Message) -> None:
         """REQUEST_DATA_STREAM changes parameters, unlike SET_MESSAGE_INTERVAL (habit 6)."""

@@ -22,7 +22,8 @@ from gcs.sim.protocol.frames import Fields
 from gcs.sim.protocol.snapshot import Snapshot as BaseSnapshot
 from gcs.sim.vehicle.commander import LandedState
 from gcs.sim.vehicle.dynamics import Array, Mask
-from gcs.sim.vehicle.px4 import Columns
+from gcs.sim.vehicle.parameters import Columns
+from gcs.sim.vehicle.versions import Version
 
 FORMS: Mapping[int, Any] = MappingProxyType(dialect.mavlink_map)
 OLD_FORMS: Mapping[int, Any] = MappingProxyType(old_dialect.mavlink_map)
@@ -53,6 +54,7 @@ class Snapshot(BaseSnapshot):
     transitions: Transitions
     batteries: Batteries
     bodies: Copters
+    version: Version
 
     @property
     def has_position(self) -> Mask:
@@ -129,7 +131,8 @@ def extended_sys_state(s: Snapshot) -> Fields:
 
 
 def system_time(s: Snapshot) -> Fields:
-    unix_s = np.where(s.has_fix, s.unix_s + s.state.unix_ahead_s[s.rows], 0.0)  # known from GPS
+    lost_s = (s.state.now_s - s.state.boot_s[s.rows]) * (1.0 - s.state.clock_rate[s.rows])  # simulated time
+    unix_s = np.where(s.has_fix, s.unix_s + s.state.unix_ahead_s[s.rows] - lost_s, 0.0)  # known from GPS
     return {"time_unix_usec": np.round(unix_s * 1e6), "time_boot_ms": s.boot_ms}
 
 
@@ -287,10 +290,10 @@ def fence_status(s: Snapshot) -> Fields:
 
 
 def autopilot_version(s: Snapshot) -> Fields:
-    """4.1.0-dev; the git hash is text, and there is no uid in SITL (habit 7)."""
+    """The git hash is text, the recorded one, and there is no uid in SITL (habit 7)."""
     return {
         "capabilities": 64495,
-        "flight_sw_version": 0x04010000,
+        "flight_sw_version": s.version.flight_sw_version,
         "flight_custom_version": np.tile(np.frombuffer(b"01bdf537", np.uint8), (len(s.rows), 1)),
     }
 

@@ -58,6 +58,7 @@ class Copters(Mass):
         super().__init__(position_m)
         self.desired_m_s: Array = np.zeros_like(self.position_m)
         self.target_m: Array = np.zeros_like(self.position_m)
+        self._climb_change_m_s2: Array = np.zeros(len(self.position_m))  # of the vertical ramp
         self._error_m_s = self._tilt_m_s2 = np.zeros_like(self.position_m)
         self._step_s, self._response = step_s, response
         r = response
@@ -80,6 +81,7 @@ class Copters(Mass):
         some = rows[:, np.newaxis]
         self.desired_m_s = np.where(some, velocity_m_s, self.desired_m_s)
         self.target_m = np.where(some, measured_m, self.target_m)
+        self._climb_change_m_s2 = np.where(rows, 0.0, self._climb_change_m_s2)
 
     def step(
         self,
@@ -90,6 +92,7 @@ class Copters(Mass):
         *,
         wind_m_s: Array | float,
         resting: Mask,
+        jerk_m_s3: Array | None = None,
     ) -> None:
         """Advance every vehicle by one step. There is no ground here.
 
@@ -100,9 +103,14 @@ class Copters(Mass):
             measured_m_s: (n, 3), their own velocities.
             wind_m_s: (3,) or (n, 3), velocity of the air over ground.
             resting: (n,), where the motors idle or stand still: on the ground it stays, in the air it falls.
+            jerk_m_s3: (n,), of the vertical ramp; infinite, or without it, the acceleration changes at once.
         """
         dt_s, r = self._step_s, self._response
         desired_m_s = self._ramp(command_m_s, limit_m_s2 * dt_s)
+        if jerk_m_s3 is not None:
+            desired_m_s[:, 2] = self._shaped(
+                command_m_s[:, 2], desired_m_s[:, 2], limit_m_s2[:, 1], jerk_m_s3
+            )
         target_m = self.target_m + dt_s * desired_m_s
         still = resting[:, np.newaxis]
         if resting.any():
@@ -144,6 +152,21 @@ class Copters(Mass):
         change_m_s[:, 2] = np.minimum(np.maximum(change_m_s[:, 2], -most_m_s[:, 1]), most_m_s[:, 1])
         ramp_m_s: Array = self.desired_m_s + change_m_s
         return ramp_m_s
+
+    def _shaped(self, command_m_s: Array, ramp_m_s: Array, limit_m_s2: Array, jerk_m_s3: Array) -> Array:
+        """(n,): the vertical ramp with bounded jerk; `ramp_m_s` (n,) where it is infinite.
+
+        Source: ArduPilot's shape_vel_accel, 4.1 on: the acceleration is in proportion to what is missing,
+        at jerk over acceleration, and bounded by the acceleration.
+        """
+        shaped, dt_s, now_m_s = np.isfinite(jerk_m_s3), self._step_s, self.desired_m_s[:, 2]
+        jerk_m_s3 = np.where(shaped, jerk_m_s3, 0.0)
+        aim_m_s2 = np.clip(jerk_m_s3 / limit_m_s2 * (command_m_s - now_m_s), -limit_m_s2, limit_m_s2)
+        most_m_s2 = jerk_m_s3 * dt_s
+        change_m_s2 = np.clip(aim_m_s2 - self._climb_change_m_s2, -most_m_s2, most_m_s2)
+        self._climb_change_m_s2 = np.where(shaped, self._climb_change_m_s2 + change_m_s2, 0.0)
+        shaped_m_s: Array = np.where(shaped, now_m_s + dt_s * self._climb_change_m_s2, ramp_m_s)
+        return shaped_m_s
 
 
 def _axes(level: Array | float, upright: Array | float) -> Array:

@@ -25,6 +25,7 @@ class ArduState(State):
         self.flown_as: Numbers = np.full(count, -1)  # mode and submode of the last step; -1: not in flight
         self.goal_m = np.zeros((count, 3))  # of POSITION, TAKEOFF and a return
         self.limit_m_s2 = np.ones((count, 2))  # acceleration, horizontal and vertical, of the present mode
+        self.jerk_m_s3 = np.full(count, np.inf)  # vertical, of the present mode
         self.phase: Numbers = np.full(count, int(Phase.CLIMB))
         self.phase_s = np.full(count, -np.inf)  # when it began
         self.sink_after_s = np.full(count, -np.inf)  # LAND of a failsafe waits before it descends

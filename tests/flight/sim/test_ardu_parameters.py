@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common
 
-from gcs.sim.autopilots.ardupilot.parameters import defaults, names
+from gcs.sim.autopilots.ardupilot.parameters import defaults
 from gcs.sim.fleet import STEP_S
 from tests.support.ardu_bench import ArduBench, grounded
 
@@ -25,7 +25,7 @@ def test_all_parameters_are_listed_as_real_numbers() -> None:
     bench.send(common.MAVLink_param_request_list_message(1, 1))
     bench.run(3.0)
     values = bench.all("PARAM_VALUE")
-    assert [value.param_id for value in values] == list(names())
+    assert [value.param_id for value in values] == list(defaults())
     assert [value.param_index for value in values] == list(range(1131))
     assert {value.param_count for value in values} == {1131}
     by_name = {value.param_id: value for value in values}
@@ -39,9 +39,9 @@ def test_the_list_is_there_within_a_second_and_has_no_hash() -> None:
     """Habit 8: PX4's _HASH_CHECK does not exist, and none is needed."""
     bench = grounded(step_s=STEP_S)
     bench.send(common.MAVLink_param_request_list_message(1, 1))
-    assert bench.until(lambda: bench.count("PARAM_VALUE") == len(names()), 2.0) < 1.0
+    assert bench.until(lambda: bench.count("PARAM_VALUE") == len(defaults()), 2.0) < 1.0
     bench.send(common.MAVLink_param_request_read_message(1, 1, b"_HASH_CHECK", -1))
-    assert bench.run(0.5).count("PARAM_VALUE") == len(names())
+    assert bench.run(0.5).count("PARAM_VALUE") == len(defaults())
 
 
 def test_the_list_begins_with_the_banner() -> None:

@@ -209,7 +209,7 @@ def test_battery_drains_in_the_air_only_and_messages_agree() -> None:
 
 
 def test_a_critical_battery_returns_and_an_empty_one_lands() -> None:
-    bench = holding(height_m=15.0, endurance_s=40.0)
+    bench = holding(height_m=15.0, endurance_s=40.0, parameters={"COM_FAIL_ACT_T": 0.0})
     bench.until(lambda: bench.mode == (4, 5), 40.0)
     assert bench.last("SYS_STATUS").battery_remaining in {6, 7}
     bench.until(lambda: bench.mode == LAND, 10.0)

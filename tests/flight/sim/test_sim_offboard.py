@@ -7,6 +7,7 @@ import math
 import pytest
 
 from gcs.sim.protocol.streams import RECORDED_HZ
+from gcs.sim.vehicle.px4 import Quirks
 from tests.support.sim_bench import (
     ACCEPTED,
     HOLD,
@@ -25,6 +26,9 @@ from tests.support.sim_bench import (
 
 ON_GROUND = 1
 NAN = math.nan
+
+UNTURNED = Quirks(estimator_resets=False)
+"""The heading does not turn when it is aligned in flight."""
 
 
 @pytest.mark.parametrize(
@@ -53,7 +57,7 @@ def test_the_clipping_follows_the_parameters() -> None:
 
 
 def test_yaw_turns_to_the_setpoint_at_a_limited_rate() -> None:
-    bench = Bench(heading_deg=90.0, rates_hz=RECORDED_HZ).fly_offboard()
+    bench = Bench(heading_deg=90.0, rates_hz=RECORDED_HZ, quirks=UNTURNED).fly_offboard()
     bench.stream(0, 0, 0, VELOCITY_AND_YAW, yaw=-math.pi / 2)
     bench.run(1.0)
     assert abs(bench.last("ATTITUDE").yaw) == pytest.approx(math.radians(135.0), abs=0.05)
@@ -63,13 +67,13 @@ def test_yaw_turns_to_the_setpoint_at_a_limited_rate() -> None:
 
 
 def test_an_ignored_yaw_leaves_the_nose_where_it_is() -> None:
-    bench = offboard(heading_deg=90.0)
+    bench = offboard(heading_deg=90.0, quirks=UNTURNED)
     bench.stream(2, 0, 0, VELOCITY_ONLY, yaw=1.0)
     assert bench.run(3.0).last("ATTITUDE").yaw == pytest.approx(math.pi / 2, abs=0.001)
 
 
 def test_a_body_frame_velocity_is_turned_by_the_yaw() -> None:
-    bench = offboard(heading_deg=90.0)
+    bench = offboard(heading_deg=90.0, quirks=UNTURNED)
     bench.stream(3.0, 0.0, 0.0, frame=8)
     north, east, _ = bench.run(6.0).velocity
     assert north == pytest.approx(0.0, abs=0.05)
@@ -216,13 +220,14 @@ def test_five_metre_step_response_of_the_vehicle_as_recorded() -> None:
 
 @pytest.mark.parametrize(("action", "mode"), [(0, HOLD), (1, HOLD), (2, RETURN), (3, LAND)])
 def test_data_link_loss_on_the_ground_station_timeout(action: int, mode: tuple[int, int]) -> None:
-    """Without a ground station's heartbeat, NAV_DLL_ACT acts after COM_DL_LOSS_T."""
+    """Without a ground station's heartbeat, NAV_DLL_ACT acts after COM_DL_LOSS_T and COM_FAIL_ACT_T."""
     bench = holding()
     bench.set_parameter("NAV_DLL_ACT", action)
     bench.set_parameter("COM_DL_LOSS_T", 5)
+    bench.set_parameter("COM_FAIL_ACT_T", 3.0)
     bench.run(2.0)
     bench.heartbeats = False
-    bench.run(3.5)
+    bench.run(6.5)
     assert bench.mode == HOLD
     bench.run(3.0)
     assert bench.mode == mode
@@ -233,6 +238,6 @@ def test_data_link_loss_acts_once_and_in_offboard() -> None:
     bench.set_parameter("NAV_DLL_ACT", 2)
     bench.set_parameter("COM_DL_LOSS_T", 5)
     bench.heartbeats = False
-    bench.until(lambda: bench.mode == RETURN, 8.0)
+    bench.until(lambda: bench.mode == RETURN, 13.0)
     bench.set_mode(HOLD)  # whoever takes it out of there is not overruled again
     assert bench.run(8.0).mode == HOLD

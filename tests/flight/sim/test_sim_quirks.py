@@ -29,7 +29,7 @@ def without(quirk: str, **settings: Any) -> Bench:
 def test_an_unknown_quirk_is_refused_with_those_there_are() -> None:
     with pytest.raises(QuirkError, match=r"telepathy: no such quirk; there are .*double-ack"):
         Quirks().changed([("telepathy", False)])
-    assert len(quirk_names()) == 14
+    assert len(quirk_names()) == 18
 
 
 def test_without_own_origin_all_vehicles_count_from_the_fleets() -> None:

@@ -8,17 +8,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gcs.sim.autopilots.ardupilot.parameters import Parameters, defaults, index, kind, names
-from gcs.sim.vehicle.px4 import ParameterError
+from gcs.sim.autopilots.ardupilot.parameters import Parameters, defaults, recorded
+from gcs.sim.vehicle.parameters import ParameterError
 
 INT8, INT16, INT32, REAL32 = 2, 4, 6, 9
 
 
 def test_the_1131_recorded_parameters_are_there_with_their_types() -> None:
-    kinds = [kind(name) for name in defaults()]
+    kinds = [recorded().kind(name) for name in defaults()]
     assert len(kinds) == 1131
     assert [kinds.count(each) for each in (INT8, INT16, INT32, REAL32)] == [347, 298, 60, 426]
-    assert (names()[0], index("SYSID_THISMAV")) == ("FORMAT_VERSION", 1)
+    assert (recorded().names[0], recorded().indices["SYSID_THISMAV"]) == ("FORMAT_VERSION", 1)
     assert (defaults()["WPNAV_ACCEL"], defaults()["SYSID_MYGCS"]) == (100.0, 255)
 
 

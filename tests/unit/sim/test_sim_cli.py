@@ -12,6 +12,9 @@ from gcs.sim import cli
 if TYPE_CHECKING:
     from pathlib import Path
 
+ARDUPILOT = ("--autopilot", "ardupilot")
+MIXED = ("--autopilot", "mixed")
+
 
 @pytest.mark.parametrize(
     ("arguments", "says"),
@@ -29,11 +32,7 @@ if TYPE_CHECKING:
         (["--noise", "nan"], "number from 0 to 100"),
         (["--drag", "-1"], "number from 0 to 10"),
         (["--param", "COM_OBL_RC_ACT"], "NAME=VALUE"),
-        (["--param", "COM_OBL_RC=5"], "no such parameter"),
         (["--param", "COM_OBL_RC_ACT=half"], "NAME=VALUE"),
-        (["--param", "COM_OBL_RC_ACT=0.5"], "whole number"),
-        (["--param", "FENCE_ACTION=300"], "whole number from -128 to 127"),
-        (["--param", "WPNAV_ACCE=3"], "there are WPNAV_ACCEL, WPNAV_ACCEL_Z"),
         (["--autopilot", "inav"], "invalid choice"),
         (["--grid-columns", "0"], "whole number from 1"),
         (["--quirk", "double-ack"], "NAME=on or NAME=off"),
@@ -60,8 +59,18 @@ def test_bad_arguments_are_named_and_exit_with_two(
         (["--first", "9000", "--count", "1001"], "at most 1000 fit"),
         (["--port-base", "65530", "--count", "10"], "beyond port 65535"),
         (["--first", "1", "--count", "2", "--param", "RTL_CONE_ANG=0,0"], "2 values for vehicles up to"),
-        (["--param", "WPNAV_ACCEL=250"], "px4 has no such parameter; see --autopilot"),
-        (["--autopilot", "ardupilot", "--param", "COM_OBL_RC_ACT=5"], "ardupilot has no such parameter"),
+        (["--param", "COM_OBL_RC=5"], "COM_OBL_RC: PX4 v1.16.1 has no such parameter"),
+        (["--param", "COM_OBL_RC_ACT=0.5"], "whole number"),
+        (["--param", "WPNAV_ACCEL=250"], "PX4 v1.16.1 has no such parameter; see --autopilot"),
+        ([*ARDUPILOT, "--param", "FENCE_ACTION=300"], "whole number from -128 to 127"),
+        ([*ARDUPILOT, "--param", "WPNAV_ACCE=3"], "there are WPNAV_ACCEL, WPNAV_ACCEL_Z"),
+        ([*ARDUPILOT, "--param", "COM_OBL_RC_ACT=5"], "ArduCopter 4.1.0-dev has no such parameter"),
+        (["--autopilot-version", "1.19"], "PX4 v1.19 is not known; there are 1.14, 1.15, 1.16, 1.17, 1.18"),
+        (["--autopilot-version", "4.5"], "PX4 v4.5 is not known"),
+        ([*ARDUPILOT, "--autopilot-version", "4.8"], "there are 4.0, 4.1, 4.2, 4.3, 4.4, 4.5, 4.6, 4.7"),
+        ([*MIXED, "--autopilot-version", "1.16,3.6"], "autopilot version '3.6' is not known"),
+        ([*MIXED, "--autopilot-version", "1.16,1.17"], "'1.16,1.17': one of PX4 is possible"),
+        (["--autopilot-version", "1.18", "--param", "COM_RC_STICK_OV=9"], "PX4 v1.18.0-beta has no such"),
     ],
 )
 def test_arguments_that_do_not_fit_together_exit_with_two(
@@ -96,6 +105,13 @@ def test_a_mixed_fleet_takes_parameters_of_both() -> None:
     parser = argparse.ArgumentParser()
     cli.add_arguments(parser)
     options = ["--autopilot", "mixed", "--param", "WPNAV_ACCEL=250", "--param", "COM_OBL_RC_ACT=5"]
+    assert cli.destinations(parser.parse_args(options)) == [14540]
+
+
+def test_a_version_can_be_chosen_for_each_kind() -> None:
+    parser = argparse.ArgumentParser()
+    cli.add_arguments(parser)
+    options = [*MIXED, "--autopilot-version", "1.18,4.7", "--param", "WP_ACC=2.5"]
     assert cli.destinations(parser.parse_args(options)) == [14540]
 
 

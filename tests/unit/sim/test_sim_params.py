@@ -8,29 +8,23 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gcs.sim.vehicle.px4 import (
-    INT32,
-    REAL32,
-    ParameterError,
-    Parameters,
-    decoded_value,
-    defaults,
-    encoded_value,
-    index,
-    kind,
-    name_at,
-)
+from gcs.sim.vehicle.parameters import INT32, REAL32, ParameterError
+from gcs.sim.vehicle.px4 import Parameters, decoded_value, defaults, encoded_value
+
+LISTED = Parameters().listed
 
 
 def through_the_frame(name: str, value: float) -> float:
     """As the float field of PARAM_VALUE carries it."""
-    return float(struct.unpack("<f", struct.pack("<f", encoded_value(name, value)))[0])
+    kind = LISTED.kind(name)
+    return float(struct.unpack("<f", struct.pack("<f", encoded_value(kind, value)))[0])
 
 
 def test_every_recorded_parameter_survives_encoding() -> None:
     for name, value in defaults().items():
-        back = decoded_value(name, kind(name), through_the_frame(name, value))
-        assert back == (value if kind(name) == INT32 else pytest.approx(value, rel=1e-6))
+        kind = LISTED.kind(name)
+        back = decoded_value(kind, kind, through_the_frame(name, value))
+        assert back == (value if kind == INT32 else pytest.approx(value, rel=1e-6))
 
 
 def test_the_recorded_defaults_are_there() -> None:
@@ -45,7 +39,7 @@ def test_the_recorded_defaults_are_there() -> None:
 
 @given(st.integers(-(2**31), 2**31 - 1).filter(lambda bits: bits & 0x7F800000 != 0x7F800000))
 def test_integer_parameters_travel_bytewise(value: int) -> None:
-    assert decoded_value("COM_OBL_RC_ACT", INT32, through_the_frame("COM_OBL_RC_ACT", value)) == value
+    assert decoded_value(INT32, INT32, through_the_frame("COM_OBL_RC_ACT", value)) == value
 
 
 @pytest.mark.parametrize(
@@ -60,15 +54,14 @@ def test_value_that_px4_rejects_is_refused_by_name(name: str, value: float) -> N
 
 
 def test_a_value_of_the_wrong_type_is_refused() -> None:
-    with pytest.raises(ParameterError, match="MPC_XY_VEL_MAX"):
-        decoded_value("MPC_XY_VEL_MAX", INT32, 1.0)
-    assert decoded_value("MPC_XY_VEL_MAX", REAL32, 1.5) == 1.5
+    with pytest.raises(ParameterError, match="MAV_PARAM_TYPE 9 is needed, not 6"):
+        decoded_value(REAL32, INT32, 1.0)
+    assert decoded_value(REAL32, REAL32, 1.5) == 1.5
 
 
 def test_indices_and_names_correspond() -> None:
-    assert [name_at(index(name)) for name in defaults()] == list(defaults())
-    assert name_at(-1) is None
-    assert name_at(905) is None
+    assert [LISTED.names[LISTED.indices[name]] for name in defaults()] == list(defaults())
+    assert list(defaults()) == sorted(defaults())
 
 
 def test_two_vehicles_do_not_share_their_parameters() -> None:
