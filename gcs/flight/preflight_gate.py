@@ -265,7 +265,7 @@ class PreflightGate:
                 flight.control,
                 flight.traits.uncertainty_m[rows],
                 operation.setpoint_loss_action,
-                flight.config.return_heights_m[rows],
+                flight.uncontrolled.without_setpoints.returns_at_m(flight.config.return_heights_m)[rows],
                 self._fly_on_s(chosen),
             )
             yield "loss of the ground station", "no two vehicles are brought together", look

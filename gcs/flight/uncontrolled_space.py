@@ -69,7 +69,7 @@ class UncontrolledSpace:
             self.seen_m[of],
             keeps_m_s,
             home_m[of],
-            self._config.return_heights_m[of],
+            self._returns_at_m[of],
             np.minimum(age_s[of], operation.silence_s),
             action=self.without_setpoints.action[of],
             noticed_s=self.without_setpoints.flies_on_s[of],
@@ -96,6 +96,11 @@ class UncontrolledSpace:
         noticed_s = alone.flies_on_s
         return expected_drift(self.seen_m, keeps_m_s, age_s, drifts, noticed_s=noticed_s, stop_s=stop_s)
 
+    @property
+    def _returns_at_m(self) -> Array:
+        """(n,) heights at which they return by themselves."""
+        return self.without_setpoints.returns_at_m(self._config.return_heights_m)
+
     def _drift_s(self, rows: Rows, velocity_m_s: Array) -> Array:
         """(p,) how long vehicles without commands may keep (p, 3) velocities, their stop included."""
         alone = self.without_setpoints
@@ -110,8 +115,9 @@ class UncontrolledSpace:
             _, keeps_m_s = self._kept.possible_m_s(np.array([row]), self.seen_m_s)
         home_m = _NOWHERE if vehicle.home_m is None else vehicle.home_m
         drift_s = self._drift_s(np.full(len(keeps_m_s), row), keeps_m_s)
-        places = self.seen_m[row], keeps_m_s, home_m, drift_s
-        known = b"".join((*(each.tobytes() for each in places), bytes([killed])))
+        places = self.seen_m[row], keeps_m_s, home_m, drift_s, self._returns_at_m[row]
+        action = "land" if killed else vehicle.without_setpoints.action
+        known = b"".join((*(each.tobytes() for each in places), bytes([killed]), action.encode()))
         before = self._swept.get(row)
         if before is not None and before[0] == known:
             return before[1]
@@ -120,8 +126,8 @@ class UncontrolledSpace:
                 self.seen_m[row],
                 each_m_s,
                 vehicle.home_m,
-                "land" if killed else vehicle.without_setpoints.action,
-                float(self._config.return_heights_m[row]),
+                action,
+                float(self._returns_at_m[row]),
                 climbing_to_m=None if killed else operation.takeoff_height_m,
                 drift_s=each_s,
             )

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import inf
+from math import inf, nan
 from typing import Final
 
 import numpy as np
@@ -23,6 +23,7 @@ class WithoutSetpoints:
     deceleration_m_s2: float = inf  # and for what v / (2 a) adds to it
     action: str = "return"  # "hold", "return", "land" or "descend"
     changes_mode: bool = True  # its heartbeat then reports the mode of the action
+    return_height_m: float = nan  # above home, at which it returns; NaN: not read
 
     def stop_s(self, speed_m_s: float) -> float:
         """How long it would keep that speed for the way that it needs to stop."""
@@ -38,12 +39,18 @@ class FleetWithoutSetpoints:
     lag_s: Array = field(init=False)
     deceleration_m_s2: Array = field(init=False)
     action: NDArray[np.str_] = field(init=False)
+    return_height_m: Array = field(init=False)  # (n,)
 
     def __post_init__(self) -> None:
         self.flies_on_s = np.array([each.flies_on_s for each in self.vehicles])
         self.lag_s = np.array([each.lag_s for each in self.vehicles])
         self.deceleration_m_s2 = np.array([each.deceleration_m_s2 for each in self.vehicles])
         self.action = np.array([each.action for each in self.vehicles], np.str_)
+        self.return_height_m = np.array([each.return_height_m for each in self.vehicles])
+
+    def returns_at_m(self, configured_m: Array) -> Array:
+        """(n,) heights above home at which they return: as read, else as configured (n,)."""
+        return np.where(np.isfinite(self.return_height_m), self.return_height_m, configured_m)
 
     def stop_s(self, rows: NDArray[np.intp], velocity_m_s: Array) -> Array:
         """(p,) as `WithoutSetpoints.stop_s`, of vehicles (p,) at (p, 3) velocities; not finite: at rest."""

@@ -6,7 +6,7 @@ ordered: without a transmitter they sink at 2.4 m/s.
 """
 
 from collections.abc import Mapping
-from math import isfinite
+from math import isfinite, nan
 from types import MappingProxyType
 from typing import Final
 
@@ -173,6 +173,7 @@ class ArduPilot:
             deceleration_m_s2=max(level_m_s2, ACCELERATION_LEAST_M_S2),
             action="land" if action == "descend" else action,
             changes_mode=False,
+            return_height_m=float(parameters.get("RTL_ALT", nan)) / 100.0,
         )
 
     def response(self, parameters: Mapping[str, ParameterValue]) -> Response:

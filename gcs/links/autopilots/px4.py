@@ -22,6 +22,9 @@ TAKEOFF_HEIGHT: Final = "MIS_TAKEOFF_ALT"
 LOSS_TIME, LOSS_TIME_S = "COM_OF_LOSS_T", 1.0
 """How long it flies on with its last setpoint, and the default."""
 
+_LOSS_ACTIONS: Final = MappingProxyType({0: "descend", 3: "return", 4: "land", 5: "hold"})
+"""By COM_OBL_RC_ACT; its other values are those of pilots, or stop the motors."""
+
 _SET_MODE: Final = int(dialect.MAV_CMD_DO_SET_MODE)
 _CUSTOM: Final = float(dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
 _FROM_HERE: Final = (nan,) * 7  # at its position, with the configured parameters
@@ -121,7 +124,11 @@ class Px4:
     ) -> WithoutSetpoints:
         """COM_OF_LOSS_T, then the mode of COM_OBL_RC_ACT. Not read: the longer of configured and default."""
         unread_s = max(loss_s, LOSS_TIME_S)
-        return WithoutSetpoints(flies_on_s=float(parameters.get(LOSS_TIME, unread_s)), action=action)
+        return WithoutSetpoints(
+            flies_on_s=float(parameters.get(LOSS_TIME, unread_s)),
+            action=_LOSS_ACTIONS.get(int(parameters.get("COM_OBL_RC_ACT", -1)), action),
+            return_height_m=float(parameters.get("RTL_RETURN_ALT", nan)),
+        )
 
     def response(self, parameters: Mapping[str, ParameterValue]) -> Response:
         """The gains of `control` were found for it."""

@@ -64,3 +64,12 @@ def test_columns_of_a_fleet_are_those_of_its_vehicles() -> None:
     velocity_m_s = np.array([[3.0, 4.0, 0.0], [3.0, 4.0, 0.0], [np.nan, 0.0, 0.0]])
     stop_s = fleet.stop_s(np.array([0, 1, 1]), velocity_m_s)
     assert stop_s.tolist() == pytest.approx([both[0].stop_s(5.0), both[1].stop_s(5.0), both[1].stop_s(0.0)])
+
+
+def test_heights_of_return_and_actions_are_those_that_were_read() -> None:
+    px4 = DEFAULT.without_setpoints("hold", 1.0, {"RTL_RETURN_ALT": 34.0, "COM_OBL_RC_ACT": 3})
+    ardupilot = ARDUPILOT.without_setpoints("hold", 1.0, {"RTL_ALT": 3800})
+    unread = DEFAULT.without_setpoints("hold", 1.0, {})
+    assert (px4.action, unread.action) == ("return", "hold")
+    fleet = FleetWithoutSetpoints([px4, ardupilot, unread])
+    assert fleet.returns_at_m(np.array([30.0, 30.0, 42.0])).tolist() == [34.0, 38.0, 42.0]
