@@ -12,7 +12,7 @@ from gcs.sim.endpoint import MAX_PORT, Port, PortError, own_ports, serve, shared
 from gcs.sim.fleet import FIRMWARES
 from gcs.sim.ground_truth import FIRST_PORT, HOST, GroundTruthFile
 from gcs.sim.protocol.streams import RECORDED_HZ, lean_hz
-from gcs.sim.settings import MAX_SYSTEM_ID, Autopilot, Origin, Settings
+from gcs.sim.settings import MAX_SYSTEM_ID, PAD_SPACING_M, Autopilot, Origin, Settings
 from gcs.sim.vehicle.px4 import ParameterError, QuirkError, Quirks, Value, quirk_names
 
 
@@ -148,7 +148,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument_group("place and start grid").add_argument
     text = "degrees, metres AMSL: the ground"
     add("--origin", type=origin, default=Origin(), metavar="LAT,LON,ALT", help=text)
-    add("--spacing", type=number(0.0, 1e5), default=4.0, metavar="M", help="of the start grid")
+    add("--spacing", type=number(0.0, 1e5), default=PAD_SPACING_M, metavar="M", help="of the start grid")
     text = "vehicle i starts at row i // C (north), column i %% C (east)"
     add("--grid-columns", type=whole(1, 10**6), metavar="C", help=text)
     text = "where vehicle 0 of the grid stands, m north and east of the origin"
@@ -175,8 +175,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _add_flight(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument_group("how they fly").add_argument
-    text = "estimate error; 0.25 RTK, 1 PX4's simulator, 0 none"
-    add("--noise", type=number(0.0, 100.0), default=0.25, metavar="SCALE", help=text)
+    text = "error of the position estimates, 1 as recorded; receivers report what was recorded"
+    add("--noise", type=number(0.0, 100.0), default=1.0, metavar="SCALE", help=text)
+    add("--ideal", action="store_true", help="positions without error, RTK fixed")
     text = "as the autopilots' simulators without it: PX4 1.0, ArduPilot 0.65; real 0.1 to 0.3"
     add("--drag", type=number(0.0, 10.0), metavar="PER_S", help=text)
     add("--wind", type=triple("N,E,D"), default=(0.0, 0.0, 0.0), metavar="N,E,D", help="of the air, m/s")
@@ -251,6 +252,7 @@ def _settings(given: argparse.Namespace) -> Settings:
         namespace_size=given.namespace_size,
         seed=given.seed,
         noise_scale=given.noise,
+        ideal=given.ideal,
         drag_per_s=given.drag,
         wind_m_s=given.wind,
         origin=given.origin,

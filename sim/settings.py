@@ -9,6 +9,9 @@ from gcs.sim.vehicle.px4 import Quirks, Value
 
 MAX_SYSTEM_ID = 250
 
+PAD_SPACING_M = 5.0
+"""Distance of pads that the shipped configurations are made for, with what the simulators report."""
+
 Autopilot: TypeAlias = Literal["px4", "ardupilot", "mixed"]
 """Which autopilot the vehicles have; mixed: PX4 those of even index, ArduPilot those of odd index."""
 
@@ -30,8 +33,10 @@ class Settings:
 
     Vehicle 0 stands at `grid_at_m` (north, east); rows lead towards `grid_heading_deg`, columns to its right.
     Its namespace is i // namespace_size, its system id there i % namespace_size + 1. Where a parameter
-    has several values, vehicle i has the i-th. Without `drag_per_s` bodies have the drag of the recorded
-    simulators: 1.0 with PX4, 0.65 with ArduPilot. `rates_hz` are those that PX4 sends without a request.
+    has several values, vehicle i has the i-th. Receivers report what was recorded, and estimates are off by
+    `noise_scale` times what was; with `ideal`, positions are exact and the fix is RTK fixed. Without
+    `drag_per_s` bodies have the drag of the recorded simulators: 1.0 with PX4, 0.65 with ArduPilot.
+    `rates_hz` are those that PX4 sends without a request.
     """
 
     autopilot: Autopilot = "px4"
@@ -40,11 +45,12 @@ class Settings:
     every: int = 1
     namespace_size: int = MAX_SYSTEM_ID
     seed: int = 0
-    noise_scale: float = 0.25
+    noise_scale: float = 1.0
+    ideal: bool = False
     drag_per_s: float | None = None
     wind_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
     origin: Origin = Origin()
-    spacing_m: float = 4.0
+    spacing_m: float = PAD_SPACING_M
     grid_columns: int = 1
     grid_at_m: tuple[float, float] = (0.0, 0.0)
     grid_heading_deg: float = 0.0
@@ -53,6 +59,11 @@ class Settings:
     parameters: Mapping[str, Value | Sequence[Value]] = field(default_factory=dict)
     quirks: Quirks = Quirks()
     rates_hz: Mapping[int, float] = field(default_factory=lambda: RECORDED_HZ)
+
+    @property
+    def error_scale(self) -> float:
+        """Errors of the estimates, relative to the recorded ones."""
+        return 0.0 if self.ideal else self.noise_scale
 
     def parameters_of(self, index: int) -> dict[str, Value]:
         """Those that are given for vehicle `index`, counted from 0."""

@@ -30,14 +30,18 @@ from gcs.config import schema as configuration
 from gcs.config.sections import LinkSettings
 from gcs.config.site import station_config
 from gcs.control import warm_up
+from gcs.estimation.fleet_state import uncertainty_m
 from gcs.flight.orchestrator import Orchestrator
 from gcs.links.autopilots import AUTOPILOTS, DEFAULT
 from gcs.links.settings import SYSTEM_ID_MAX
 from gcs.model.errors import ConfigError, GcsError
+from gcs.model.state import Array
 from gcs.planning.feasibility import smallest_formation_radius_m
 from gcs.preflight.parameters import settings_of
 from gcs.shows import LoadedShow
 from gcs.sim.cli import parameter_options
+from gcs.sim.settings import PAD_SPACING_M
+from gcs.sim.vehicle.sensors import IDEAL_RECEIVER, SIH_RECEIVER
 
 MIXED = "mixed"
 """Every autopilot in one fleet."""
@@ -48,14 +52,11 @@ MIXED_LOSS_S = 3.0
 VEHICLES_MAX = {"mavsdk": 50, "native": 1000}
 CHILD_ENDS_S = 5.0
 
-PAD_SPACING_M = 4.0
-"""Grid on which the fake fleet stands."""
-
 SPHERE, LARGE_SPHERE = (1.2, 10.0), (1.05, 6.0)
 """Radius of the sphere relative to the smallest possible one, and height of its lowest point."""
 
 LARGE_STAGGER_S = 0.02
-"""Time between take-offs of hundreds of vehicles, which climb vertically, 4 m apart."""
+"""Time between take-offs of hundreds of vehicles, which climb vertically."""
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as in shells."""
 
@@ -113,7 +114,8 @@ def make_config(arguments: argparse.Namespace) -> configuration.Config:
         demo_show.fit(raw, loaded)
     base = configuration.Config.model_validate(raw)
     spare, lowest_m = LARGE_SPHERE if large else SPHERE
-    radius_m = max(base.formation.radius_m, smallest_formation_radius_m(count, base.control.safety) * spare)
+    least_m = smallest_formation_radius_m(count, base.control.safety, _uncertainty_m(base, arguments))
+    radius_m = max(base.formation.radius_m, least_m * spare)
     raw["formation"] = {"radius_m": radius_m, "height_m": radius_m + lowest_m}
     fence = raw["control"]["safety"]["fence"]
     fence["height_max_m"] = max(fence["height_max_m"], 2.0 * radius_m + 30.0)
@@ -186,6 +188,15 @@ def _set_autopilots(raw: dict[str, Any], named: str) -> None:
         fleet = LinkSettings.model_validate(link).fleet
         link["vehicles"] = [vehicle.model_dump() | {"autopilot": next(kinds)} for vehicle in fleet]
     raw["operation"]["setpoint_loss_s"] = MIXED_LOSS_S
+
+
+def _uncertainty_m(config: configuration.Config, arguments: argparse.Namespace) -> Array:
+    """(n,) Standard deviations that the service will count for the fake fleet's positions."""
+    receiver, floor = IDEAL_RECEIVER if arguments.ideal else SIH_RECEIVER, config.control.safety.floor
+    reported = receiver.horizontal_m, receiver.vertical_m, float(receiver.fix_type), np.inf
+    level_m, up_m, fix, never_s = (np.full(arguments.vehicles, value) for value in reported)
+    least = floor.uncertainty_m, floor.vertical_uncertainty
+    return uncertainty_m(*least, level_m, up_m, fix, never_s, config.positioning)
 
 
 def _columns(count: int) -> int:
@@ -293,6 +304,8 @@ def fake_fleet(
     common += ["--origin", f"{frame.latitude_deg},{frame.longitude_deg},{frame.altitude_amsl_m}"]
     common += places or ["--grid-columns", str(_columns(count)), "--spacing", f"{PAD_SPACING_M:g}"]
     common += ["--seed", str(arguments.seed)]
+    if arguments.ideal:
+        common += ["--ideal"]
     if arguments.autopilot is not None:
         common += ["--autopilot", arguments.autopilot]
     if arguments.transport == "native":

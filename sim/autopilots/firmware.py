@@ -13,7 +13,7 @@ from gcs.sim.protocol.streams import Outbox, Schedule
 from gcs.sim.settings import Settings
 from gcs.sim.vehicle.dynamics import Array, Mask
 from gcs.sim.vehicle.px4 import Value
-from gcs.sim.vehicle.sensors import Sensors
+from gcs.sim.vehicle.sensors import Receiver, Sensors
 from gcs.sim.vehicle.state import Rows, State
 
 Sent: TypeAlias = dict[int, list[bytes]]
@@ -61,10 +61,12 @@ class Firmware(Protocol):
     Attributes:
         forms: messages of the dialect that the vehicles speak, by id.
         any_component: whether a message for another component of the vehicle is executed as well.
+        receiver: what its satellite receiver reports.
     """
 
     forms: Mapping[int, Any]
     any_component: bool
+    receiver: Receiver
 
     def __init__(self, settings: Settings, position_m: Array, step_s: float, services: Services) -> None:
         """Start at position_m (n, 3) at rest. Raises: ParameterError."""

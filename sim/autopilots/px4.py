@@ -21,7 +21,7 @@ from gcs.sim.vehicle.commander import Transitions
 from gcs.sim.vehicle.dynamics import Array, Mask, PointMasses, Response
 from gcs.sim.vehicle.guidance import Guidance
 from gcs.sim.vehicle.px4 import Columns, Parameters, Value
-from gcs.sim.vehicle.sensors import Batteries, Sensors
+from gcs.sim.vehicle.sensors import SIH_RECEIVER, Batteries, Sensors
 from gcs.sim.vehicle.state import Rows, State
 
 READY_AFTER_S = (4.0, 6.0)  # item 2
@@ -35,6 +35,7 @@ class Px4:
 
     forms: Mapping[int, Any] = common.mavlink_map
     any_component = False
+    receiver = SIH_RECEIVER
 
     def __init__(self, settings: Settings, position_m: Array, step_s: float, services: Services) -> None:
         """See `Firmware`. Raises: ParameterError for a parameter or value that PX4 does not accept."""

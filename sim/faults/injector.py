@@ -273,18 +273,18 @@ def _healthy(fleet: Fleet, fault: str) -> Sequence[tuple[NDArray[Any], object]]:
     state = fleet.state
     if fault not in HEALED:
         return ()
-    horizontal_m, vertical_m = fleet.accuracy_m
+    receiver = fleet.sensed_by
     fresh = type(state)(1, 0.0)
     healthy: Mapping[str, Sequence[tuple[NDArray[Any], object]]] = {
         "gps-jump": [(state.offset_m, 0.0)],
         "gps-freeze": [(state.frozen_m, np.nan)],
         "accuracy": [
-            (state.horizontal_accuracy_m, horizontal_m),
-            (state.vertical_accuracy_m, vertical_m),
+            (state.horizontal_accuracy_m, receiver.horizontal_m),
+            (state.vertical_accuracy_m, receiver.vertical_m),
             (state.hdop, fresh.hdop[0]),
             (state.vdop, fresh.vdop[0]),
         ],
-        "fix": [(state.fix_type, fleet.fix_type)],
+        "fix": [(state.fix_type, receiver.fix_type)],
         "sensor": [(state.unhealthy_sensors, 0)],
         "wrong-time": [(state.unix_ahead_s, 0.0)],
         "wind": [(fleet.wind_m_s, fleet.settings.wind_m_s)],

@@ -67,14 +67,22 @@ class EstimateError:
     target_m: Array
 
 
-def accuracy_m(scale: float) -> tuple[float, float]:
-    """What receivers report, sideways and up, one sigma: as the errors of that scale are, at least 1 cm."""
-    return max(0.2 * scale, 0.01), max(0.4 * scale, 0.01)  # 0 would be unknown
+@dataclass(frozen=True, slots=True)
+class Receiver:
+    """What a receiver reports of itself, whatever the errors of the estimates are."""
+
+    fix_type: int  # GPS_FIX_TYPE
+    horizontal_m: float  # accuracy, one sigma
+    vertical_m: float
 
 
-def fix_type(scale: float) -> int:
-    """GPS_FIX_TYPE of errors of that scale: RTK fixed up to 0.06 m, RTK float 0.5 m, DGPS 1 m, 3D above."""
-    return 6 - int(np.searchsorted((0.3, 2.5, 5.0), scale))
+SIH_RECEIVER = Receiver(3, 0.9, 1.78)
+"""Recorded of PX4's simulator: 3D, though its estimates are off by POSITION_SD_M."""
+
+ARDUPILOT_RECEIVER = Receiver(6, 0.2, 0.2)
+"""Recorded of ArduPilot's simulator: RTK fixed."""
+
+IDEAL_RECEIVER = Receiver(6, 0.01, 0.01)  # 0 would be unknown
 
 
 def draw_errors(count: int, scale: float, random: np.random.Generator) -> EstimateError:

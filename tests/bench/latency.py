@@ -63,6 +63,7 @@ def fleet(config: Config) -> Iterator[None]:
         str(len(config.ids)),
         "--port-base",
         str(FIRST_PORT),
+        "--ideal",
     ]
     process = subprocess.Popen([*command, *options], stdout=subprocess.DEVNULL)
     try:

@@ -112,7 +112,7 @@ def measure(count: int, folder: Path) -> Result:
     """Make a show, check it, and fly it."""
     loaded, port = make_show(count, folder), free_ports(count)
     config, checked = config_for(loaded, port), check(loaded)
-    with vehicles(count, port, folder, *proper(config), *demo_show.grid_options(loaded)):
+    with vehicles(count, port, folder, "--ideal", *proper(config), *demo_show.grid_options(loaded)):
         tick, sent = asyncio.run(fly(config, loaded, checked))
     received = sum(int(str(each["lights_received"])) for each in last_truths(folder / "truth.jsonl"))
     truth = demo_report.ground_truth(folder / "truth.jsonl", config.frame, count)

@@ -35,7 +35,7 @@ about: A formation that circles from its first moment on.
 origin: {{latitude_deg: 47.397742, longitude_deg: 8.545594, altitude_amsl_m: 488.0, heading_deg: 0.0}}
 fleet:
   vehicles: {count}
-  pads: {{columns: 3, spacing_m: 4.0, x_m: {middle_m}, y_m: 4.0}}
+  pads: {{columns: 3, spacing_m: 5.0, x_m: {middle_m}, y_m: 5.0}}
   endurance_s: 900.0
   takeoff_height_m: 3.0
   takeoff_stagger_s: 0.2
@@ -99,7 +99,7 @@ def main() -> None:
             config = flying_config(count, base, silence_s=5.0)
             raw = config.model_dump() | {"shows": {"folder": folder}}
             config = Config.model_validate(raw)
-            text = SHOW.format(count=count, middle_m=2.0 * ((count - 1) // 3))
+            text = SHOW.format(count=count, middle_m=2.5 * ((count - 1) // 3))
             (folder / "circle.yaml").write_text(text)
             with vehicles(count, base, folder, *proper(config)):
                 at_s = asyncio.run(flown(config, folder, text))

@@ -16,7 +16,7 @@ about: Three vehicles stand on their sphere, and turn.
 origin: {latitude_deg: 47.397742, longitude_deg: 8.545594, altitude_amsl_m: 488.0, heading_deg: 0.0}
 fleet:
   vehicles: 3
-  pads: {columns: 3, spacing_m: 4.0, x_m: 0.0, y_m: 4.0}
+  pads: {columns: 3, spacing_m: 5.0, x_m: 0.0, y_m: 5.0}
   takeoff_height_m: 4.0
   takeoff_stagger_s: 0.2
   endurance_s: 900.0

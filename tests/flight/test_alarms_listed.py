@@ -233,7 +233,8 @@ def test_radius_too_small_for_a_falling_accuracy_is_an_alarm() -> None:
         await show.until(lambda: not (found := listed(show, AlarmCause.RADIUS_SMALL)) or not found.lasts)
         assert show.view.failsafes == ()
 
-    fly(story, show_config(8, formation={"radius_m": 7.0, "height_m": 25.0}))
+    formation = {"radius_m": 7.0, "height_m": 25.0}
+    fly(story, show_config(8, formation=formation, positioning={"share": 1.0}), ideal=True)
 
 
 def test_wind_beyond_the_thrust_is_an_alarm() -> None:

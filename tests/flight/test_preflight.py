@@ -88,7 +88,7 @@ def test_fleet_on_its_pads_passes_all_checks_and_starts(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("by_deg", [7.0, -7.0])
 def test_a_start_pattern_rotated_by_7_degrees_is_refused_by_name(tmp_path: Path, by_deg: float) -> None:
-    found = stands_so(tmp_path, noise_scale=0.3, **on_pads(turned_deg=by_deg))
+    found = stands_so(tmp_path, **on_pads(turned_deg=by_deg))
     assert set(failing(found.report)) == {"rotation of the start pattern"}
     check = failing(found.report)["rotation of the start pattern"]
     assert check.value == pytest.approx(by_deg, abs=1.5)
@@ -115,7 +115,7 @@ def test_show_frame_wrong_by_7_degrees_is_refused(
         return await start_refused(show, select(show, SHOW.replace("heading_deg: 30.0", "heading_deg: 37.0")))
 
     wrong = config(tmp_path, show_frame={"heading_deg": 37.0})
-    found = fly_show(story, wrong, noise_scale=0.3)
+    found = fly_show(story, wrong)
     assert set(failing(found.report)) == {"rotation of the start pattern"}
     assert "counterclockwise" in found.text
 
@@ -181,7 +181,7 @@ def test_each_check_that_fails_is_named_and_refuses_the_start(tmp_path: Path, na
             await show.wait(10.0)
         return await start_refused(show, show_hash)
 
-    found = fly_show(story, config(tmp_path), noise_scale=0.2)
+    found = fly_show(story, config(tmp_path))
     assert says in found.text
     desired = "show" if name == "vehicles" else name  # who is offline is told by how many the show lacks
     check = failing(found.report)[desired]
@@ -268,7 +268,7 @@ def test_excluded_vehicles_stay_grounded_with_operator_named(tmp_path: Path) -> 
     asked = config(tmp_path)
     vehicles = {name: (row + 1, "loop") for row, name in enumerate(asked.ids)}
     with Record(tmp_path / "runs", asked.model_dump_json(), vehicles) as record:
-        fly_show(story, asked, record=record, noise_scale=0.3)
+        fly_show(story, asked, record=record)
     noted = [(each.action, each.caller) for each in commands(tmp_path / "runs")]
     assert ("exclude", "anna") in noted
     assert ("include", "anna") in noted
@@ -326,13 +326,13 @@ def test_without_a_written_show_configured_pads_count() -> None:
         await show.standby()
         return show.service.preflight.report()
 
-    settings: dict[str, Any] = {"grid_columns": 1, "noise_scale": 0.2}  # at 0, 4 and 8 m north
-    good = fly(story, placed(d1=(0, 0), d2=(4, 0), d3=(8, 0)), **settings)
+    settings: dict[str, Any] = {"grid_columns": 1}  # at 0, 5 and 10 m north
+    good = fly(story, placed(d1=(0, 0), d2=(5, 0), d3=(10, 0)), **settings)
     assert failing(good) == {}
     assert not any("start pattern" in text for text in good.not_checked)
-    shifted = fly(story, placed(d1=(0, 5), d2=(4, 5), d3=(8, 5)), **settings)
+    shifted = fly(story, placed(d1=(0, 6), d2=(5, 6), d3=(10, 6)), **settings)
     assert set(failing(shifted)) == {"shift of the start pattern"}
-    nowhere = fly(story, placed(d1=(0, 0), d3=(8, 0)), **settings)
+    nowhere = fly(story, placed(d1=(0, 0), d3=(10, 0)), **settings)
     assert set(failing(nowhere)) == {"d2 place"}
     none = fly(story, show_config(3))
     assert any("start pattern" in text for text in none.not_checked)

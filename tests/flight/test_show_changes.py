@@ -199,7 +199,7 @@ def test_true_separation_keeps_the_floor_during_changes(flight: Flight) -> None:
 @pytest.mark.parametrize(
     ("name", "kind", "says"),
     [
-        ("too small", InvalidError, "at least 2.8 m for 4 vehicles"),
+        ("too small", InvalidError, "at least 4.7 m for 4 vehicles"),
         ("too low", InvalidError, "at least 11.0 m"),
         ("too high", InvalidError, "at most 92.0 m"),
         ("orbit too fast", InvalidError, "at most the centre's 4 m/s"),

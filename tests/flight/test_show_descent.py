@@ -14,7 +14,7 @@ from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from tests.support.show_phases import running
 from tests.support.virtual_show import Show, Track, fly, show_config
 
-NARROW = {"radius_m": 3.5, "height_m": 12.0}  # narrower than the spacing on the ground
+NARROW = {"radius_m": 3.5, "height_m": 12.0}  # narrower than the spacing on the ground, with RTK
 
 
 class Descent(NamedTuple):
@@ -64,7 +64,7 @@ async def abort_from_formation(show: Show) -> Descent:
 
 @pytest.fixture(scope="module")
 def aborted() -> Descent:
-    return fly(abort_from_formation, show_config(5, formation=NARROW))
+    return fly(abort_from_formation, show_config(5, formation=NARROW), ideal=True)
 
 
 def test_abort_lands_and_disarms_every_vehicle(aborted: Descent) -> None:
@@ -105,7 +105,7 @@ AWAY = {"x_m": 25.0, "y_m": 0.0}  # clear of all pads
 
 def test_abort_descends_in_clear_columns_away_from_obstacles() -> None:
     """No vehicle descends before those below are in their columns, nor onto an obstacle."""
-    descent = fly(abort_over_a_crate, show_config(4, target=AWAY), noise_scale=0.3)
+    descent = fly(abort_over_a_crate, show_config(4, target=AWAY))
     start_m, goals_m = descent.coming_down.true_m[0], places_m(descent)
     lowest = int(np.argmax(start_m[:, 2]))
     far = [

@@ -12,7 +12,7 @@ from tests.support.show_files import loaded
 
 
 def test_an_exported_rehearsal_is_where_the_vehicles_were(tmp_path: Path) -> None:
-    fleet = {"vehicles": 4, "pads": {"columns": 2, "spacing_m": 4.0}, "endurance_s": 900.0}
+    fleet = {"vehicles": 4, "pads": {"columns": 2, "spacing_m": 5.0}, "endurance_s": 900.0}
     lit = {"cue": "light", "at_s": 6, "lights": ["#ff0000"], "over_s": 1}
     flight = rehearse(loaded(lit, fleet=fleet, duration_s=10.0))
     write_drawing(drawn(flight), tmp_path / "a.skyc")

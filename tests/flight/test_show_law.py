@@ -54,7 +54,8 @@ def test_law_is_chosen_also_where_the_radius_has_become_small() -> None:
         show.service.plan.set_formation(chosen)
         await show.until(lambda: show.view.plan.formation == chosen)
 
-    fly(story, show_config(8, formation={"radius_m": 7.0, "height_m": 25.0}))
+    formation = {"radius_m": 7.0, "height_m": 25.0}
+    fly(story, show_config(8, formation=formation, positioning={"share": 1.0}), ideal=True)
 
 
 def test_law_is_in_the_configuration_and_in_the_record() -> None:

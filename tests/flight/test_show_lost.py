@@ -167,7 +167,7 @@ async def across_a_lost_one(show: Show) -> Crossing:
 
 
 def test_no_vehicle_flies_below_a_lost_one() -> None:
-    crossing = fly(across_a_lost_one, show_config(2, operation=HOLDS_WHEN_LOST), noise_scale=0.3)
+    crossing = fly(across_a_lost_one, show_config(2, operation=HOLDS_WHEN_LOST))
     assert len(crossing.column_m) > 50
     assert min(crossing.column_m) > 2.0
     assert crossing.past_m > 2.0

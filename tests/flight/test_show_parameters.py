@@ -232,8 +232,8 @@ def test_jumping_position_lists_first_and_widens_the_margin() -> None:
     (fastest_m_s, *wide_m), later_m, phases, reason, small = fly(story, show_config(3), after=running)
     assert reason.startswith("its position jumped: it stands for 3 s")
     assert fastest_m_s < 1.5
-    assert wide_m == pytest.approx([0.05, 0.25, 0.05])
-    assert later_m == pytest.approx([0.05] * 3)
+    assert wide_m == pytest.approx([0.225, 0.425, 0.225])
+    assert later_m == pytest.approx([0.225] * 3)
     assert phases[-1] is Phase.FORMATION, "it goes on by itself"
     assert small.startswith("its position jumped: it stands for 3 s"), "the estimator reported the jump"
 
@@ -250,7 +250,9 @@ def test_reported_accuracy_widens_the_margin_within_bounds() -> None:
         await show.wait(0.6)
         return [seen.position_uncertainty_m for seen in vehicles_of(show.view)], smaller, await start(show)
 
-    wide_m, smaller, refusal = fly(story, show_config(3), spacing_m=22.0)
+    wide_m, smaller, refusal = fly(
+        story, show_config(3, positioning={"share": 1.0}), spacing_m=22.0, ideal=True
+    )
     assert wide_m == pytest.approx([1.0, 3.0, 0.05])
     assert "at least 9.0 m for 3 vehicles 15.5 m apart" in smaller.text
     assert "uncertain by 1.00 m (1 sigma); 2.5 m is enough at 0.05 m, as with RTK" in smaller.text

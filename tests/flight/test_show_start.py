@@ -65,13 +65,14 @@ async def several_faults(show: Show) -> Refusal:
 
 
 def test_start_is_refused_naming_each_vehicle_and_its_fault() -> None:
-    refusal = fly(several_faults, spacing_m=2.0, noise_scale=0.2, quirks=Quirks())
+    refusal = fly(several_faults, spacing_m=2.0, quirks=Quirks())
     assert refusal.kind is RefusedError
     assert "d1: battery at 20%, at least 25% is needed" in refusal.text
     assert "d2: system id 2 at 10.0.0.2:14580 and at 10.0.1.2:14580" in refusal.text
     for one, other in (("d1", "d2"), ("d1", "d3"), ("d2", "d4"), ("d3", "d4")):
         assert f"{one}: stands " in refusal.text
-        assert f"m from {other}, at least 2.72 m is needed" in refusal.text
+        assert f"m from {other}, at least 4.3 m is needed with a 3D fix of 0.9 m" in refusal.text
+    assert "m away from d2, or use RTK (3.7 m)" in refusal.text
     assert refusal.plan_kept
 
 
@@ -109,7 +110,7 @@ def odd() -> dict[str, Refusal]:
         ("stop", RefusedError, "not possible while the show is idle"),
         ("abort", RefusedError, "not possible while the show is idle"),
         ("pause", RefusedError, "it is from aborting, arming, assembling, paused"),
-        ("radius", InvalidError, "at least 2.5 m for 3 vehicles"),
+        ("radius", InvalidError, "at least 4.2 m for 3 vehicles"),
         ("pad", RefusedError, "d2"),
         ("none", RefusedError, "no vehicle is online"),
     ],
@@ -196,7 +197,7 @@ async def holds_below(show: Show) -> Start:
 
 
 def test_vehicle_holding_slightly_below_its_height_is_up() -> None:
-    start = fly(holds_below, show_config(3), noise_scale=0.0)
+    start = fly(holds_below, show_config(3), ideal=True)  # it is lower by centimetres
     assert start.started.outcome is Outcome.DONE
     assert -start.track.true_m[:, 1, 2].min() < 0.9 * TAKEOFF_HEIGHT_M, "it was lower than ordered"
 
@@ -271,7 +272,7 @@ async def above_each_other(show: Show) -> tuple[str, int, list[str]]:
 
 
 def test_vertical_overlap_is_known_before_takeoff() -> None:
-    notice, pairs, notices = fly(above_each_other, show_config(8, formation={"radius_m": 6.0}))
+    notice, pairs, notices = fly(above_each_other, show_config(8, formation={"radius_m": 7.0}))
     reported = int(notice.split("up to ")[1].split(" ")[0])
     assert 0 < reported <= 8
     assert pairs <= reported

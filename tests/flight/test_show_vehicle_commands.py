@@ -169,18 +169,18 @@ async def no_room(show: Show) -> tuple[Refusal, CommandRecord]:
     """The sphere shrinks while one is out of our hands; then it wants to come back."""
     show.ports.silence("d4")
     await show.phase("d4", Phase.LOST)
-    show.service.plan.set_formation(Formation(2.6, 14.0))
+    show.service.plan.set_formation(Formation(4.4, 14.0))
     show.ports.restore("d4")
     await show.phase("d4", Phase.HOLD)
     refusal = await refused(show, lambda: show.service.commands.command_vehicle("d4", JOIN))
-    show.service.plan.set_formation(Formation(2.8, 14.0))
+    show.service.plan.set_formation(Formation(4.7, 14.0))
     return refusal, await show.command("d4", JOIN)
 
 
 def test_joining_a_too_small_sphere_names_the_radius_that_fits() -> None:
     refusal, joined = fly(no_room, show_config(4, operation=HOLDS_WHEN_LOST), after=running)
     assert refusal.kind is RefusedError
-    assert "at least 2.8 m for 4 vehicles" in refusal.text
+    assert "at least 4.7 m for 4 vehicles" in refusal.text
     assert joined.outcome is Outcome.DONE
 
 

@@ -32,7 +32,7 @@ def site_of(vehicles: int) -> Config:
         "takeoff_height_m": 5.0,
         "takeoff_stagger_s": 0.2,
         "setpoint_loss_action": "hold",
-        "pads_within_m": 6.0 * sqrt(vehicles) + 10.0,  # they stand 4 m apart
+        "pads_within_m": 7.5 * sqrt(vehicles) + 10.0,  # they stand 5 m apart
     }
     safety = {"fence": {"height_max_m": 2.0 * radius_m + 50.0}}
     return site_config(

@@ -25,6 +25,7 @@ from gcs.config import schema as configuration
 from gcs.links.autopilots import AUTOPILOTS, DEFAULT
 from gcs.model.errors import GcsError
 from gcs.model.setpoint_loss import WithoutSetpoints
+from gcs.sim.settings import PAD_SPACING_M
 from tests.sitl.sitl_flight import QUICK, TRUE_WITHIN_S, Account, Pace, SitlFlight
 from tests.sitl.sitl_service import Service, ServiceError
 from tests.sitl.sitl_simulators import (
@@ -143,7 +144,7 @@ def _alone(kind: str, raw: dict[str, Any]) -> WithoutSetpoints:
 
 def configuration_spacing_m() -> float:
     """Between pads: what the shipped configuration for PX4 SITL is made for."""
-    return 4.0
+    return PAD_SPACING_M
 
 
 def _simulators(given: argparse.Namespace, pads: Pads, folder: Path, lost: int) -> Simulators:

@@ -13,7 +13,7 @@ BROKEN = Path(__file__).parents[1] / "data" / "shows"
 SOUND: dict[str, Any] = {
     "about": "A trial.",
     "origin": {"latitude_deg": 47.4, "longitude_deg": 8.5, "altitude_amsl_m": 488.0, "heading_deg": 0.0},
-    "fleet": {"vehicles": 8, "pads": {"columns": 4, "spacing_m": 4.0}, "endurance_s": 900.0},
+    "fleet": {"vehicles": 8, "pads": {"columns": 4, "spacing_m": 5.0}, "endurance_s": 900.0},
     "fence": {"height_min_m": 3.0, "height_max_m": 60.0, "distance_max_m": 80.0},
     "duration_s": 60.0,
 }

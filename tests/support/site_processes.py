@@ -31,6 +31,7 @@ from gcs.model.errors import GcsError, LinkError, RefusedError
 from gcs.planning.feasibility import smallest_formation_radius_m
 from gcs.recording.trajectories import read_true_states
 from gcs.service import StationView
+from gcs.sim.settings import PAD_SPACING_M
 from tests.support.machine import free_ports
 from tests.support.processes import AT_ONCE, ORIGIN, SOON_S, proper, wait_until
 from tests.support.started import DEVNULL, Started
@@ -39,7 +40,6 @@ T = TypeVar("T")
 
 NAMES = ("north", "south", "west", "east")
 
-SPACING_M = 4.0
 LOSS_S = 3.0
 """Fake vehicles take so long without setpoints for the loss of their station: the machine may pause."""
 
@@ -109,8 +109,9 @@ def site_config(
         raw["bus"] = {"keys": keys}
     count = stations * each
     safety = configuration.Config.model_validate(raw).control.safety
-    radius_m = max(4.0, 1.2 * smallest_formation_radius_m(count, safety))
-    field_m = (columns(count) - 1) * SPACING_M
+    reported_m = np.full(count, 0.225)  # what the fake vehicles' accuracy counts as
+    radius_m = max(4.0, 1.2 * smallest_formation_radius_m(count, safety, reported_m))
+    field_m = (columns(count) - 1) * PAD_SPACING_M
     raw["formation"] = {"radius_m": radius_m, "height_m": radius_m + 4.0}
     raw["target"] = {"x_m": field_m / 2.0, "y_m": field_m / 2.0}
     raw["operation"] |= {"takeoff_height_m": 3.0, "takeoff_stagger_s": 0.2, "setpoint_loss_s": LOSS_S}
@@ -143,14 +144,7 @@ def fleet_words(config: Config, first: int, count: int) -> tuple[str, ...]:
     """Words of `gcs sim` for these vehicles of the site, one station after the other."""
     each = len(config.links[0].fleet)
     words = ("--first", str(first), "--count", str(count), "--namespace-size", str(each), "--shared-port")
-    grid = (
-        "--origin",
-        ORIGIN,
-        "--grid-columns",
-        str(columns(len(config.ids))),
-        "--spacing",
-        f"{SPACING_M:g}",
-    )
+    grid = ("--origin", ORIGIN, "--grid-columns", str(columns(len(config.ids))))
     return (*words, *grid, "--telemetry-hz", "10", "--seed", "7", *AT_ONCE, *proper(config))
 
 

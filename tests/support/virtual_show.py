@@ -54,6 +54,9 @@ WRITER_S = 60.0
 HOLDS_WHEN_LOST = {"setpoint_loss_action": "hold"}
 """Section `operation` of a show whose vehicles stay where they are when they lose the ground station."""
 
+POSITIONING: Final = {"share": 0.25, "fix_3d_m": 0.2}
+"""Section `positioning` for what the fake vehicles report, as in the shipped configurations."""
+
 ORIGIN = {"latitude_deg": 47.397742, "longitude_deg": 8.545594, "altitude_amsl_m": 488.0}
 
 
@@ -70,6 +73,7 @@ def show_config(count: int, **sections: Mapping[str, Any]) -> Config:
             "setpoint_loss_action": "descend",  # PX4's default, whose consequences show soonest
             "require_safe_setpoint_loss": False,
         },
+        "positioning": POSITIONING,
     }
     for name, section in sections.items():
         raw[name] = {**raw.get(name, {}), **section}

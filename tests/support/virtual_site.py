@@ -20,9 +20,16 @@ from gcs.recording.session import Record
 from gcs.safety.separation import minimum_separation
 from gcs.service import CommandRecord, FleetView, Outcome, ShowAction
 from gcs.sim.fleet import Fleet
-from gcs.sim.settings import Settings
+from gcs.sim.settings import PAD_SPACING_M, Settings
 from tests.support.virtual_link import STREAMS_HZ, VirtualLink, VirtualPorts
-from tests.support.virtual_show import FLEET_STEP_S, ORIGIN, READY_AT_ONCE, SOON_DISARMED, load_machine_code
+from tests.support.virtual_show import (
+    FLEET_STEP_S,
+    ORIGIN,
+    POSITIONING,
+    READY_AT_ONCE,
+    SOON_DISARMED,
+    load_machine_code,
+)
 from tests.support.virtual_time import AtOnce, Loop, ProcessLoop, UnixClock, as_process
 
 T = TypeVar("T")
@@ -36,7 +43,7 @@ NAMES = ("north", "south", "west", "east")
 def site_config(stations: int, each: int, **sections: Any) -> Config:
     """A site of some stations with `each` vehicles: n1, n2 ... s1 ...; `sections` replace others."""
     names = NAMES[:stations]
-    field_m = 4.0 * np.sqrt(stations * each)
+    field_m = PAD_SPACING_M * np.sqrt(stations * each)
     raw: dict[str, Any] = {
         "show_frame": ORIGIN,
         "links": [
@@ -65,6 +72,7 @@ def site_config(stations: int, each: int, **sections: Any) -> Config:
             "setpoint_loss_action": "hold",
             "require_safe_setpoint_loss": False,
         },
+        "positioning": POSITIONING,
     }
     return Config.model_validate({**raw, **sections})
 

@@ -20,7 +20,7 @@ about: Four vehicles stand, walk, turn and follow a guest.
 origin: {latitude_deg: 47.397742, longitude_deg: 8.545594, altitude_amsl_m: 488.0, heading_deg: 30.0}
 fleet:
   vehicles: 4
-  pads: {columns: 2, spacing_m: 4.0}
+  pads: {columns: 2, spacing_m: 5.0}
   endurance_s: 900.0
 fence: {height_min_m: 3.0, height_max_m: 60.0, distance_max_m: 100.0}
 duration_s: 42.0
@@ -35,7 +35,7 @@ timeline:
 """
 
 
-SPACING_M: Final = 4.0
+SPACING_M: Final = 5.0
 
 
 def on_pads(turned_deg: float = 0.0, north_m: float = 0.0, east_m: float = 0.0) -> dict[str, Any]:

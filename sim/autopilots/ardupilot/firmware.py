@@ -26,7 +26,7 @@ from gcs.sim.protocol.streams import Schedule
 from gcs.sim.settings import Settings
 from gcs.sim.vehicle.dynamics import Array, Mask
 from gcs.sim.vehicle.px4 import Columns, Value
-from gcs.sim.vehicle.sensors import Sensors
+from gcs.sim.vehicle.sensors import ARDUPILOT_RECEIVER, Sensors
 from gcs.sim.vehicle.state import Rows
 
 FIRST_HEARTBEAT_S = 1.05  # habit 1
@@ -47,6 +47,7 @@ class ArduCopter:
 
     forms: Mapping[int, Any] = reports.FORMS
     any_component = True  # habit 10
+    receiver = ARDUPILOT_RECEIVER
 
     def __init__(self, settings: Settings, position_m: Array, step_s: float, services: Services) -> None:
         """See `Firmware`. Raises: ParameterError for a parameter or value that it does not accept."""

@@ -114,7 +114,6 @@ def test_asked_streams_come_at_the_recorded_rates() -> None:
 VARIES = {
     "HOME_POSITION": {"latitude", "longitude", "altitude"},
     "GPS_GLOBAL_ORIGIN": {"latitude", "longitude", "altitude"},
-    "GPS_RAW_INT": {"h_acc", "v_acc"},
 }
 
 

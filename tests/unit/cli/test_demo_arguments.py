@@ -20,7 +20,7 @@ def config_of(*words: str) -> Config:
 
 
 def test_three_hundred_fly_on_two_links_with_equal_system_ids() -> None:
-    config = config_of("--vehicles", "300", "--transport", "native", "--seconds", "120")
+    config = config_of("--vehicles", "300", "--transport", "native", "--seconds", "160")
     ids = [[vehicle.system_id for vehicle in link.fleet] for link in config.links]
     assert ids == [list(range(1, 151))] * 2
     assert {link.transport for link in config.links} == {"native"}
@@ -66,7 +66,7 @@ def test_default_transport_is_mavsdk_with_a_port_for_each() -> None:
     [
         (("--vehicles", "51"), "2 to 50 is possible; --transport native bears more"),
         (("--vehicles", "1001", "--transport", "native"), "2 to 1000 is possible"),
-        (("--vehicles", "300", "--transport", "native", "--seconds", "60"), "at least 120 for 300"),
+        (("--vehicles", "300", "--transport", "native", "--seconds", "60"), "at least 160 for 300"),
         (("--vehicles", "8", "--seconds", "120"), "at least 170 for 8"),
     ],
 )
