@@ -53,13 +53,14 @@ class Fleet:
         self._random = np.random.default_rng(
             np.random.SeedSequence(settings.seed, spawn_key=(settings.first, 1))
         )
-        self._error = measured.draw_errors(count, settings.error_scale, self._random)
+        self.sensed_by = measured.IDEAL_RECEIVER if settings.ideal else self._firmware.receiver
+        self._error_scale = settings.noise_scale * self.sensed_by.errors
+        self._error = measured.draw_errors(count, self._error_scale, self._random)
         self._randoms = [
             np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(i,))) for i in indices
         ]
         self.state = self._firmware.state
         self.state.now_s = start_s
-        self.sensed_by = measured.IDEAL_RECEIVER if settings.ideal else self._firmware.receiver
         self.state.horizontal_accuracy_m[:] = self.sensed_by.horizontal_m
         self.state.vertical_accuracy_m[:] = self.sensed_by.vertical_m
         self.state.fix_type[:] = self.sensed_by.fix_type
@@ -106,8 +107,8 @@ class Fleet:
         step_s = self.step_s
         self._steps += 1
         self.time_s = self.state.now_s = self._start_s + self._steps * step_s
-        if (scale := self.settings.error_scale) > 0.0:
-            self._error = measured.step_errors(self._error, step_s, scale, self._random)
+        if self._error_scale > 0.0:
+            self._error = measured.step_errors(self._error, step_s, self._error_scale, self._random)
         state, sensors = self.state, self._sense()
         self.sensors = sensors
         awake = self.time_s >= state.fix_at_s

@@ -60,11 +60,6 @@ class Settings:
     quirks: Quirks = Quirks()
     rates_hz: Mapping[int, float] = field(default_factory=lambda: RECORDED_HZ)
 
-    @property
-    def error_scale(self) -> float:
-        """Errors of the estimates, relative to the recorded ones."""
-        return 0.0 if self.ideal else self.noise_scale
-
     def parameters_of(self, index: int) -> dict[str, Value]:
         """Those that are given for vehicle `index`, counted from 0."""
         return {

@@ -69,20 +69,21 @@ class EstimateError:
 
 @dataclass(frozen=True, slots=True)
 class Receiver:
-    """What a receiver reports of itself, whatever the errors of the estimates are."""
+    """What a receiver reports of itself, and how large the errors of the estimates are despite that."""
 
     fix_type: int  # GPS_FIX_TYPE
     horizontal_m: float  # accuracy, one sigma
     vertical_m: float
+    errors: float  # relative to POSITION_SD_M
 
 
-SIH_RECEIVER = Receiver(3, 0.9, 1.78)
+SIH_RECEIVER = Receiver(3, 0.9, 1.78, 1.0)
 """Recorded of PX4's simulator: 3D, though its estimates are off by POSITION_SD_M."""
 
-ARDUPILOT_RECEIVER = Receiver(6, 0.2, 0.2)
-"""Recorded of ArduPilot's simulator: RTK fixed."""
+ARDUPILOT_RECEIVER = Receiver(6, 0.2, 0.2, 0.25)
+"""Recorded of ArduPilot's simulator: RTK fixed, at rest within 0.05 m."""
 
-IDEAL_RECEIVER = Receiver(6, 0.01, 0.01)  # 0 would be unknown
+IDEAL_RECEIVER = Receiver(6, 0.01, 0.01, 0.0)  # accuracies of 0 would be unknown
 
 
 def draw_errors(count: int, scale: float, random: np.random.Generator) -> EstimateError:

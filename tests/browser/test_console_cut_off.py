@@ -23,7 +23,7 @@ fleet:
 fence: {height_min_m: 3.0, height_max_m: 60.0, distance_max_m: 100.0}
 duration_s: 60.0
 timeline:
-  - {cue: stand, at_s: 0, radius_m: 4, height_m: 8, target: {x_m: 4, y_m: 4}, lights: ["#ff0000"]}
+  - {cue: stand, at_s: 0, radius_m: 5, height_m: 9, target: {x_m: 4, y_m: 4}, lights: ["#ff0000"]}
   - {cue: turn, at_s: 1, spin: {rate_deg_s: 8}, over_s: 4}
 """
 WRONG_LINE: Final = 13
@@ -32,7 +32,7 @@ WRONG_LINE: Final = 13
 def choose_show(ui: Console, folder: Path) -> None:
     """Upload two, read why the one is none, select the other."""
     ui.opens("2", "panel-shows")
-    for name, text in (("broken", SHOW.replace("radius_m: 4", "radius_m: wide")), ("circle", SHOW)):
+    for name, text in (("broken", SHOW.replace("radius_m: 5", "radius_m: wide")), ("circle", SHOW)):
         file = folder / f"{name}.yaml"
         file.write_text(text, encoding="utf-8")
         ui.part("show-upload").set_input_files(file)

@@ -147,7 +147,7 @@ def add_obstacle(ui: Console, ground: Station) -> None:
 def test_a_show_is_flown_by_the_page_alone(chrome: Browser, tmp_path: Path) -> None:
     control = free_ports()
     with (
-        station(tmp_path, 4, takeoff_m=3.0, radius_m=4.0, height_m=9.0, control=control) as ground,
+        station(tmp_path, 4, takeoff_m=3.0, radius_m=5.0, height_m=10.0, control=control) as ground,
         console(chrome, ground.url) as ui,
     ):
         ui.says("connection", "Live")

@@ -88,7 +88,7 @@ def test_box_dragged_in_the_scene_selects_its_vehicles(chrome: Browser, tmp_path
 
 def test_a_command_acts_on_the_selection_and_kill_begins_with_it(chrome: Browser, tmp_path: Path) -> None:
     with (
-        station(tmp_path, 5, takeoff_m=3.0, radius_m=5.0, height_m=10.0) as ground,
+        station(tmp_path, 5, takeoff_m=3.0, radius_m=5.5, height_m=10.5) as ground,
         console(chrome, ground.url, width=1440, height=900) as ui,
     ):
         client = ground.client

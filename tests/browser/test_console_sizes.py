@@ -107,7 +107,7 @@ def flying(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Station]:
     """Four vehicles in formation; the fourth one's battery is low, and no failsafe acts on it."""
     control = free_ports()
     folder = tmp_path_factory.mktemp("flying")
-    with station(folder, 4, takeoff_m=3.0, radius_m=4.0, height_m=9.0, control=control) as ground:
+    with station(folder, 4, takeoff_m=3.0, radius_m=5.0, height_m=10.0, control=control) as ground:
         wait_passes(ground.client)
         ground.client.start()
         wait_until("running", SOON_S, lambda: ground.client.show().phase == "running")

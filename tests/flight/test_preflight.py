@@ -352,3 +352,17 @@ def test_on_the_ground_a_report_is_made_at_most_once_a_second(tmp_path: Path) ->
         assert show.service.preflight.report() is not second
 
     fly_show(story, config(tmp_path))
+
+
+def test_radius_refused_for_one_receiver_names_that_vehicle() -> None:
+    async def story(show: Show) -> str:
+        await show.standby()
+        show.befall("d3", "accuracy", eph_m=0.6)
+        await show.wait(1.0)
+        return (await refused(show, lambda: show.service.commands.command_show(ShowAction.START))).text
+
+    text = fly(story, show_config(4, positioning={"share": 1.0}), spacing_m=12.0, ideal=True)
+    assert text.startswith("radius_m = 6.0: at least 6.9 m for 4 vehicles 10.7 m apart, because ")
+    assert text.endswith(
+        "2.8 m is enough at 0.05 m, as with RTK; the least certain is d3, with an RTK fixed fix of 0.6 m"
+    )
