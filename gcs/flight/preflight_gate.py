@@ -285,7 +285,8 @@ class PreflightGate:
             try:
                 check_formation(plan.formation, len(uncertainty_m), flight.control.safety, uncertainty_m)
             except InvalidError as error:
-                whose = self._least_certain(chosen) if error.field == "radius_m" else ""
+                by_own = error.field == "radius_m" and flight.site is None
+                whose = self._least_certain(chosen) if by_own else ""
                 if not cue:
                     raise InvalidError(error.field, error.value, error.allowed + whose) from None
                 raise RefusedError(f"at '{cue}': {error}{whose}") from None

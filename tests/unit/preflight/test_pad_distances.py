@@ -53,8 +53,8 @@ def standing(config: Config, reported: list[Reported], pads_m: Array) -> Preflig
     fix, level_m, up_m = np.array(reported, dtype=np.float64).T.copy()
     ids, zero = tuple(f"d{row + 1}" for row in range(n)), np.zeros((n, 3))
     alike = {each.name: _repeated(getattr(GOOD, each.name), n) for each in fields(GOOD)}
-    told = {"ids": ids, "fix_type": fix, "horizontal_accuracy_m": level_m, "vertical_accuracy_m": up_m}
-    telemetry = Telemetry(**{**alike, **told})
+    reported_by = {"ids": ids, "fix_type": fix, "horizontal_accuracy_m": level_m, "vertical_accuracy_m": up_m}
+    telemetry = Telemetry(**{**alike, **reported_by})
     least = floor.uncertainty_m, floor.vertical_uncertainty
     given: dict[str, Any] = {
         "fleet": FleetState(0.0, ids, np.column_stack([pads_m, np.zeros(n)]), zero, np.zeros(n), np.zeros(n)),

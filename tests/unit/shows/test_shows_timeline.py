@@ -165,6 +165,6 @@ def test_hash_covers_the_content_not_the_formatting() -> None:
 
 def test_pads_are_rows_about_their_centre() -> None:
     pads_m = loaded().show.pads_m
-    assert pads_m[:2].tolist() == [[-2.0, -6.0, 0.0], [-2.0, -2.0, 0.0]]
+    assert pads_m[:2].tolist() == [[-2.5, -7.5, 0.0], [-2.5, -2.5, 0.0]]
     assert pads_m.mean(axis=0).tolist() == [0.0, 0.0, 0.0]
     assert BEGIN["at_s"] == 0
