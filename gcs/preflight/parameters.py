@@ -132,7 +132,7 @@ def parameter_checks(
     needed: Sequence[Requirement],
     read: Mapping[str, ParameterValue] | None,
     problem: str | None,
-    missing_to_do: str = MEND,
+    missing_to_do: str,
 ) -> list[Check]:
     """Return the parameter checks of one vehicle, with what fixes failures.
 
@@ -142,7 +142,8 @@ def parameter_checks(
     """
     if read is None:
         text = f"parameters not read yet{f': {problem}' if problem else '; it is being asked'}"
-        return [Check(OTHERS, State.UNKNOWN, limit=f"{len(needed)} hold", problem=text, to_do="wait")]
+        to_do = f"wait; if it stays so, {missing_to_do}" if problem else "wait"
+        return [Check(OTHERS, State.UNKNOWN, limit=f"{len(needed)} hold", problem=text, to_do=to_do)]
     checks = [_wrong(requirement, value, missing_to_do) for requirement, value in broken(needed, read)]
     wrong = {check.name for check in checks}
     for name, count in Counter(group_of(requirement.name) for requirement in needed).items():

@@ -38,7 +38,7 @@ def missing_to_do(versions: Versions, version: Version | None) -> str:
     """Return what to do about a parameter that a vehicle of this version does not have."""
     if versions.is_newer(version):
         return (
-            f"{versions.title} {version} is newer than what this station knows: update the station, or fly"
-            f" {versions.supported}"
+            f"update the station, or fly {versions.supported}:"
+            f" {versions.title} {version} is newer than what it knows"
         )
     return f"install {versions.supported} as released, with all of its parameters"

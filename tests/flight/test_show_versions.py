@@ -7,6 +7,8 @@ from gcs.model.preflight_report import PreflightReport
 from gcs.service import ShowAction
 from tests.support.virtual_show import Refusal, Show, fly, refused, show_config
 
+HOLDS = {"setpoint_loss_action": "hold"}
+
 
 def report_version(show: Show, raw: int) -> None:
     """Let d1 report this flight_sw_version from now on, as after an update of its firmware."""
@@ -67,7 +69,7 @@ def test_newer_version_flies_and_is_listed_as_not_checked() -> None:
         await show.standby()
         return await after(show, 0x011300FF)
 
-    report = fly(story, show_config(2, operation={"pilot_takes_over": False}))
+    report = fly(story, show_config(2, operation={**HOLDS, "pilot_takes_over": False}))
     assert report.passes
     newer, polygons = [text for text in report.not_checked if text.startswith("d1: ")]
     assert newer.startswith("d1: it has PX4 1.19.0, newer than what this station knows (PX4 1.14 to 1.18)")
@@ -80,7 +82,7 @@ def test_what_a_newer_version_lacks_is_refused_by_name() -> None:
         await after(show, 0x011300FF)
         return await start(show)
 
-    refusal = fly(story, show_config(2))
-    assert "d1: MAN_OVERRIDE_SPD is not there, 0.1 to 3 1/s is needed" in refusal.text
-    assert "PX4 1.19.0 is newer than what this station knows: update the station" in refusal.text
+    refusal = fly(story, show_config(2, operation=HOLDS))
+    assert "parameter MAN_OVERRIDE_SPD: no answer; there is no such parameter" in refusal.text
+    assert "wait; if it stays so, update the station, or fly PX4 1.14 to 1.18" in refusal.text
     assert "gcs params apply" not in refusal.text

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 
+from gcs.links.autopilots.versions import Version
 from gcs.model.errors import CommandError, UnknownError
 from tests.support.link_bench import AnyLink, a_link, is_open, running, until
 from tests.support.machine import free_ports
@@ -82,3 +83,11 @@ def test_closed_link_and_unknown_vehicle_are_reported() -> None:
                 await link.set_parameter("v1", "COM_OBL_RC_ACT", 5)
 
     asyncio.run(main())
+
+
+def test_version_of_each_autopilot_is_received() -> None:
+    async def story(link: AnyLink) -> None:
+        await until(lambda: all(link.snapshot().version))
+        assert [str(Version.of(each)) for each in link.snapshot().version] == ["1.16.1"] * 2
+
+    with_two(story)

@@ -109,7 +109,7 @@ def test_parameter_that_a_newer_version_lacks_is_refused_by_name() -> None:
     _, applied, _, _ = inspected("ardupilot", values, released("4.8"))
     (row,) = (row for row in applied if not row.good)
     assert (row.parameter, row.verdict) == ("WP_ACC", params.MISSING)
-    assert row.to_do.startswith("ArduCopter 4.8.0 is newer than what this station knows: update the station")
+    assert row.to_do.startswith("update the station, or fly ArduCopter 4.0 to 4.7: ArduCopter 4.8.0 is newer")
 
 
 def test_too_old_a_version_is_refused_and_nothing_is_set() -> None:

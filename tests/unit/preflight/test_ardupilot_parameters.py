@@ -126,7 +126,7 @@ def test_names_tell_which_version_a_vehicle_has() -> None:
 
 
 def test_what_a_version_lacks_is_named_and_no_failure() -> None:
-    assert all(check.state is State.PASS for check in parameter_checks(NEEDED, APPLIED, None))
+    assert all(check.state is State.PASS for check in parameter_checks(NEEDED, APPLIED, None, ""))
     flies_on, critical = remaining_risks(NEEDED, APPLIED)
     assert flies_on.startswith("no GUID_TIMEOUT: it flies on for 3 s")
     assert critical.startswith("BATT_CRT_VOLT and BATT_CRT_MAH are 0")

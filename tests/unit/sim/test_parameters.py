@@ -30,6 +30,7 @@ def made(operation: OperationSettings) -> list[Requirement]:
 
 
 NEEDED = made(OPERATION)
+TO_DO = "install it as released"
 GOOD = {each.name: each.set_to for each in NEEDED}
 
 
@@ -142,7 +143,7 @@ def test_single_precision_rounding_is_not_a_wrong_value() -> None:
 
 
 def failed(read: dict[str, ParameterValue] | None, problem: str | None = None) -> list[Check]:
-    return [check for check in parameter_checks(NEEDED, read, problem) if not check.passes]
+    return [check for check in parameter_checks(NEEDED, read, problem, TO_DO) if not check.passes]
 
 
 def test_vehicle_not_yet_read_stays_on_the_ground() -> None:
@@ -150,6 +151,7 @@ def test_vehicle_not_yet_read_stays_on_the_ground() -> None:
     assert (check.state, check.problem) == (State.UNKNOWN, "parameters not read yet; it is being asked")
     (check,) = failed(None, "d1: parameter GF_ACTION: no answer")
     assert check.problem == "parameters not read yet: d1: parameter GF_ACTION: no answer"
+    assert check.to_do == f"wait; if it stays so, {TO_DO}"
 
 
 def test_wrong_value_names_the_right_one_and_its_command() -> None:
@@ -166,10 +168,11 @@ def test_a_parameter_that_the_vehicle_does_not_have_is_reported() -> None:
     without = {name: value for name, value in GOOD.items() if name != "GF_ACTION"}
     (check,) = failed(without)
     assert check.problem.startswith("GF_ACTION is not there, 2 is needed")
+    assert check.to_do == TO_DO, "applying cannot help"
 
 
 def test_correct_parameters_are_summarised_by_purpose_and_count() -> None:
-    checks = parameter_checks(NEEDED, GOOD, None)
+    checks = parameter_checks(NEEDED, GOOD, None, TO_DO)
     assert {check.name for check in checks} == {"parameters", "speed limits", "own fence"}
     assert all(check.passes for check in checks)
     assert sum(check.value or 0.0 for check in checks) == len(NEEDED)
