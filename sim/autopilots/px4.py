@@ -72,7 +72,7 @@ class Px4:
         self._batteries = Batteries(self.state, parameters, settings.endurance_s)
         self._transitions = Transitions(self.state, commanders, parameters, settings.quirks)
         self._guidance = Guidance(self.state, commanders, parameters, settings.quirks)
-        self._estimator = Estimator(self.state, settings.quirks)
+        self._estimator = Estimator(self.state, resets=settings.quirks.estimator_resets)
 
     def boot(self, row: int, now_s: float, random: np.random.Generator) -> None:
         """Ready after some seconds, by the vehicle's own random numbers; the clock is slow."""

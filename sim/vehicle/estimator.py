@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs.sim.vehicle.dynamics import Array, Mask
-from gcs.sim.vehicle.px4 import Mode, Quirks
+from gcs.sim.vehicle.px4 import Mode
 from gcs.sim.vehicle.state import FIX_3D, State
 
 RESETS_AT_BOOT = 13
@@ -26,15 +26,15 @@ DRIFT_M_S2 = 0.02
 
 @dataclass(eq=False)
 class Estimator:
-    """The estimators of a fleet."""
+    """The estimators of a fleet; `resets`: whether they are reset at boot and in flight."""
 
     state: State
-    quirks: Quirks
+    resets: bool
 
     def boot(self, row: int, random: np.random.Generator) -> None:
         """Draw what this vehicle's estimator will do in flight."""
         state, direction_rad = self.state, random.uniform(-np.pi, np.pi)
-        state.reset_counter[row] = RESETS_AT_BOOT if self.quirks.estimator_resets else 0
+        state.reset_counter[row] = RESETS_AT_BOOT if self.resets else 0
         state.heading_turn_rad[row] = random.uniform(-LARGEST_TURN_RAD, LARGEST_TURN_RAD)
         state.drift_m_s2[row] = DRIFT_M_S2 * np.array((np.cos(direction_rad), np.sin(direction_rad), 0.0))
 
@@ -48,7 +48,7 @@ class Estimator:
         Returns: (n,), vehicles that no longer know their position.
         """
         state = self.state
-        if self.quirks.estimator_resets:
+        if self.resets:
             waits_s = np.where(state.mode == Mode.TAKEOFF.number, TAKEOFF_ALIGNED_S, ALIGNED_S)
             due = state.powered & ~state.heading_aligned & (height_m >= ALIGNED_ABOVE_M)
             due &= state.now_s - state.airborne_since_s >= waits_s

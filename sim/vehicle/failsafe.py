@@ -13,8 +13,9 @@ TERMINATE, DISARM = -2, -3
 """Actions that are no mode."""
 
 ACTIVATED = "Failsafe activated"
-WITH_COLON, NO_TEXT_FOR_WARNINGS, BY_RC_LOSS = (1, 15), (1, 17), (1, 17)
-"""Releases in which the text of HOLD, that of warnings, and the fallback without a transmitter changed."""
+WITH_COLON, WORSE_THAN_AT_ARMING, NO_TEXT_FOR_WARNINGS, BY_RC_LOSS = (1, 15), (1, 16), (1, 17), (1, 17)
+"""Releases from which on the text of HOLD has a colon, a battery acts only where it is worse than at arming,
+a warning has no text, and lost setpoints without a transmitter are a lost transmitter."""
 
 
 class Loss(IntEnum):

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from gcs.sim.vehicle import failsafe
 from gcs.sim.vehicle.commander import BY_HAND, LAND, OFFBOARD, TAKEOFF, Commander, LandedState, fed
 from gcs.sim.vehicle.dynamics import Array, Mask
 from gcs.sim.vehicle.parameters import Columns
@@ -48,6 +49,8 @@ class Transitions:
             for row in (lost & ~state.terminated).nonzero()[0].tolist():
                 self.commanders[row].lose_position()
             charge = batteries.charge_state()
+            if self.commanders[0].firmware_release >= failsafe.WORSE_THAN_AT_ARMING:
+                state.charge = np.where(armed & ~state.flown, charge, state.charge)
             weak = armed & ~state.landed & (charge > state.charge)
             for row in weak.nonzero()[0].tolist():
                 self.commanders[row].weaken(int(charge[row]))

@@ -21,7 +21,7 @@ async def three_flat(show: Show) -> dict[str, Any]:
     for name in ("d1", "d2", "d3"):
         show.befall(name, "battery", remaining=0.05)
     await show.until(lambda: all(show.vehicle(name).phase is Phase.PILOT for name in ("d1", "d2", "d3")))
-    await show.wait(0.5)
+    await show.wait(6.5)  # PX4 holds for COM_FAIL_ACT_T first
     alarms, reasons = show.view.alarms, [show.vehicle(name).reason for name in ("d1", "d2", "d3")]
     flight = show.service._flight
     refusals = [

@@ -1,4 +1,4 @@
-"""What a real ArduCopter does that flatters nobody: console text, slow clocks, heights, texts by release."""
+"""What a real ArduCopter does and a kind fake did not: console text, slow clocks, heights, texts."""
 
 from __future__ import annotations
 

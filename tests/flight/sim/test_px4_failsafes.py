@@ -81,6 +81,14 @@ def test_the_firmwares_default_for_a_battery_is_a_warning() -> None:
     assert "Emergency battery level" in bench.texts
 
 
+def test_a_battery_that_was_low_at_arming_does_not_act() -> None:
+    """From v1.16 on: only what becomes worse in flight acts."""
+    bench = ready()
+    befall(bench, "battery", remaining=0.06)
+    assert bench.take_off(3.0).mode == HOLD
+    assert "Critical battery" not in bench.texts
+
+
 @pytest.mark.parametrize(("release", "mark"), [((1, 14), ","), ((1, 15), ":"), ((1, 18), ":")])
 def test_the_text_of_the_hold_changed_with_1_15(release: tuple[int, int], mark: str) -> None:
     assert failsafe.hold_text(release, 5.0) == f"Failsafe activated{mark} entering Hold for 5 seconds"
