@@ -1,4 +1,4 @@
-"""What a real PX4 does by itself is told in the right words within a second, and so is what to do."""
+"""What a real PX4 does by itself is reported in the right words within a second, and so is what to do."""
 
 from typing import Any
 
@@ -18,7 +18,7 @@ ABOUT_OTHERS = {
     AlarmCause.SLOW_VEHICLE,
     AlarmCause.WIND,
 }
-TOLD_S, BEAT_S = 1.0, 1.2
+REPORTED_S, BEAT_S = 1.0, 1.2
 """Told within this time of what is received; a heartbeat tells a mode once a second."""
 ACTS_S = 4.8
 """So long after its receiver has failed PX4 descends, in mode LAND."""
@@ -27,7 +27,7 @@ ACTS_S = 4.8
 async def blind(show: Show) -> dict[str, Any]:
     began_s = show.now_s
     show.befall("d2", "fix", type="no-gps")
-    await show.wait(TOLD_S)
+    await show.wait(REPORTED_S)
     first = {alarm.cause: alarm for alarm in show.view.alarms}
     await show.wait(ACTS_S + BEAT_S)
     then = {alarm.cause: alarm for alarm in show.view.alarms if alarm.lasts}
@@ -50,8 +50,8 @@ async def blind(show: Show) -> dict[str, Any]:
 
 def test_blind_vehicle_is_told_as_one_that_cannot_be_steered() -> None:
     found = fly(blind, FOUR, after=running)
-    told = found["first"][AlarmCause.BAD_POSITION]
-    assert (told.vehicles, "no 3D fix" in told.text) == (("d2",), True)
+    reported = found["first"][AlarmCause.BAD_POSITION]
+    assert (reported.vehicles, "no 3D fix" in reported.text) == (("d2",), True)
     assert found["cause"] is FailsafeCause.POSITION_LOSS
     own = found["then"][AlarmCause.OWN_FAILSAFE]
     assert "lands by its own position-loss failsafe" in own.text
@@ -65,7 +65,7 @@ def test_blind_vehicle_is_told_as_one_that_cannot_be_steered() -> None:
 
 async def terminated(show: Show) -> dict[str, Any]:
     show.befall("d2", "termination")
-    await show.wait(BEAT_S + TOLD_S)
+    await show.wait(BEAT_S + REPORTED_S)
     seen = {alarm.cause: alarm for alarm in show.view.alarms}
     phase = show.vehicle("d2").phase
     await show.wait(5.0)
@@ -99,7 +99,7 @@ def test_flight_termination_is_told_at_once_and_confirmed_down() -> None:
 
 async def asked_to_land(show: Show) -> dict[str, Any]:
     show.befall("d2", "compass")
-    await show.wait(TOLD_S)
+    await show.wait(REPORTED_S)
     seen = {alarm.cause: alarm for alarm in show.view.alarms}
     landed = await show.command("d2", VehicleAction.LAND)
     return {"seen": seen, "landed": landed.outcome}
