@@ -119,6 +119,8 @@ def _battery(inputs: FailsafeInputs, announced: set[FailsafeCause]) -> FailsafeC
     return None
 
 
+_ACTS: Final = frozenset({Meaning.HOLDS_FIRST, Meaning.UNSAID})
+
 _DOES: Final = {Mode.HOLD: "holds", Mode.LAND: "lands", Mode.RETURN: "returns", Mode.POSITION: "descends"}
 
 TERMINATED: Final = "its autopilot has stopped its motors (flight termination, or a kill switch)"
@@ -154,10 +156,18 @@ def described(vehicle_id: VehicleId, cause: FailsafeCause, inputs: FailsafeInput
     )
     advice = _BLIND if cause is FailsafeCause.POSITION_LOSS else _TAKE_CONTROL
     if cause in BATTERY:
-        advice = _LEAVE if comes_down(inputs) else _LAND
+        acts_soon = inputs.mode is Mode.HOLD and _holds_first(inputs)
+        does += " for a few seconds first" if acts_soon else ""
+        advice = _LEAVE if acts_soon or comes_down(inputs) else _LAND
     if cause is FailsafeCause.SETPOINT_LOSS:
         level = f": {_setpoints(inputs)}"
     return f"{vehicle_id} {does} by {failsafe}{level}. {advice}"
+
+
+def _holds_first(inputs: FailsafeInputs) -> bool:
+    """Whether it holds until its failsafe acts, as its newest text says."""
+    acts = [meaning for text in inputs.texts if (meaning := meaning_of(text)) in _ACTS]
+    return acts[-1:] == [Meaning.HOLDS_FIRST]
 
 
 def _setpoints(inputs: FailsafeInputs) -> str:

@@ -21,7 +21,10 @@ async def three_flat(show: Show) -> dict[str, Any]:
     for name in ("d1", "d2", "d3"):
         show.befall(name, "battery", remaining=0.05)
     await show.until(lambda: all(show.vehicle(name).phase is Phase.PILOT for name in ("d1", "d2", "d3")))
-    await show.wait(6.5)  # PX4 holds for COM_FAIL_ACT_T first
+    await show.wait(0.5)
+    held = {show.vehicle(name).reason.partition(" ")[2] for name in ("d1", "d2", "d3")}
+    await show.until(lambda: all(" lands " in show.vehicle(name).reason for name in ("d1", "d2", "d3")), 8.0)
+    await show.wait(0.5)
     alarms, reasons = show.view.alarms, [show.vehicle(name).reason for name in ("d1", "d2", "d3")]
     flight = show.service._flight
     refusals = [
@@ -35,6 +38,7 @@ async def three_flat(show: Show) -> dict[str, Any]:
     }
     return {
         "alarms": alarms,
+        "held": held,
         "reasons": reasons,
         "refusals": refusals,
         "verbs": verbs,
@@ -44,6 +48,9 @@ async def three_flat(show: Show) -> dict[str, Any]:
 
 def test_three_that_land_on_empty_batteries_are_named() -> None:
     found = fly(three_flat, config(), parameters={"COM_LOW_BAT_ACT": 2}, quirks=Quirks())
+    assert found["held"] == {
+        "holds for a few seconds first by its own critical-battery failsafe, battery 5%. Leave it."
+    }
     assert found["reasons"] == [
         f"{name} lands by its own critical-battery failsafe, battery 5%. Leave it."
         for name in ("d1", "d2", "d3")

@@ -27,6 +27,7 @@ class Meaning(StrEnum):
     LINK_BACK = "link-back"  # heartbeats are received again, and the mode of the failsafe stays
     REFUSED = "refused"  # it answers a command: it explains no failsafe
     OVER = "over"  # a failsafe or a warning has ended
+    HOLDS_FIRST = "holds-first"  # a failsafe acts within seconds, and holds until then
     UNSAID = "unsaid"  # a failsafe acts, of a cause that is not said
     NOTHING = "nothing"  # none of these
 
@@ -88,6 +89,7 @@ TEXTS: Final = tuple(
         (ANY, "", M.DATA_LINK_LOSS, r"(gcs|data ?link|ground (control )?station).*\blost"),
         (ARDUPILOT, "4.0-4.7", M.RC_LOSS, r"radio failsafe"),
         (ANY, "", M.RC_LOSS, r"(\brc\b|manual control|radio control).*\b(lost|loss)"),
+        (PX4, "1.14-1.18", M.HOLDS_FIRST, r"failsafe activated.*entering hold"),
         (PX4, "1.14-1.18", M.UNSAID, r"failsafe activated"),
     )
 )

@@ -135,6 +135,17 @@ def test_control_is_refused_only_where_it_would_stop_a_landing() -> None:
     assert described("d1", cause_of(hovers), hovers).endswith("Take control, and land it.")
 
 
+def test_battery_failsafe_that_holds_first_is_left_to_land() -> None:
+    texts = ("Failsafe activated: entering Hold for 5 seconds",)
+    held = replace(INPUTS, battery_remaining=0.05, texts=texts)
+    text = described("d1", cause_of(held), held)
+    assert (
+        text == "d1 holds for a few seconds first by its own critical-battery failsafe, battery 5%. Leave it."
+    )
+    stays = replace(held, texts=(*texts, "Failsafe activated"))
+    assert described("d1", cause_of(stays), stays).endswith("Take control, and land it.")
+
+
 def test_blind_vehicle_is_left_alone_in_words_and_deeds() -> None:
     blind = replace(LANDS, position_doubtful=True)
     text = described("d1", cause_of(blind), blind)

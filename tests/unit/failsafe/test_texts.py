@@ -13,8 +13,8 @@ PX4_ALL = ("1.14", "1.15", "1.16", "1.17", "1.18")
 COPTER_ALL = ("4.0", "4.1", "4.2", "4.3", "4.4", "4.5", "4.6", "4.7")
 
 PUBLISHED = (
-    (PX4, ("1.14",), "Failsafe activated, entering Hold for 5 seconds", M.UNSAID),
-    (PX4, PX4_ALL[1:], "Failsafe activated: entering Hold for 5 seconds", M.UNSAID),
+    (PX4, ("1.14",), "Failsafe activated, entering Hold for 5 seconds", M.HOLDS_FIRST),
+    (PX4, PX4_ALL[1:], "Failsafe activated: entering Hold for 5 seconds", M.HOLDS_FIRST),
     (PX4, PX4_ALL, "Failsafe activated", M.UNSAID),
     (PX4, ("1.14",), "Preflight Fail: Geofence violation", M.REFUSED),
     (PX4, ("1.14",), "Maximum distance from home reached (60)", M.GEOFENCE),

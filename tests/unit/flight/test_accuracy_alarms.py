@@ -1,4 +1,4 @@
-"""One vehicle's bad position is told of that vehicle: it is no wind, and no small radius."""
+"""One vehicle's bad position is reported of that vehicle: it is no wind, and no small radius."""
 
 from dataclasses import replace
 from typing import Final
@@ -58,12 +58,12 @@ def test_one_uncertain_vehicle_is_named_instead() -> None:
 def test_vehicle_without_a_fix_makes_no_radius_small() -> None:
     blind = running({2: 3.0}, doubtful=(2,))
     assert of_the_radius(blind) == []
-    (told,) = AccuracyAlarms(blind).of_positions(())
-    assert (told.cause, told.because, told.vehicles) == (AlarmCause.BAD_POSITION, NO_FIX, ("d2",))
-    assert told.advice == ""
+    (reported,) = AccuracyAlarms(blind).of_positions(())
+    assert (reported.cause, reported.because, reported.vehicles) == (AlarmCause.BAD_POSITION, NO_FIX, ("d2",))
+    assert reported.advice == ""
     blind.vehicles["d2"].phase = Phase.PILOT
-    (told,) = AccuracyAlarms(blind).of_positions(())
-    assert "cannot be steered" in told.advice
+    (reported,) = AccuracyAlarms(blind).of_positions(())
+    assert "cannot be steered" in reported.advice
 
 
 def of_wind(
@@ -88,14 +88,14 @@ def of_wind(
 
 
 def test_several_that_lack_velocity_are_in_wind_at_once() -> None:
-    (told,) = of_wind(running({}), {0: BLOWN, 3: BLOWN}, seconds=0.0)
-    assert "by wind or gusts" in told.because
+    (reported,) = of_wind(running({}), {0: BLOWN, 3: BLOWN}, seconds=0.0)
+    assert "by wind or gusts" in reported.because
 
 
 def test_one_alone_that_lacks_velocity_is_named_when_it_lasts() -> None:
     assert of_wind(running({}), {3: BLOWN}, seconds=LASTS_S / 2.0) == []
-    (told,) = of_wind(running({}), {3: BLOWN}, seconds=LASTS_S)
-    assert told.because == "d3 alone, 1.5 m/s off"
+    (reported,) = of_wind(running({}), {3: BLOWN}, seconds=LASTS_S)
+    assert reported.because == "d3 alone, 1.5 m/s off"
 
 
 @pytest.mark.parametrize("lacking", [{}, {3: BLOWN}])

@@ -61,7 +61,7 @@ def test_space_below_a_terminated_vehicle_is_closed() -> None:
     assert subject.closing() == {"d2"}
 
 
-def test_landing_that_an_autopilot_asks_for_is_an_alarm_in_its_words() -> None:
+def test_landing_that_an_autopilot_asks_for_is_an_alarm() -> None:
     subject = flying()
     texts = tuple((StatusText(0.0, 2, LAND_NOW),) if row == 1 else () for row in range(COUNT))
     subject.telemetry = replace(subject.telemetry, texts=texts)
