@@ -17,10 +17,11 @@ from gcs.api.map_tiles import GroundMap
 from gcs.api.schemas import binary_frame as frames
 from gcs.api.schemas import convert
 from gcs.api.schemas.fleet import Status
-from gcs.model.errors import RefusedError
+from gcs.model.errors import LinkError, RefusedError
 from gcs.model.plan import Plan
 from gcs.model.state import VehicleId
-from gcs.service import FleetView, SelectedShow, Service
+from gcs.service import CommandRecord, FleetView, SelectedShow, Service
+from gcs.service.interface import LastResort
 
 STATUS_S: Final = 0.5
 """Least seconds between two status messages."""
@@ -134,6 +135,7 @@ class Context:
         self.kill_switch = KillSwitch()
         self.drawings = Drawings(service.frame, lambda: self.view.show)
         self.feed = Feed(service, authorization.text, self.health_problem, ground)
+        self.last_resort: LastResort | None = None  # None: a kill needs control
         self.emergency_port: int | None = None  # of the emergency listener, once it listens
         self._text = ""
         self._text_of: tuple[FleetView, str] | None = None
@@ -148,6 +150,20 @@ class Context:
     def plan(self) -> Plan:
         """The plan as of now: a client reads what it has just written."""
         return self.service.plan.current
+
+    async def kill(self, vehicles: Sequence[VehicleId]) -> CommandRecord:
+        """Kill vehicles by control, or without it when it does not answer. Raises: LinkError."""
+        try:
+            return self.service.commands.kill(vehicles)
+        except LinkError:
+            if self.last_resort is None:
+                raise
+            return await self.last_resort.kill(vehicles)
+
+    def command_record(self, command_id: str) -> CommandRecord:
+        """Return an accepted command. Raises: UnknownError, LinkError."""
+        found = None if self.last_resort is None else self.last_resort.find(command_id)
+        return found or self.service.command_log.get(command_id)
 
     def now_s(self) -> float:
         return asyncio.get_running_loop().time()

@@ -175,7 +175,7 @@ async def list_commands(context: ContextDep) -> list[CommandRecord]:
 )
 async def get_command(command_id: CommandId, context: ContextDep) -> CommandRecord:
     """An accepted command and its outcome for each vehicle."""
-    return context.service.command_log.get(command_id)
+    return context.command_record(command_id)
 
 
 # Before a start
@@ -241,4 +241,4 @@ async def confirm_kill(
 ) -> CommandRecord:
     """Kills the code's vehicles. A code works once, and for a short time."""
     vehicles = context.kill_switch.confirm(body.code, CALLER.get(), context.now_s())
-    return _accepted(response, context.service.commands.kill(vehicles))
+    return _accepted(response, await context.kill(vehicles))

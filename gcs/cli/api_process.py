@@ -62,7 +62,10 @@ async def api_process(config: Config) -> AsyncIterator["ApiProcess"]:
             except LinkError as error:
                 raise LinkError(f"{name}: {error}") from None
         port, lane_port = (each.getsockname()[1] for each in listeners)
-        api = ApiProcess(port, listeners, ApiSettings(host, lane_port, access, config.map, level, station))
+        record = None if config.record is None else config.record.folder
+        links = config.model_dump_json(include={"links"})
+        settings = ApiSettings(host, lane_port, access, config.map, level, station, record, links)
+        api = ApiProcess(port, listeners, settings)
         try:
             await api.start()
         except OSError as error:

@@ -13,6 +13,7 @@ from gcs.api.auth.tokens import Tokens
 from gcs.api.map_tiles import GroundMap, open_map
 from gcs.api.server import serve_on
 from gcs.cli.api_settings import ApiSettings
+from gcs.cli.kill_without_control import KillWithoutControl
 from gcs.cli.process import set_up_log
 from gcs.model.errors import ConfigError, LinkError
 from gcs.service.map_settings import MapSettings
@@ -39,6 +40,7 @@ async def _serve(service: RemoteService, listeners: list[socket.socket]) -> None
     app = create_app(service, host_names=names, authorization=authorization, ground=ground)
     app.openapi()  # takes a quarter of a second: do it now, not at a request during a flight
     app.state.context.emergency_port = settings.lane_port
+    app.state.context.last_resort = KillWithoutControl(settings.record, settings.links)
     gc.collect()
     gc.freeze()
     loop = asyncio.get_running_loop()

@@ -1,6 +1,7 @@
 """What control's process starts the API's process with."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from gcs.service.access import AccessSettings
 from gcs.service.map_settings import MapSettings
@@ -16,3 +17,5 @@ class ApiSettings:
     map: MapSettings | None
     log_level: int
     station: str | None  # None: one station flies all vehicles
+    record: Path | None
+    links: str  # of the configuration, as JSON: for a kill without control

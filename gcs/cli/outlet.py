@@ -69,7 +69,7 @@ class OutletHandler(logging.Handler):
 
     def __init__(self, outlet: Outlet) -> None:
         super().__init__()
-        self._outlet = outlet
+        self._lines = outlet
 
     def emit(self, record: logging.LogRecord) -> None:
-        self._outlet.write(self.format(record))
+        self._lines.write(self.format(record))

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Final
 from gcs.cli.commands import ACTIONS, CALLS, Call
 from gcs.cli.output import REFUSED, exit_code, fail, failed, print_json
 from gcs.client import URL, Client, fleet_client
-from gcs.client.http import Deferred
+from gcs.client.http import Deferred, Exchange
 from gcs.model.errors import GcsError, UnknownError, visible
 
 if TYPE_CHECKING:
@@ -84,6 +84,12 @@ def connected(arguments: argparse.Namespace, timeout_s: float = 5.0) -> Client:
         ca_file=ca_file,
         timeout_s=timeout_s,
     )
+
+
+def exchange(arguments: argparse.Namespace, timeout_s: float) -> Exchange:
+    """As `connected`, for calls without the API's schemas. Raises: ConfigError."""
+    ca_file = None if arguments.ca_file is None else Path(arguments.ca_file)
+    return Exchange(arguments.url, arguments.token, arguments.emergency_url, ca_file, timeout_s)
 
 
 def _add_common(parser: argparse.ArgumentParser, *, is_command: bool) -> None:

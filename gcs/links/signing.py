@@ -2,13 +2,10 @@
 
 import logging
 import os
-from base64 import b64decode
-from binascii import Error as Base64Error
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import InitVar, dataclass
 from pathlib import Path
-from stat import S_IRWXG, S_IRWXO
 from threading import Event, Thread
 from time import time as wall_time_s
 from typing import Final
@@ -16,18 +13,11 @@ from typing import Final
 import numpy as np
 
 from gcs.links.link import Address, Counters
+from gcs.links.signing_key import load_key, reserve, stored, time_file
 from gcs.mavlink.codec import Frames, frame, joined
-from gcs.mavlink.framing import (
-    KEY_BYTES,
-    RADIO_STATUS,
-    TIME_MAX,
-    UNITS_PER_S,
-    Frame,
-    Judgement,
-    Signer,
-    signing_time,
-)
+from gcs.mavlink.framing import RADIO_STATUS, Frame, Judgement, Signer
 from gcs.mavlink.kernels import DATAGRAM, SYSTEM, Bytes, Whole
+from gcs.mavlink.signing_time import KEY_BYTES, UNITS_PER_S, signing_time
 from gcs.model.errors import ConfigError, LinkError
 from gcs.model.state import Mask
 
@@ -37,24 +27,6 @@ _AHEAD_UNITS: Final = 60 * UNITS_PER_S
 """The file holds a time in the future, so that no signing time is used again after a crash."""
 
 _LOOK_S: Final = 1.0
-
-
-def load_key(path: Path) -> bytes:
-    """32 bytes: as they are, or written in hex or base64. Raises: ConfigError naming file and length."""
-    try:
-        with path.open("rb") as file:
-            data = file.read(4096)
-            mode = os.fstat(file.fileno()).st_mode
-    except OSError as error:
-        raise ConfigError(f"{path}: the signing key cannot be read: {error.strerror}") from None
-    if mode & (S_IRWXG | S_IRWXO):
-        log.warning("key_file_open", extra={"file": str(path), "fix": f"chmod 600 {path}"})
-    for key in (data, _decoded(data)):
-        if len(key) == KEY_BYTES:
-            return key
-    raise ConfigError(
-        f"{path}: {len(data)} bytes; a signing key is {KEY_BYTES} bytes, or those in hex or base64"
-    )
 
 
 def create_key(path: Path) -> None:
@@ -79,7 +51,7 @@ class Signing:
         """Read the key. Raises: ConfigError."""
         self._link_id = link_id
         self._wall_clock = wall_clock
-        self._file = key_file.with_name(f"{key_file.name}.link{link_id}.time")
+        self._file = time_file(key_file, link_id)
         self.signer = Signer(load_key(key_file), link_id, start=0, clock=self._now)
         self._reserved = 0
         self._failed = False
@@ -88,7 +60,7 @@ class Signing:
 
     def open(self) -> None:
         """Continue where the last process ended. Raises: LinkError when the file cannot be used."""
-        start = max(self.signer.time, _stored(self._file), self._now())
+        start = max(self.signer.time, stored(self._file), self._now())
         try:
             self._reserve(start + _AHEAD_UNITS)
         except OSError as error:
@@ -123,14 +95,7 @@ class Signing:
                     self._failed = False
 
     def _reserve(self, time: int) -> None:
-        time = min(time, TIME_MAX)
-        new = self._file.with_name(f"{self._file.name}.new")
-        with new.open("w", encoding="ascii") as file:
-            file.write(f"{time}\n")
-            file.flush()
-            os.fsync(file.fileno())
-        new.replace(self._file)
-        self._reserved = time
+        self._reserved = reserve(self._file, time)
 
 
 @dataclass(eq=False)
@@ -182,26 +147,3 @@ class SignatureFilter:
             about |= {"address": str(self.address_of(source)), "cause": judgement.name.lower()}
             log.error("signature_refused", extra=about)
         return False
-
-
-def _decoded(data: bytes) -> bytes:
-    """Key from hex or base64, with white space around it; empty when it is neither."""
-    text = data.strip()
-    with suppress(ValueError):
-        return bytes.fromhex(text.decode("ascii"))
-    with suppress(Base64Error, ValueError):
-        return b64decode(text, validate=True)
-    return b""
-
-
-def _stored(file: Path) -> int:
-    """The time in the file; 0 when there is none. Raises: LinkError."""
-    try:
-        text = file.read_text(encoding="ascii").strip()
-    except FileNotFoundError:
-        return 0
-    except (OSError, UnicodeDecodeError) as error:
-        raise LinkError(f"{file}: the time of signatures cannot be read: {error}") from error
-    if not text.isdecimal() or int(text) > TIME_MAX:
-        raise LinkError(f"{file}: holds no time of signatures")
-    return int(text)

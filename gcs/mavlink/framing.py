@@ -15,6 +15,7 @@ from typing import Any, Final, NamedTuple
 from pymavlink.dialects.v20 import ardupilotmega, development
 
 from gcs.mavlink.kernels import MAGIC_1, MAGIC_2, SIGNATURE_LENGTH, SIGNED
+from gcs.mavlink.signing_time import TIME_MAX, UNITS_PER_S
 
 for _dialect in (ardupilotmega, development):
     _dialect.enums.clear()  # descriptions of thousands of values, which nothing here reads
@@ -131,20 +132,11 @@ def status_text(frame: Frame) -> TextChunk:
     return TextChunk(severity, shown, text_id, chunk, last=text_id == 0 or len(shown) < len(text))
 
 
-KEY_BYTES: Final = 32
-EPOCH_S: Final = 1_420_070_400  # 2015-01-01 in Unix time; a signature's time counts 10 us from here
-UNITS_PER_S: Final = 100_000
-TIME_MAX: Final = (1 << 48) - 1
-
 _STREAM_LATE_UNITS: Final = 60 * UNITS_PER_S
 """The first signature of a sender may be this much behind the newest time known, as the standard says."""
 
 _STREAMS_MAX: Final = 4096
 _HASH_BYTES: Final = 6
-
-
-def signing_time(unix_s: float) -> int:
-    return min(TIME_MAX, max(0, round((unix_s - EPOCH_S) * UNITS_PER_S)))
 
 
 class Judgement(Enum):

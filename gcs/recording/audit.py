@@ -190,11 +190,10 @@ class OfflineAudit:
         self._journal.close()
         self.problem = self._journal.problem
 
-    def opened(self, action: str, vehicles: Sequence[VehicleId]) -> str:
-        """Record a command. Returns: its id, distinct from those of every service."""
-        now_s = time.time()
+    def opened(self, action: str, vehicles: Sequence[VehicleId], unix_s: float) -> str:
+        """Record a command given then. Returns: its id, distinct from those of every service."""
         parts = {name: VehicleOutcome(Outcome.PENDING) for name in vehicles}
-        command = CommandRecord(f"outside-{now_s:.3f}", action, now_s, parts, self._caller)
+        command = CommandRecord(f"outside-{unix_s:.3f}", action, unix_s, parts, self._caller)
         self._audit.opened(command, self._caller)
         return command.id
 
@@ -203,7 +202,8 @@ class OfflineAudit:
         self._audit.closed(command_id, vehicle_id, part.outcome, part.reason)
         if part.outcome is not Outcome.DONE:
             return
-        was = self._known.vehicles[vehicle_id].phase
+        before = self._known.vehicles.get(vehicle_id)
+        was = None if before is None else before.phase
         detail = {"was": was, "phase": Phase.KILLED.value, "reason": KILLED_OFFLINE}
         self._audit.event(time.time(), "warning", "vehicle_phase", vehicle_id, detail)
         sql = "UPDATE vehicles SET unix_s = ?, phase = ?, reason = ?, armed = 0 WHERE id = ?"

@@ -42,6 +42,7 @@ WORDS: Final[Mapping[str, str]] = {
     "interruption_over": "the flight of session {of_session} that was cut off is settled",
     "key_file_open": "the key file {file} can be read by others: {fix}",
     "kill": "motors stopped on command",
+    "kill_without_control": "kill of {vehicles} by {by}, sent without control, which does not answer",
     "land_refused": "LAND was refused, and is sent again: {reason}",
     "link_failed": "link {link} failed, and is opened again: {cause}",
     "map_missing": "no map: {cause}",

@@ -160,6 +160,16 @@ class Commands(Protocol):
         """Stop the motors of these vehicles immediately; the record names those that cannot be reached."""
 
 
+class LastResort(Protocol):
+    """Kills vehicles while control does not answer; a further kill does no harm."""
+
+    async def kill(self, vehicle_ids: Sequence[VehicleId]) -> CommandRecord:
+        """Send the kill without control. Returns: the command, with its last outcomes."""
+
+    def find(self, command_id: str) -> CommandRecord | None:
+        """Return one of its own commands."""
+
+
 class Stations(Protocol):
     """Several stations that fly one formation."""
 

@@ -14,11 +14,9 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.cli.kill_without_service import direct_kill
-from gcs.config.schema import Config, find, load
+from gcs.cli.kill_directly import Part, kill_directly
+from gcs.cli.kill_plan import KillPlan, links_of
 from gcs.model.errors import ConfigError
-from gcs.recording.audit_reader import KnownVehicle
-from gcs.service import Outcome, VehicleOutcome
 from tests.support.machine import free_ports
 
 KEY, OTHER_KEY = bytes(range(32)), bytes(32)
@@ -35,11 +33,12 @@ Receive = Callable[[], bytes]
 class Vehicle:
     """Armed, until a kill reaches it."""
 
-    def __init__(self, send: Send, receive: Receive, key: bytes | None = None) -> None:
+    def __init__(self, send: Send, receive: Receive, key: bytes | None = None, *, system_id: int = 1) -> None:
         """With a `key` it signs, and believes nothing unsigned."""
         self.armed = True
         self._send, self._receive = send, receive
-        self._packer = dialect.MAVLink(None, srcSystem=1, srcComponent=1)
+        self._packer = dialect.MAVLink(None, srcSystem=system_id, srcComponent=1)
+        self._system_id = system_id
         self._parser = dialect.MAVLink(None)
         self._parser.robust_parsing = True
         if key is not None:
@@ -65,7 +64,9 @@ class Vehicle:
                 due_s = time.monotonic() + 0.1
                 self._say(dialect.MAVLink_heartbeat_message(2, 12, 1 | self.armed << 7, 6 << 16, 4, 3))
             for message in self._parser.parse_buffer(self._receive()) or []:
-                if message.get_type() == "COMMAND_LONG" and message.command == 400:
+                if message.get_type() != "COMMAND_LONG" or message.target_system != self._system_id:
+                    continue
+                if message.command == 400:
                     self.armed = self.armed and (message.param1, message.param2) != KILL
                     self._say(dialect.MAVLink_command_ack_message(400, 0))
 
@@ -180,19 +181,14 @@ def on_a_cable() -> Iterator[tuple[Vehicle, str]]:
         os.close(near)
 
 
-def config_of(url: str, **link: object) -> Config:
-    raw = load(find("demo")).model_dump()
-    raw["links"] = [{"name": "far", "listen": url, "vehicles": [{"id": "d1", "system_id": 1}], **link}]
-    return Config.model_validate(raw)
+def plan_of(url: str, at: tuple[str, int] | None = None, **link: object) -> KillPlan:
+    raw = {"name": "far", "listen": url, "vehicles": [{"id": "d1", "system_id": 1}], **link}
+    addresses = {} if at is None else {"d1": at}
+    return KillPlan("test", links_of({"links": [raw]}, "test"), addresses)
 
 
-def known(host: str | None, port: int | None) -> KnownVehicle:
-    return KnownVehicle("d1", "s", 0.0, 1, "far", host, port, "formation", "", "offboard", True, None)
-
-
-def kill(config: Config, within_s: float = SOON_S) -> VehicleOutcome:
-    """Of the vehicle that was received at an address where none is any more."""
-    return direct_kill(config, [known(None, None)], within_s=within_s)["d1"]
+def kill(plan: KillPlan, within_s: float = SOON_S) -> Part:
+    return kill_directly(plan, ["d1"], within_s)["d1"]
 
 
 @pytest.fixture
@@ -208,33 +204,42 @@ def test_kill_without_the_service_reaches_the_vehicle(
     way: Callable[[], AbstractContextManager[tuple[Vehicle, str]]],
 ) -> None:
     with way() as (vehicle, url):
-        assert kill(config_of(url)) == VehicleOutcome(Outcome.DONE, "its motors are off")
+        assert kill(plan_of(url)) == Part(True, "its motors are off")
         assert not vehicle.armed
+
+
+def test_stale_address_stops_no_other_vehicle() -> None:
+    with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as made:
+        made.bind(("127.0.0.1", 0))
+        silent = Vehicle(len, reader(made), system_id=2)
+        with closing(silent) as other, over_udp() as (vehicle, url):
+            assert kill(plan_of(url, made.getsockname())).done
+            assert (vehicle.armed, other.armed) == (False, True)
 
 
 def test_vehicle_that_requires_signing_is_killed_with_the_key(key_file: Path) -> None:
     with over_udp(KEY) as (vehicle, url):
-        reported = kill(config_of(url, signing={"key_file": str(key_file), "link_id": 5}))
-        assert reported.outcome is Outcome.DONE, reported.reason
+        reported = kill(plan_of(url, signing={"key_file": str(key_file), "link_id": 5}))
+        assert reported.done, reported.reason
         assert not vehicle.armed
 
 
 def test_another_key_does_not_kill_and_reports_no_success(key_file: Path) -> None:
     with over_udp(OTHER_KEY) as (vehicle, url):
-        reported = kill(config_of(url, signing={"key_file": str(key_file), "link_id": 5}), STUBBORN_S)
+        reported = kill(plan_of(url, signing={"key_file": str(key_file), "link_id": 5}), STUBBORN_S)
         assert vehicle.armed
-        assert reported.outcome is Outcome.FAILED
+        assert not reported.done
 
 
 def test_unreadable_key_is_named_before_anything_is_sent(tmp_path: Path) -> None:
     with over_udp(KEY) as (vehicle, url):
-        config = config_of(url, signing={"key_file": str(tmp_path / "none"), "link_id": 5})
+        plan = plan_of(url, signing={"key_file": str(tmp_path / "none"), "link_id": 5})
         with pytest.raises(ConfigError, match="none"):
-            kill(config)
+            kill(plan)
         assert vehicle.armed
 
 
 def test_unplugged_cable_is_reported() -> None:
-    reported = kill(config_of("serial:///dev/gcs-is-not-there:57600"), STUBBORN_S)
-    assert reported.outcome is Outcome.FAILED
+    reported = kill(plan_of("serial:///dev/gcs-is-not-there:57600"), STUBBORN_S)
+    assert not reported.done
     assert "nothing could be sent" in reported.reason

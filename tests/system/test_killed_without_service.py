@@ -54,7 +54,10 @@ def test_kill_without_the_service_is_recorded(tmp_path: Path) -> None:
         assert (wrong.returncode, armed(tmp_path)) == (1, [True, True])
         assert "does not confirm d1" in wrong.stderr
         second = gcs_kill(record, "d2", "--confirm", code_in(first.stdout))
-        assert (second.returncode, second.stdout) == (0, "d2: done, its motors are off\n"), second.stderr
+        assert (second.returncode, second.stdout) == (
+            0,
+            "d2: done without the service, its motors are off\n",
+        ), second.stderr
         assert armed(tmp_path) == [True, False]
         *_, command = commands(record)
         assert (command.action, command.caller.partition(" (")[0]) == ("kill", "gcs kill")

@@ -47,6 +47,9 @@ from gcs.service.snapshots import FleetView, Latest
 ANSWER_S: Final = 2.0
 """Longest wait for control: longer than it takes for any answer, and than a machine stands still."""
 
+KILL_S: Final = 0.8
+"""Longest wait with a kill, which is then sent without control."""
+
 GRACE_S: Final = 0.5
 """Longest wait for a silent control, which may just be going on: some ticks."""
 
@@ -101,6 +104,8 @@ class Line:
         """Return the answer. Raises: LinkError without one; the answer's own error."""
         number = next(self._numbers)
         deadline_s = self._send(number, method, self._answer_s, given, named)
+        if method is METHODS["commands.kill"]:
+            deadline_s = min(deadline_s, time.monotonic() + KILL_S)
         self._answers[number] = None
         try:
             while (answer := self._answers[number]) is None:

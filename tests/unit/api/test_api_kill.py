@@ -1,10 +1,13 @@
 """A kill takes two steps: a code that names whom, and the code given back in time, by the same caller."""
 
+from collections.abc import Sequence
+
 import pytest
 
 from gcs.api.auth.authorization import VALID_S, WAITING_MAX, KillSwitch
-from gcs.model.errors import RefusedError
+from gcs.model.errors import LinkError, RefusedError
 from gcs.model.lifecycle import Phase
+from gcs.service import CommandRecord, Outcome, VehicleOutcome
 from tests.support.api_harness import Api
 
 
@@ -54,6 +57,40 @@ def test_there_is_no_kill_in_one_step(api: Api) -> None:
     api.service.fly()
     assert api("POST", "/api/v1/vehicles/d1/kill").status_code == 404
     assert api.service.phases["d1"] is Phase.FORMATION
+
+
+class WithoutControl:
+    """A last resort that keeps what it was asked. Implements `LastResort`."""
+
+    def __init__(self) -> None:
+        self.command: CommandRecord | None = None
+
+    async def kill(self, vehicle_ids: Sequence[str]) -> CommandRecord:
+        outcomes = dict.fromkeys(vehicle_ids, VehicleOutcome(Outcome.DONE, "without control"))
+        self.command = CommandRecord("outside-1", "kill", 1.0, outcomes, "local")
+        return self.command
+
+    def find(self, command_id: str) -> CommandRecord | None:
+        return self.command if command_id == "outside-1" else None
+
+
+def test_kill_is_sent_without_a_control_that_does_not_answer(
+    api: Api, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    api.service.fly()
+
+    def kill(_vehicles: Sequence[str]) -> CommandRecord:
+        raise LinkError("control does not answer")
+
+    monkeypatch.setattr(api.service.commands, "kill", kill)
+    code = api("POST", "/api/v1/kill", json={"vehicles": ["d2"]}).json()["code"]
+    assert api("POST", "/api/v1/kill/confirm", json={"code": code}).status_code == 503
+    api.app.state.context.last_resort = last_resort = WithoutControl()
+    code = api("POST", "/api/v1/kill", json={"vehicles": ["d2"]}).json()["code"]
+    answer = api("POST", "/api/v1/kill/confirm", json={"code": code})
+    assert (answer.status_code, last_resort.command is not None) == (202, True)
+    assert answer.json()["outcomes"] == {"d2": {"outcome": "done", "reason": "without control"}}
+    assert api("GET", answer.headers["location"]).json() == answer.json()
 
 
 def test_code_is_valid_for_its_time_and_its_principal() -> None:

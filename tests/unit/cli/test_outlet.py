@@ -23,7 +23,7 @@ def pipe() -> Iterator[tuple[int, TextIO]]:
         yield reader, stream
 
 
-def test_pipe_that_is_not_read_delays_nothing_and_the_loss_is_counted() -> None:
+def test_pipe_that_is_not_read_delays_nothing_and_losses_count() -> None:
     with pipe() as (reader, stream):
         outlet, began_s = Outlet(stream, lost), time.monotonic()
         for number in range(3000):
@@ -31,11 +31,11 @@ def test_pipe_that_is_not_read_delays_nothing_and_the_loss_is_counted() -> None:
         assert time.monotonic() - began_s < PROMPT_S
         kept = os.read(reader, 1 << 20).decode()
         outlet.write("again")
-        told, newest = os.read(reader, 1 << 20).decode().split("\n")[-3:-1]
+        reported, newest = os.read(reader, 1 << 20).decode().split("\n")[-3:-1]
         os.close(reader)
     whole = [line for line in kept.split("\n") if len(line) == 99]
     assert whole == [f"{number:099d}" for number in range(len(whole))]
-    assert (told, newest) == (f"lost {3000 - len(whole)}", "again")
+    assert (reported, newest) == (f"lost {3000 - len(whole)}", "again")
 
 
 def test_reader_that_is_gone_ends_nothing() -> None:

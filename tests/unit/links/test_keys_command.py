@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from gcs.cli.main import main
-from gcs.links.signing import load_key
+from gcs.links.signing_key import load_key
 
 
 def test_key_file_is_private_and_never_overwritten(

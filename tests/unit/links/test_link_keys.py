@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.links.signing import Signing, create_key, load_key
+from gcs.links.signing import Signing, create_key
+from gcs.links.signing_key import load_key
 from gcs.model.errors import ConfigError, LinkError
 
 KEY = bytes(range(200, 232))

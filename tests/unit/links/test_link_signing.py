@@ -4,7 +4,8 @@ import pytest
 from pymavlink.dialects.v20 import common as dialect
 
 from gcs.mavlink.codec import split
-from gcs.mavlink.framing import TIME_MAX, UNITS_PER_S, Frame, Judgement, Signer, signing_time
+from gcs.mavlink.framing import Frame, Judgement, Signer
+from gcs.mavlink.signing_time import TIME_MAX, UNITS_PER_S, signing_time
 
 KEY = bytes(range(32))
 NOW = signing_time(1_790_000_000.0)
