@@ -199,7 +199,7 @@ def plain(value: object) -> str:
         return ", ".join(f"{plain(name)} {plain(part)}" for name, part in value.items())
     if isinstance(value, Iterable) and not isinstance(value, str | bytes):
         return ", ".join(plain(part) for part in value)
-    return visible(str(value))
+    return visible(str(value)).replace("\n", " ")
 
 
 def _fields(form: str) -> set[str]:

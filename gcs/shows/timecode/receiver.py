@@ -30,6 +30,9 @@ RETRY_S: Final = 2.0
 DATAGRAM_BYTES: Final = 1500
 """What is longer is cut: timecode needs a few bytes."""
 
+READINGS_MAX: Final = 120
+"""Of those that arrive at once: a second of timecode."""
+
 CHUNK_BYTES: Final = 4096
 SAMPLE_BYTES: Final = 2
 _FULL_SCALE: Final = 32768.0
@@ -78,14 +81,19 @@ async def keep_receiving(settings: TimecodeSettings, sink: Sink, intake: Intake)
         await asyncio.sleep(RETRY_S)
 
 
+def _give(sink: Sink, readings: Sequence[Reading]) -> None:
+    """Give readings that arrived at once to the sink: the newest, if there are too many."""
+    for reading in readings[-READINGS_MAX:]:
+        sink.take(reading)
+
+
 async def _receive_udp(host: str, port: int, sink: Sink, intake: Intake) -> None:
     """MIDI messages as they are, in datagrams."""
     midi = MidiTimecode()
 
     def take(arrived: list[Arrived], now_s: float) -> None:
-        for data, _ in intake.admit(arrived, now_s):
-            for reading in midi.take(data):
-                sink.take(reading)
+        admitted = intake.admit(arrived, now_s)
+        _give(sink, [reading for data, _ in admitted for reading in midi.take(data)])
         sink.count(midi.garbage)
 
     with _bound(host, port) as port_of_data:
@@ -97,13 +105,14 @@ async def _receive_rtp(host: str, port: int, sink: Sink, intake: Intake) -> None
     midi, session = MidiTimecode(), Session(secrets.randbits(32))
 
     def take(through: socket.socket, arrived: list[Arrived], now_s: float) -> None:
+        readings: list[Reading] = []
         for data, sender in intake.admit(arrived, now_s):
             found, answer = session.take(data, now_s)
-            for reading in midi.take(found):
-                sink.take(reading)
+            readings += midi.take(found)
             if answer:
                 with suppress(OSError):  # no room, no route: the other side asks again
                     through.sendto(answer, sender)
+        _give(sink, readings)
         sink.count(midi.garbage + session.refused)
 
     with _bound(host, port) as commands, _bound(host, port + 1) as messages:
@@ -179,9 +188,8 @@ async def _receive_file(settings: TimecodeSettings, sink: Sink, intake: Intake) 
         return Arrived(data, settings.path)
 
     def take(arrived: list[Arrived], now_s: float) -> None:
-        for data, _ in intake.admit(arrived, now_s):
-            for reading in decode(data):
-                sink.take(reading)
+        admitted = intake.admit(arrived, now_s)
+        _give(sink, [reading for data, _ in admitted for reading in decode(data)])
         sink.count(reader.garbage)
 
     try:

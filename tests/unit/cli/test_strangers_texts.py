@@ -30,7 +30,8 @@ def test_what_a_terminal_obeys_is_written_out(sign: str) -> None:
     shown = repr(sign)[1:-1]
     assert shown.isprintable()
     assert visible(f"é\t{sign}\nb") == f"é\t{shown}\nb"
-    for text in (cut(f"a{sign}"), quoted({"a": [sign]}), words("alarm", {"severity": "x", "text": sign})):
+    event = words("alarm", {"severity": "x", "text": f"a\n{sign}"})
+    for text in (cut(f"a{sign}"), quoted({"a": [sign]}), event):
         assert text.isprintable()
 
 
