@@ -49,8 +49,8 @@ def test_parameter_changed_in_flight_raises_an_alarm() -> None:
     changed = fly(changed_in_flight, show_config(3, operation=HOLDS_WHEN_LOST), after=running)
     (alarm,) = changed.alarms
     assert alarm.vehicles == ("d2",)
-    assert "COM_OF_LOSS_T was changed from 1 to 5 in flight, 0.5 to 1 is needed" in alarm.text
-    assert "d2: COM_OF_LOSS_T is 5, 0.5 to 1 is needed" in changed.refusal
+    assert "COM_OF_LOSS_T was changed from 1 to 5 in flight, 0.5 to 1 s is needed" in alarm.text
+    assert "d2: COM_OF_LOSS_T is 5, 0.5 to 1 s is needed" in changed.refusal
     assert changed.after == ()
 
 
