@@ -278,7 +278,7 @@ def fly(flight: SitlFlight, story: Story) -> None:
         failed = not all(_flown(flight, chapter) for chapter in sortie)
         try:
             flight.come_home()
-            _mend(flight)
+            _repair(flight)
         except (GcsError, ServiceError) as error:
             flight.account.failures.append(f"home: {error}")
             return
@@ -303,7 +303,7 @@ def _flown(flight: SitlFlight, chapter: Chapter) -> bool:
     return True
 
 
-def _mend(flight: SitlFlight) -> None:
+def _repair(flight: SitlFlight) -> None:
     """What went wrong in vehicles on purpose is mended, before the next sortie."""
     account = flight.account
     account.obstacle_s = (account.obstacle_s[0], min(account.obstacle_s[1], time.monotonic()))

@@ -3,7 +3,7 @@
 import os
 import shutil
 import subprocess
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,17 +19,17 @@ class NotFoundError(FileNotFoundError):
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class Program:
     """A program that flies, and how to get it."""
 
     name: str
-    program: str  # its file name
+    file_name: str
     variables: tuple[str, ...]  # of the environment, which name it or a folder
     folders: tuple[str, ...]  # in which people build it
     how_to_get: str
 
 
-PX4 = Wanted(
+PX4 = Program(
     "PX4",
     "px4",
     ("PX4", "PX4_BUILD", "PX4_DIR", "PX4_HOME"),
@@ -38,7 +38,7 @@ PX4 = Wanted(
     "`make px4_sitl_default`; then make sitl PX4=/path/to/PX4-Autopilot. "
     "Or an image that runs SIH: make sitl PX4_IMAGE=px4io/px4-sitl",
 )
-ARDUCOPTER = Wanted(
+ARDUCOPTER = Program(
     "ArduCopter",
     "arducopter",
     ("ARDUPILOT", "ARDUPILOT_HOME", "ARDUCOPTER"),
@@ -46,21 +46,20 @@ ARDUCOPTER = Wanted(
     "git clone --recursive https://github.com/ArduPilot/ardupilot, a tag from Copter-4.0 on, there "
     "`./waf configure --board sitl && ./waf copter`; then make sitl ARDUPILOT=/path/to/ardupilot",
 )
-WANTED: Mapping[str, Wanted] = {"px4": PX4, "ardupilot": ARDUCOPTER}
 
 
-def find(wanted: Wanted, given: str | None = None) -> Path:
+def find(program: Program, given: str | None = None) -> Path:
     """The program, in what was given (itself, or a folder above it), or where people keep it.
 
     Raises: NotFoundError.
     """
     looked: list[str] = []
-    for place, words in _places(wanted, given):
+    for place, words in _places(program, given):
         looked.append(words)
-        if (found := _in(place, wanted.program)) is not None:
+        if (found := _in(place, program.file_name)) is not None:
             return found.resolve()
     raise NotFoundError(
-        f"no {wanted.name} was found. Looked in: {'; '.join(looked)}. Get it: {wanted.how_to_get}"
+        f"no {program.name} was found. Looked in: {'; '.join(looked)}. Get it: {program.how_to_get}"
     )
 
 
@@ -91,20 +90,20 @@ def container_engine(image: str) -> str:
     return engine
 
 
-def _places(wanted: Wanted, given: str | None) -> Iterator[tuple[Path, str]]:
+def _places(program: Program, given: str | None) -> Iterator[tuple[Path, str]]:
     """Where it may be, each with words for it."""
     if given is not None:
         yield Path(given).expanduser(), given
         return
-    for variable in wanted.variables:
+    for variable in program.variables:
         value = os.environ.get(variable, "")
         if value:
             yield Path(value).expanduser(), f"{variable}={value}"
-    unset = [variable for variable in wanted.variables if not os.environ.get(variable)]
-    on_path = shutil.which(wanted.program)
+    unset = [variable for variable in program.variables if not os.environ.get(variable)]
+    on_path = shutil.which(program.file_name)
     words = f"the environment ({', '.join(unset)}: not set)" if unset else "the environment"
-    yield Path(on_path or f"{wanted.program}, which is not there"), f"{words}, PATH ({wanted.program})"
-    for folder in wanted.folders:
+    yield Path(on_path or f"{program.file_name}, which is not there"), f"{words}, PATH ({program.file_name})"
+    for folder in program.folders:
         yield Path(folder).expanduser(), folder
 
 

@@ -15,6 +15,7 @@ from pymavlink.dialects.v20 import common
 
 from gcs.sim import cli
 from tests.support.machine import free_ports
+from tests.support.processes import READY_AT_ONCE
 
 Address: TypeAlias = tuple[str, int]
 Faults: TypeAlias = Mapping[tuple[str, float], Mapping[str, object]]
@@ -27,7 +28,7 @@ LONGEST = 2048
 class Surface(ABC):
     """The simulator's side of one vehicle: its true states go out, parameters of the simulation come in.
 
-    Without STANDIN_VERSION in the environment the vehicle has the recorded version of its autopilot.
+    It can be armed at once, for tests. Without STANDIN_VERSION it has the recorded version of its autopilot.
     """
 
     faults: ClassVar[Faults] = {}
@@ -44,7 +45,7 @@ class Surface(ABC):
     def fly(self, options: Sequence[str]) -> int:
         """Fly the vehicle until the process is stopped. Returns: the exit code."""
         threading.Thread(target=self._live, daemon=True).start()
-        own = ["--first", str(self._index), "--count", "1", "--spacing", "0"]
+        own = ["--first", str(self._index), "--count", "1", "--spacing", "0", *READY_AT_ONCE]
         own += ["--simulator-link", str(self._inside.getsockname()[1] - self._index)]
         own += ["--control", str(self._control[1])]
         own += ["--autopilot-version", version] if (version := os.environ.get("STANDIN_VERSION")) else []
