@@ -60,6 +60,10 @@ class Fleet:
         self.sensed_by = measured.IDEAL_RECEIVER if settings.ideal else self._firmware.receiver
         self._error_scale = settings.noise_scale * self.sensed_by.errors
         self._error = measured.draw_errors(count, self._error_scale, self._random)
+        self._receiver_random = np.random.default_rng(
+            np.random.SeedSequence(settings.seed, spawn_key=(settings.first, 2))
+        )
+        self._receiver_error = measured.draw_errors(count, self._error_scale, self._receiver_random)
         self._randoms = [
             np.random.default_rng(np.random.SeedSequence(settings.seed, spawn_key=(i,))) for i in indices
         ]
@@ -114,6 +118,9 @@ class Fleet:
         self.time_s = self.state.now_s = self._start_s + self._steps * step_s
         if self._error_scale > 0.0:
             self._error = measured.step_errors(self._error, step_s, self._error_scale, self._random)
+            self._receiver_error = measured.step_errors(
+                self._receiver_error, step_s, self._error_scale, self._receiver_random
+            )
         state, sensors = self.state, self._sense()
         self.sensors = sensors
         awake = self.time_s >= state.fix_at_s
@@ -171,6 +178,8 @@ class Fleet:
         estimate_m += state.offset_m + state.drift_m
         frozen_m = state.frozen_m
         estimate_m = np.where(np.isnan(frozen_m), estimate_m, frozen_m)
+        received_m = self.bodies.position_m + self._receiver_error.position_m + state.offset_m
+        received_m = np.where(np.isnan(frozen_m), received_m, frozen_m)
         if self._lost:
             unknown = np.isnan(self._local_origin_m[:, 0])
             fresh = (self.time_s >= state.fix_at_s) & unknown
@@ -184,6 +193,7 @@ class Fleet:
             height_m=-self.bodies.position_m[:, 2],
             contact=self._contact,
             estimate_m=estimate_m,
+            received_m=received_m,
             locate=self.geodetic,
         )
 

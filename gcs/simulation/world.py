@@ -70,9 +70,9 @@ class Autopilots:
         """(n, 3) what the modes demand of the velocity loops, from (n, 3) estimates; called every step."""
         self._state.now_s = now_s
         on_ground = np.zeros(len(position_m), dtype=bool)
-        sensors = Sensors(
-            position_m, velocity_m_s, velocity_m_s, -position_m[:, 2], on_ground, position_m, np.array
-        )
+        height_m = -position_m[:, 2]
+        places = position_m, position_m  # estimated and received
+        sensors = Sensors(position_m, velocity_m_s, velocity_m_s, height_m, on_ground, *places, np.array)
         return self._guidance.velocity(sensors, self.alone, dt_s)
 
 

@@ -240,10 +240,11 @@ def vfr_hud(s: Snapshot) -> Fields:
 
 
 def gps_raw_int(s: Snapshot) -> Fields:
-    """The receiver's fix; here the same position as the estimator's."""
+    """The receiver's own position: it has no part in the estimator's errors, nor in a barometer's scale."""
+    received = s.sensors.locate(s.sensors.received_m[s.rows])
     course_deg = np.degrees(np.arctan2(s.velocity_m_s[:, 1], s.velocity_m_s[:, 0]))
     state, rows = s.state, s.rows
-    place = _split(("lat", "lon", "alt"), np.round(s.place * (1e7, 1e7, 1e3)))
+    place = _split(("lat", "lon", "alt"), np.round(received * (1e7, 1e7, 1e3)))
     return place | {
         "time_usec": s.boot_us,
         "fix_type": state.fix_type[rows],

@@ -29,6 +29,7 @@ class Sensors:
     height_m: Array  # (n,), over ground, as a rangefinder measures it
     contact: Mask  # (n,), on the ground
     estimate_m: Array  # (n, 3), the position in the fleet's common NED
+    received_m: Array  # (n, 3), the same by the satellite receiver alone
     locate: Callable[[Array], Array]  # any rows of it to latitude, longitude (deg), altitude AMSL (m)
 
     def place(self, rows: Rows) -> Array:

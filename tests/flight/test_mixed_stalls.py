@@ -33,14 +33,16 @@ STALLS_S = (1.0, 2.0, 4.0, 10.0)
 NEAR_PADS_M = 3.0
 
 
-def config() -> Config:
+def config(height_m: float = HEIGHT_M) -> Config:
     """PX4 and ArduCopter in turn; all hold when they are lost."""
     operation = {
         "setpoint_loss_s": LOSS_S,
         "setpoint_loss_action": "hold",
         "require_safe_setpoint_loss": True,
     }
-    raw = show_config(COUNT, operation=operation, formation={"radius_m": RADIUS_M}).model_dump()
+    raw = show_config(
+        COUNT, operation=operation, formation={"radius_m": RADIUS_M, "height_m": height_m}
+    ).model_dump()
     raw["links"][0]["transport"] = "native"
     vehicles = [each.model_dump() for each in show_config(COUNT).fleet]
     kinds = ("px4", "ardupilot")

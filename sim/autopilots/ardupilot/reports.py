@@ -170,11 +170,12 @@ def local_position_ned(s: Snapshot) -> Fields:
 
 
 def gps_raw_int(s: Snapshot) -> Fields:
-    """The receiver's fix; here the same position as the estimator's."""
+    """The receiver's own position: it has no part in the estimator's errors, nor in a barometer's scale."""
+    received = s.sensors.locate(s.sensors.received_m[s.rows])
     course_deg = np.degrees(np.arctan2(s.velocity_m_s[:, 1], s.velocity_m_s[:, 0]))
     state, rows = s.state, s.rows
     disabled = s.parameters["SIM_GPS_DISABLE"][rows] > 0
-    return _split(("lat", "lon", "alt"), np.round(s.place * DEGREES)) | {
+    return _split(("lat", "lon", "alt"), np.round(received * DEGREES)) | {
         "time_usec": s.boot_us,
         "fix_type": np.where(disabled, 1, state.fix_type[rows]),
         "eph": np.round(100.0 * state.hdop[rows]),

@@ -35,6 +35,15 @@ def test_heights_are_reported_5_percent_too_large() -> None:
     assert bench.last("GLOBAL_POSITION_INT").vz == pytest.approx(100, abs=3)
 
 
+def test_receiver_reports_the_true_height_beside_the_scaled_one() -> None:
+    bench = hovering(25.1, scaled=True)
+    bench.ask({24: 2.0, 33: 2.0})
+    bench.run(2.0)
+    reported_m = bench.last("GLOBAL_POSITION_INT").alt * 1e-3
+    received_m = bench.last("GPS_RAW_INT").alt * 1e-3
+    assert reported_m - received_m == pytest.approx(0.05 * bench.height_m, abs=0.1)
+
+
 def test_clocks_are_the_simulators_and_may_be_slow() -> None:
     bench = ArduBench(clock_rate=0.984)
     bench.ask({2: 10.0})
