@@ -40,6 +40,9 @@ SERVICE_STOPS_S: Final = 1.5
 WAIT_S: Final = 6.0
 """Longest wait for motors to stop."""
 
+REPORT_S: Final = 0.5
+"""Of that, time to report what was sent."""
+
 LOOK_S: Final = 0.05
 
 CODE_S: Final = 30.0
@@ -245,7 +248,8 @@ class Kill:
             note(f"{why}; the kill is sent without it", as_json=self._arguments.json)
         names = [*self._direct.outcomes]
         try:
-            parts = kill_directly(plan, names)
+            left_s = self._began_s + WAIT_S - REPORT_S - time.monotonic()
+            parts = kill_directly(plan, names, left_s)
         except GcsError as error:
             report = Report(problem=error, ended=True)
         else:

@@ -198,6 +198,8 @@ def kill_directly(plan: KillPlan, names: Sequence[str], within_s: float = WITHIN
 def _lines(plan: KillPlan, names: Sequence[str]) -> tuple[list[_Line], dict[str, str]]:
     """Make the lines of these vehicles, and say why others have none. Raises: ConfigError when none has."""
     lines: list[_Line] = []
+    taken = {link.link_id for link in plan.links}
+    own_id = next((number for number in range(255, 0, -1) if number not in taken), 0)
     problems = dict.fromkeys(names, "its link is not known")
     for link in plan.links:
         known = plan.addresses
@@ -208,7 +210,7 @@ def _lines(plan: KillPlan, names: Sequence[str]) -> tuple[list[_Line], dict[str,
         if not targets:
             continue
         try:
-            lines.append(_Line(link, ports_of(link), targets, _signing(link)))
+            lines.append(_Line(link, ports_of(link), targets, _signing(link, own_id)))
         except ConfigError as error:
             problems |= dict.fromkeys(here, str(error))
     if not lines:
@@ -216,15 +218,18 @@ def _lines(plan: KillPlan, names: Sequence[str]) -> tuple[list[_Line], dict[str,
     return lines, problems
 
 
-def _signing(link: KillLink) -> mavlink.MAVLinkSigning:
-    """Raises: ConfigError for a key that cannot be read."""
+def _signing(link: KillLink, own_id: int) -> mavlink.MAVLinkSigning:
+    """Sign as a link of our own: else vehicles refuse the frames of a service that goes on as repeated ones.
+
+    Raises: ConfigError for a key that cannot be read.
+    """
     made = mavlink.MAVLinkSigning()
     if link.key_file is None:
         return made
     from gcs.links.signing_key import load_key, stored, time_file  # noqa: PLC0415 (numpy, of its package)
     from gcs.mavlink.signing_time import signing_time  # noqa: PLC0415
 
-    made.secret_key, made.link_id, made.sign_outgoing = load_key(link.key_file), link.link_id, True
+    made.secret_key, made.link_id, made.sign_outgoing = load_key(link.key_file), own_id, True
     made.timestamp = signing_time(time.time())
     with suppress(LinkError):  # no time is kept beside the key
         made.timestamp = max(made.timestamp, stored(time_file(link.key_file, link.link_id)))

@@ -79,19 +79,22 @@ def links_in(name: str) -> list[KillLink]:
     """The links of a configuration's file. Raises: ConfigError."""
     from gcs.config import yaml_files  # noqa: PLC0415 (the record alone needs none)
 
-    path = yaml_files.CONFIGURATIONS.find(name)
+    try:
+        path = yaml_files.CONFIGURATIONS.find(name)
+    except OSError as error:
+        raise ConfigError(f"{name}: cannot be read: {error.strerror}") from None
     return links_of(yaml_files.Source(yaml_files.read(path), str(path)).mapping("links"), str(path))
 
 
 def plan_of(record: Path, links: Sequence[KillLink] = (), source: str | None = None) -> KillPlan:
     """Read the record. `links` are those of a configuration, and `source` is its name. Raises: GcsError."""
-    audit = record / "audit.sqlite" if record.is_dir() else record
     source = source or str(record)
     try:
+        audit = record / "audit.sqlite" if record.is_dir() else record
         recorded, addresses = _recorded(audit)
         return KillPlan(source, links or links_of(recorded, source), addresses, audit)
-    except (sqlite3.Error, ValueError) as error:
-        problem = f"{audit}: not an audit that can be read: {error}"
+    except (sqlite3.Error, ValueError, OSError) as error:
+        problem = f"{record}: not an audit that can be read: {error}"
     except ConfigError as error:
         problem = str(error)
     if not links:

@@ -39,10 +39,10 @@ class Vehicle:
         self._send, self._receive = send, receive
         self._packer = dialect.MAVLink(None, srcSystem=system_id, srcComponent=1)
         self._system_id = system_id
-        self._parser = dialect.MAVLink(None)
-        self._parser.robust_parsing = True
+        self.parser = dialect.MAVLink(None)
+        self.parser.robust_parsing = True
         if key is not None:
-            self._packer.signing.secret_key = self._parser.signing.secret_key = key
+            self._packer.signing.secret_key = self.parser.signing.secret_key = key
             self._packer.signing.sign_outgoing = True
             self._packer.signing.timestamp = int((time.time() - 1_420_070_400) * 1e5)
         self._over = threading.Event()
@@ -63,7 +63,7 @@ class Vehicle:
             if time.monotonic() >= due_s:
                 due_s = time.monotonic() + 0.1
                 self._say(dialect.MAVLink_heartbeat_message(2, 12, 1 | self.armed << 7, 6 << 16, 4, 3))
-            for message in self._parser.parse_buffer(self._receive()) or []:
+            for message in self.parser.parse_buffer(self._receive()) or []:
                 if message.get_type() != "COMMAND_LONG" or message.target_system != self._system_id:
                     continue
                 if message.command == 400:
@@ -221,6 +221,8 @@ def test_vehicle_that_requires_signing_is_killed_with_the_key(key_file: Path) ->
     with over_udp(KEY) as (vehicle, url):
         reported = kill(plan_of(url, signing={"key_file": str(key_file), "link_id": 5}))
         assert reported.done, reported.reason
+        link_ids = {link_id for link_id, *_ in vehicle.parser.signing.stream_timestamps}
+        assert link_ids == {255}, "frames of a service that goes on are not taken for repeated ones"
         assert not vehicle.armed
 
 
