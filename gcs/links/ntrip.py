@@ -7,7 +7,7 @@ of either revision: ICY, HTTP/1.0, or HTTP/1.1 with chunked transfer coding.
 import asyncio
 from base64 import b64encode
 from dataclasses import dataclass
-from typing import Final
+from typing import ClassVar, Final
 
 from gcs.links.settings import RtkSettings
 from gcs.model.errors import LinkError, quoted
@@ -59,6 +59,7 @@ class Plain:
     """Bytes that are all data."""
 
     ended = False
+    turn_bytes = 1 << 17
 
     def take(self, data: bytes) -> bytes:
         return data
@@ -70,7 +71,10 @@ class Chunked:
 
     Attributes:
         ended: the last chunk has arrived.
+        turn_bytes: most to read in a turn; flow control holds back the sender of more.
     """
+
+    turn_bytes: ClassVar = 8192  # chunks of one byte are work
 
     ended: bool = False
     _left: int = 0  # bytes of the chunk that have not arrived yet

@@ -21,7 +21,7 @@ from gcs.model.errors import LinkError, quoted
 log = logging.getLogger(__name__)
 
 CHUNK_BYTES: Final = 8192
-"""Most that is read of a stream in a turn; flow control holds back the sender of more."""
+"""Most that is read of a serial port in a turn."""
 
 SILENT_S: Final = 15.0
 """A connection without a byte for so long is opened again."""
@@ -30,6 +30,7 @@ RETRY_S: Final = 2.0
 GARBAGE_BYTES: Final = 4096
 """A source that sends so much without one correct message is named."""
 
+_WAITING_BYTES: Final = 1 << 16
 _SERIAL_WAIT_S: Final = 0.2
 _SHOWN_BYTES: Final = 40
 
@@ -116,7 +117,11 @@ async def _stream_chunks(settings: RtkSettings, intake: Intake) -> AsyncGenerato
     url = urlsplit(settings.source)
     secure = ssl.create_default_context() if url.scheme == "ntrips" else None
     async with asyncio.timeout(SILENT_S):
-        reader, writer = await asyncio.open_connection(url.hostname, url.port, ssl=secure, limit=1 << 16)
+        reader, writer = await asyncio.open_connection(
+            url.hostname, url.port, ssl=secure, limit=_WAITING_BYTES
+        )
+    # what waits in the kernel is never older than some turns
+    writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
     clock, place = asyncio.get_running_loop().time, f"{url.hostname}:{url.port}{url.path}"
     try:
         body: Plain | Chunked = Plain()
@@ -125,7 +130,7 @@ async def _stream_chunks(settings: RtkSettings, intake: Intake) -> AsyncGenerato
                 body = await ask_caster(reader, writer, url.path, settings)
         while not body.ended:
             async with asyncio.timeout(SILENT_S):
-                data = await reader.read(CHUNK_BYTES)
+                data = await reader.read(body.turn_bytes)
             if not data:
                 return
             yield intake.tail(body.take(data), place, clock())
