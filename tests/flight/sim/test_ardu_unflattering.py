@@ -1,4 +1,4 @@
-"""What a real ArduCopter does that flatters nobody: console text, slow clocks, heights, texts by release."""
+"""What a real ArduCopter does, unflattered: console text, slow clocks, heights, texts by release."""
 
 from __future__ import annotations
 
