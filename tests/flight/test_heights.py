@@ -17,7 +17,7 @@ STANDS_S = 25.0
 ARDUPILOT = ("d2", "d4", "d6")
 
 
-class Flown(NamedTuple):
+class Outcome(NamedTuple):
     texts: list[str]
     wider_m: Array  # (n,) more uncertainty than at the start
     off_m: float  # by how much the ArduCopters truly fly below what they report
@@ -26,7 +26,7 @@ class Flown(NamedTuple):
 
 
 def test_scale_of_heights_is_named_and_floor_holds() -> None:
-    async def story(show: Show) -> Flown:
+    async def story(show: Show) -> Outcome:
         await show.standby()
         await show.wait(STANDS_S)
         checks = show.service.preflight.report().vehicles
@@ -46,7 +46,7 @@ def test_scale_of_heights_is_named_and_floor_holds() -> None:
         wider_m = show.view.rows.uncertainty_m - before_m
         reported_m = -show.view.rows.position_m[:, 2]
         off_m = float(np.mean((reported_m + show.true_m[:, 2])[1::2]))
-        return Flown(texts, wider_m, off_m, show.floor_violations(), drifted)
+        return Outcome(texts, wider_m, off_m, show.floor_violations(), drifted)
 
     flown = fly(story, config(HEIGHT_M), spacing_m=5.5)
     assert flown.drifted == []
