@@ -167,13 +167,14 @@ class ArduPilot:
     ) -> WithoutSetpoints:
         """It flies on, stops as for a setpoint at rest, and hovers in GUIDED until heartbeats are lost."""
         level_m_s2 = _acceleration_m_s2(parameters, ACCELERATION)
+        return_height_m = VERSIONS.read("RTL_ALT_M", parameters)
         return WithoutSetpoints(
             flies_on_s=float(parameters.get(FLIES_ON, FLIES_ON_S)),
             lag_s=SWINGS_S,
             deceleration_m_s2=max(level_m_s2, ACCELERATION_LEAST_M_S2),
             action="land" if action == "descend" else action,
             changes_mode=False,
-            return_height_m=float(parameters.get("RTL_ALT", nan)) / 100.0,
+            return_height_m=nan if return_height_m is None else return_height_m,
         )
 
     def response(self, parameters: Mapping[str, ParameterValue]) -> Response:

@@ -1,4 +1,4 @@
-"""What a real ArduCopter does and a kind fake did not: console text, slow clocks, heights, texts."""
+"""What a real ArduCopter does, unflattered: console text, slow clocks, heights, texts by release."""
 
 from __future__ import annotations
 

@@ -68,8 +68,8 @@ class Flight:
         true_m = PAD_M + height_m * np.ones(n)
         reported_m = PAD_M + height_m * (1.0 + self.scale) + self.drift_m + self.offset_m
         received_m = true_m + self._wander_m + self.common_m
-        said = telemetry(reported_m, received_m, armed=armed, accuracy_m=self.accuracy_m)
-        self.comparison.note(said, np.ones(n, np.bool_), self.time_s)
+        reported = telemetry(reported_m, received_m, armed=armed, accuracy_m=self.accuracy_m)
+        self.comparison.note(reported, np.ones(n, np.bool_), self.time_s)
         self.time_s += 1.0
         return self.comparison.found
 
@@ -191,17 +191,17 @@ def test_recorded_ardupilot_is_named_beside_healthy_ones() -> None:
     named_at_m, highest_m, next_s = list[float](), 0.0, 0.0
     for time_s, frame in frames("ardupilot/session.tlog.xz"):
         read(link, time_s, frame)
-        said = link.telemetry()
-        if time_s < next_s or np.isnan(said.gnss_altitude_amsl_m[0]):
+        reported = link.telemetry()
+        if time_s < next_s or np.isnan(reported.gnss_altitude_amsl_m[0]):
             continue
         next_s = time_s + 1.0
-        reported_m, received_m = said.altitude_amsl_m[0], said.gnss_altitude_amsl_m[0]
+        reported_m, received_m = reported.altitude_amsl_m[0], reported.gnss_altitude_amsl_m[0]
         beside = telemetry(
             np.array([reported_m, received_m, received_m]),
             np.full(3, received_m),
-            armed=said.armed[0],
-            accuracy_m=float(said.vertical_accuracy_m[0]),
-            down_m_s=float(said.velocity_ned_m_s[0, 2]),
+            armed=reported.armed[0],
+            accuracy_m=float(reported.vertical_accuracy_m[0]),
+            down_m_s=float(reported.velocity_ned_m_s[0, 2]),
         )
         comparison.note(beside, np.ones(3, np.bool_), time_s)
         found, height_m = comparison.found, float(reported_m) - PAD_M

@@ -1,0 +1,58 @@
+"""ArduCopters with the recorded scale of heights fly beside PX4: they are named, and the floor holds."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from gcs.model.state import Array
+from gcs.service.alarms import AlarmCause
+from tests.flight.test_mixed_stalls import config
+from tests.support.virtual_show import Show, alarm_texts, fly
+
+HEIGHT_M = 25.0
+NAMED_WITHIN_S = 30.0
+STANDS_S = 25.0
+"""Before the start, which is what the heights in the air are compared with."""
+
+ARDUPILOT = ("d2", "d4", "d6")
+
+
+class Outcome(NamedTuple):
+    texts: list[str]
+    wider_m: Array  # (n,) more uncertainty than at the start
+    off_m: float  # by how much the ArduCopters truly fly below what they report
+    violations: int
+    drifted: list[str]  # checks that fail before the start
+
+
+def test_scale_of_heights_is_named_and_floor_holds() -> None:
+    async def story(show: Show) -> Outcome:
+        await show.standby()
+        await show.wait(STANDS_S)
+        checks = show.service.preflight.report().vehicles
+        drifted = [
+            one.id for one in checks for check in one.checks if "drift" in check.name and not check.passes
+        ]
+        before_m = show.view.rows.uncertainty_m
+        await show.start()
+
+        def named() -> set[str]:
+            alarms = [one for one in show.view.alarms if one.cause is AlarmCause.HEIGHT_DIFFERS]
+            return {name for one in alarms for name in one.vehicles}
+
+        await show.until(lambda: named() == set(ARDUPILOT), NAMED_WITHIN_S)
+        await show.wait(1.0)
+        texts = [text for text in alarm_texts(show) if "not as high as reported" in text]
+        wider_m = show.view.rows.uncertainty_m - before_m
+        reported_m = -show.view.rows.position_m[:, 2]
+        off_m = float(np.mean((reported_m + show.true_m[:, 2])[1::2]))
+        return Outcome(texts, wider_m, off_m, show.floor_violations(), drifted)
+
+    flown = fly(story, config(HEIGHT_M), spacing_m=5.5)
+    assert flown.drifted == []
+    (text,) = flown.texts
+    assert "below what it reports, by its receiver and the others" in text
+    assert 0.8 < flown.off_m < 1.8
+    assert (flown.wider_m[1::2] > 0.05).all()
+    assert flown.wider_m[0::2].max() <= 0.2 + 1e-9, "by the reset of their estimators at the take-off only"
+    assert flown.violations == 0
