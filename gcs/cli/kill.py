@@ -28,8 +28,11 @@ if TYPE_CHECKING:
     from gcs.cli.kill_plan import KillPlan
 
 RECORD: Final = "runs"
-ANSWER_S: Final = 1.5
-"""Longest wait for one answer of the service; then the kill goes on without it."""
+ANSWER_S: Final = 2.0
+"""Longest wait for the service in the first step; then the kill goes on without it."""
+
+CONFIRMED_S: Final = 5.0
+"""The same in the second step, beside the other way. A service whose control hangs takes 3 s."""
 
 HEAD_START_S: Final = 0.7
 """Time for the service to accept the kill before it is sent without the service as well."""
@@ -228,7 +231,7 @@ class Kill:
 
     def _through_service(self) -> None:
         try:
-            with closing(exchange(self._arguments, ANSWER_S)) as client:
+            with closing(exchange(self._arguments, CONFIRMED_S)) as client:
                 armed = _asked(client, "kill", _body(self._named))
                 command = _asked(client, "kill/confirm", {"code": armed["code"]})
                 report = _of_command(command)
@@ -309,7 +312,7 @@ def _confirm_code_of_service(arguments: argparse.Namespace) -> int:
     if arguments.direct:
         raise RefusedError(f"{wrong}: leave --confirm out")
     try:
-        with closing(exchange(arguments, ANSWER_S)) as client:
+        with closing(exchange(arguments, CONFIRMED_S)) as client:
             command = _asked(client, "kill/confirm", {"code": arguments.confirm})
             report, until_s = _of_command(command), time.monotonic() + WAIT_S
             while not report.ended and time.monotonic() < until_s:
