@@ -105,7 +105,7 @@ def _run(given: argparse.Namespace, folder: Path) -> int:
         simulators = _simulators(given, Pads(frame, given.vehicles, given.spacing), folder, lost)
         config = make_config(given, simulators.kinds)
         if isinstance(simulators, FakeFleet):
-            simulators.kept = parameter_options(settings_of(config))
+            simulators.kept = parameter_options(settings_of(config, given.version))
         service = Service(config, folder)
         fdm_port = given.fdm_port if isinstance(simulators, ArduCopter) else None
         with (
