@@ -164,6 +164,9 @@ def _watched(request: list[str], out: int, err: int, status: int) -> None:
     os.close(status)
     os.dup2(out, 1)
     os.dup2(err, 2)
+    # as a new process has them: the old ones may believe that they can seek in what is a pipe now
+    sys.stdout, sys.stderr = (os.fdopen(number, "w", closefd=False) for number in (1, 2))
+    sys.stderr.reconfigure(line_buffering=True)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     folder, namespace, *sys.argv = request
     os.chdir(folder)

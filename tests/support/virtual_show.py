@@ -361,7 +361,7 @@ class Flight:
         heart: Heart | None = None,
         **fleet_settings: Any,
     ) -> None:
-        proper = settings_of(plan)
+        proper = settings_of(plan, str(fleet_settings.get("version", "")))
         kinds = list(dict.fromkeys(str(vehicle.autopilot) for vehicle in plan.fleet))
         autopilot = kinds[0] if len(kinds) == 1 else "mixed"  # in turn
         soon = SOON_DISARMED if DEFAULT.name in kinds else {}
