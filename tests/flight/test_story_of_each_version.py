@@ -10,10 +10,13 @@ from gcs.service import Outcome, ShowAction
 from gcs.sim.vehicle import versions
 from gcs.sim.vehicle.px4 import Quirks
 from tests.flight.test_shipped_pads import shipped
+from tests.support.views import vehicles_of
 from tests.support.virtual_show import Show, alarm_texts, fly
 
 READY_MAX_S = 20.0
-"""From the first frame of the vehicles, which need 4 to 6 s themselves, until a start is accepted."""
+"""From when all vehicles can be armed until a start would be accepted."""
+
+BOOTED_MAX_S = 60.0
 
 VERSIONS = [(kind, name) for kind in ("px4", "ardupilot") for name in versions.names(kind)]
 
@@ -28,6 +31,7 @@ class Flown(NamedTuple):
 
 async def story(show: Show) -> Flown:
     service, alarms = show.service, list[str]()
+    await show.until(lambda: all(seen.ready for seen in vehicles_of(show.view)), BOOTED_MAX_S)
     ready_s = await show.until(lambda: service.preflight.report().passes, READY_MAX_S)
     reported = {each.version for each in service.preflight.report().vehicles}
     outcomes = [(await show.settled(service.commands.command_show(ShowAction.START), 180.0)).outcome]

@@ -10,6 +10,7 @@ from pymavlink.dialects.v20 import common
 
 from gcs.sim.autopilots.ardupilot.modes import Mode
 from gcs.sim.fleet import STEP_S
+from gcs.sim.vehicle.px4 import Quirks
 from tests.support.ardu_bench import ArduBench, command, cruising, grounded, hovering
 from tests.support.sim_bench import ACCEPTED, FAILED, VELOCITY_ONLY, setpoint
 
@@ -62,7 +63,7 @@ class Eavesdropper(ArduBench):
 
 
 def test_mavlink_1_is_spoken_until_mavlink_2_is_received() -> None:
-    bench = Eavesdropper()
+    bench = Eavesdropper(quirks=Quirks(console_text=False))
     bench.run(5.0)
     assert {frame[0] for frame in bench.frames} == {0xFE}
     bench.frames.clear()

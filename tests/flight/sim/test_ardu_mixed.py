@@ -96,9 +96,9 @@ def test_faults_reach_the_vehicles_of_a_mixed_fleet() -> None:
     for number in (2, 3):
         fault = {"vehicle": number, "fault": "fix", "type": "2d"}
         assert json.loads(fault_injector.obey(json.dumps(fault)))["ok"]
-    assert [part.state.fix_type.tolist() for part in fleet.parts] == [[6, 2], [2, 6]]
+    assert [part.state.fix_type.tolist() for part in fleet.parts] == [[3, 2], [2, 6]]
     fault_injector.obey(json.dumps({"vehicles": "all", "fault": "none"}))
-    assert [part.state.fix_type.tolist() for part in fleet.parts] == [[6, 6], [6, 6]]
+    assert [part.state.fix_type.tolist() for part in fleet.parts] == [[3, 3], [6, 6]]
 
 
 def test_a_pilot_takes_over_by_the_switch_not_by_the_sticks() -> None:
