@@ -323,7 +323,7 @@ def _in_formation(flight: SitlFlight) -> None:
 
     def formed() -> bool:
         show = flight.client.show()
-        if show.phase == "idle":
+        if show.phase == "idle" and show.reason != flight.reason_before:
             flight.account.refused.append(f"start: {show.reason}")
             raise ServiceError(f"the start was refused: {show.reason}")
         return show.phase == "running" and flight.alive <= flight.flying()

@@ -107,6 +107,7 @@ class SitlFlight:
         self.ids = service.config.ids
         self.victim = self.ids[lost]
         self.account = Account()
+        self.reason_before = ""  # of the show, before its start: it is shown until the start is executed
 
     @property
     def client(self) -> Client:
@@ -140,6 +141,7 @@ class SitlFlight:
     def started(self) -> CommandRecord:
         """Start with every vehicle that lives, once all are ready; the refusal is the verdict."""
         self.until("every vehicle ready", self.pace.ready_s, self.all_ready)
+        self.reason_before = self.client.show().reason
         try:
             command = self.client.start()
         except GcsError as error:
