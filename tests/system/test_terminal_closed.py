@@ -27,6 +27,7 @@ def on_a_terminal(*words: str) -> Iterator[tuple[int, int, str]]:
     """Run `gcs WORDS` on a terminal of its own. Yields: its process, the terminal, and the API's address."""
     pid, terminal = pty.fork()
     if pid == 0:
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)  # ignored where the tests run under nohup
         os.execv(sys.executable, [sys.executable, "-m", "gcs", *words])  # noqa: S606 (this program)
     shown, until_s = "", time.monotonic() + SOON_S
     try:
