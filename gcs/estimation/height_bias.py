@@ -3,7 +3,7 @@
 An autopilot estimates its height mostly by one sensor. One that follows its barometer is off by its scale and
 drift; its receiver's altitude is not. The estimated minus the received altitude has an offset of its own from
 the first fix, so that only its change since the vehicle stood counts. What all vehicles have in common
-(satellites, weather) endangers no pair, and is taken away. Decision 0057: what this can show.
+(satellites, weather, one scale) endangers no pair, and is taken away. Decision 0057: what this can show.
 """
 
 from dataclasses import dataclass
@@ -139,6 +139,7 @@ class HeightComparison:
         self._over: Mask = np.zeros(count, np.bool_)  # the reference is not extended any more
         self._pad_m = np.full(count, np.nan)  # altitude when the reference began
         self._reference, self._now = _Moments.none(count), _Moments.none(count)
+        self._common_scale = np.nan  # of the last time at which two were high enough to tell
         self.found = HeightBias.unknown(count)
 
     def note(self, telemetry: Telemetry, fresh: Mask, now_s: float) -> None:
@@ -189,14 +190,27 @@ class HeightComparison:
             bias_m = now.means[0] - before.means[0]
             grows = np.where(now.means[1] > SCALED_ABOVE_M, height_m / now.means[1], 1.0)
         bias_m, error_m = (np.where(known, each * grows, np.nan) for each in (bias_m, error_m))
-        least_m = np.quantile(bias_m[known], 0.25, method="lower")
-        most_m = np.quantile(bias_m[known], 0.75, method="higher")
-        common_m = np.clip(0.0, least_m, most_m)  # where estimates agree with their receivers, they are right
         error_m = np.hypot(error_m, np.median(error_m[known]) / np.sqrt(known.sum()))
-        bias_m = bias_m - common_m
-        scale = np.where(now.means[1] > SCALED_ABOVE_M, bias_m / np.maximum(height_m, SCALED_ABOVE_M), np.nan)
+        high = known & (now.means[1] > SCALED_ABOVE_M)
+        if high.sum() > 1:
+            share = (now.means[0] - before.means[0])[high] / now.means[1][high]
+            self._common_scale = _common(share)
+        judged = known & (~high | np.isfinite(self._common_scale))  # one alone may be as the others will be
+        by_offset_m, by_scale_m = bias_m - _common(bias_m[known]), bias_m - self._common_scale * height_m
+        bias_m = np.where(np.abs(by_scale_m) < np.abs(by_offset_m), by_scale_m, by_offset_m)
+        scale = np.where(high, bias_m / np.maximum(height_m, SCALED_ABOVE_M), np.nan)
         keeps, off_m = np.where(self.found.named, KEEPS, 1.0), np.abs(bias_m)
         wide = off_m > keeps * settings.bias_max_m
         wide |= (np.abs(scale) > keeps * settings.scale_max) & (off_m > keeps * 0.5 * settings.bias_max_m)
-        named = known & wide & (off_m > keeps * settings.deviations * error_m)
+        named = judged & wide & (off_m > keeps * settings.deviations * error_m)
         return HeightBias(bias_m, error_m, scale, named)
+
+
+def _common(off: Array) -> float:
+    """What (n,) differences have in common: 0 where a quarter is near it on each side.
+
+    Where estimates agree with their receivers, they are right.
+    """
+    least = np.quantile(off, 0.25, method="lower")
+    most = np.quantile(off, 0.75, method="higher")
+    return float(np.clip(0.0, least, most))

@@ -205,7 +205,7 @@ def test_fleet_with_different_loss_times_is_refused() -> None:
     assert "d2, d4 for 3 s, d1, d3 for 1 s fly on" in text
     assert ("loss times", State.FAIL) in checks
     text, checks = fly(story, config(3.0), parameters={"COM_OF_LOSS_T": 1.0})
-    assert "COM_OF_LOSS_T is 1, 3 is needed" in text
+    assert "COM_OF_LOSS_T is 1, 3 s is needed" in text
     assert ("loss times", State.FAIL) in checks, "by the parameter as read, not as configured"
     assert ("loss times", State.PASS) in fly(checked, config(3.0))
 
