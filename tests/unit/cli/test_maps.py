@@ -62,7 +62,6 @@ def test_tile_address_is_fetched_by_the_page_and_named() -> None:
         ("https://maps.example:84430/{z}/{x}/{y}.png", "port 84430: at most 65535"),
         ("https://maps.example;script-src/{z}/{x}/{y}.png", "no host"),
         ("https://maps.example *; /{z}/{x}/{y}.png", "no spaces"),
-        ("https://maps.example/{z}/{x}/{y}.png\r\nX: y", "no spaces"),
     ],
 )
 def test_invalid_map_source_is_refused_with_its_key(tiles: str, stated: str) -> None:
@@ -70,6 +69,11 @@ def test_invalid_map_source_is_refused_with_its_key(tiles: str, stated: str) -> 
         configured(tiles=tiles)
     assert str(refused.value).startswith("my.yaml: line 6: map.tiles = ")
     assert stated in str(refused.value)
+
+
+def test_line_ends_in_a_map_source_are_refused_where_they_are_read() -> None:
+    with pytest.raises(ConfigError, match=r"line 6: column 10: character U\+000D is not allowed"):
+        configured(tiles="https://maps.example/{z}/{x}/{y}.png\r\nX: y")
 
 
 @pytest.mark.parametrize(
