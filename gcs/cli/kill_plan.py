@@ -113,9 +113,11 @@ def _recorded(audit: Path) -> tuple[Mapping[str, Any], dict[str, tuple[str, int]
     if not sessions:
         raise ConfigError(f"{audit}: no session is in this record")
     vehicles = _rows(audit, "SELECT id, host, port FROM vehicles")
-    return json.loads(sessions[0]["config"]), {
-        row["id"]: (row["host"], row["port"]) for row in vehicles if row["host"]
-    }
+    try:
+        config = json.loads(sessions[0]["config"])
+    except RecursionError:
+        raise ConfigError(f"{audit}: its newest configuration is nested too deeply") from None
+    return config, {row["id"]: (row["host"], row["port"]) for row in vehicles if row["host"]}
 
 
 def links_of(raw: Mapping[str, Any], source: str) -> list[KillLink]:

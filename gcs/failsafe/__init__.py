@@ -1,1 +1,1 @@
-"""Failsafe policy, triggers and arbitration, and PX4's own failsafes; pure, imports only safety and model."""
+"""Failsafe policy, triggers, arbitration, autopilots' own failsafes; pure, imports safety and model."""

@@ -198,7 +198,7 @@ def test_loss_times_of_different_autopilots_leave_no_choice() -> None:
     (px4,) = [one for one in mixed["d1"] if one.name == "COM_OF_LOSS_T"]
     (copter,) = [one for one in mixed["d2"] if one.name == "GUID_TIMEOUT"]
     for one in (px4, copter):
-        assert (one.desired, one.set_to) == (f"{loss_s:g}", loss_s)
+        assert (one.desired, one.set_to) == (f"{loss_s:g} s", loss_s)
         assert one.holds(loss_s)
         assert not one.holds(loss_s - 0.5)
     (alone,) = [one for one in requirements_of(show_config(2))["d1"] if one.name == "COM_OF_LOSS_T"]
