@@ -47,7 +47,7 @@ const check = (name: string, change: Partial<Check> = {}): Check => ({
 const report = (checks: Readonly<Record<string, Check[]>>, out: readonly string[] = []): PreflightReport => ({
   passes: false, unix_time_s: 0, show: null, show_hash: null, fleet: [], not_flying: {}, not_checked: [],
   vehicles: Object.entries(checks).map(([id, all]) => ({
-    id, passes: all.every((each) => each.state === "pass"), flies: !out.includes(id), reason: "", checks: all, autopilot: "px4",
+    id, passes: all.every((each) => each.state === "pass"), flies: !out.includes(id), reason: "", checks: all, autopilot: "px4", version: "1.16.1",
   })),
 });
 
