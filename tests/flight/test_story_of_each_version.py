@@ -21,7 +21,7 @@ BOOTED_MAX_S = 60.0
 VERSIONS = [(kind, name) for kind in ("px4", "ardupilot") for name in versions.names(kind)]
 
 
-class Flown(NamedTuple):
+class Outcomes(NamedTuple):
     ready_s: float
     versions: set[str]
     outcomes: list[Outcome]
@@ -29,7 +29,7 @@ class Flown(NamedTuple):
     alarms: list[str]
 
 
-async def story(show: Show) -> Flown:
+async def story(show: Show) -> Outcomes:
     service, alarms = show.service, list[str]()
     await show.until(lambda: all(seen.ready for seen in vehicles_of(show.view)), BOOTED_MAX_S)
     ready_s = await show.until(lambda: service.preflight.report().passes, READY_MAX_S)
@@ -43,7 +43,7 @@ async def story(show: Show) -> Flown:
     alarms += alarm_texts(show)
     outcomes.append((await show.show(ShowAction.STOP)).outcome)
     await show.reach(ShowPhase.LANDED, 120.0)
-    return Flown(ready_s, reported, outcomes, show.floor_violations(), alarms)
+    return Outcomes(ready_s, reported, outcomes, show.floor_violations(), alarms)
 
 
 @pytest.mark.parametrize(("kind", "version"), VERSIONS, ids=lambda part: part or "recorded")

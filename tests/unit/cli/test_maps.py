@@ -71,7 +71,7 @@ def test_invalid_map_source_is_refused_with_its_key(tiles: str, stated: str) -> 
     assert stated in str(refused.value)
 
 
-def test_line_ends_in_a_map_source_are_refused_where_they_are_read() -> None:
+def test_line_ends_in_a_map_source_are_refused_when_read() -> None:
     with pytest.raises(ConfigError, match=r"line 6: column 10: character U\+000D is not allowed"):
         configured(tiles="https://maps.example/{z}/{x}/{y}.png\r\nX: y")
 
