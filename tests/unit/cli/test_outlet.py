@@ -44,6 +44,7 @@ def test_reader_that_is_gone_ends_nothing() -> None:
         outlet = Outlet(stream, lost)
         for _ in range(3):
             outlet.write("a line")
+        assert not stream.closed, "it is not ours to close"
 
 
 def test_closed_terminal_ends_nothing() -> None:
