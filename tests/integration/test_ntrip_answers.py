@@ -23,6 +23,7 @@ def answered(reply: bytes) -> tuple[list[bytes], str]:
     """The messages that such an answer brings, and why the connection ended."""
     found: list[bytes] = []
     failures: list[str] = []
+    answered_all = asyncio.Event()
 
     async def caster(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         await reader.readuntil(b"\r\n\r\n")
@@ -32,7 +33,10 @@ def answered(reply: bytes) -> tuple[list[bytes], str]:
                 await writer.drain()
                 await asyncio.sleep(0.001)
             writer.write(reply[8900:])
-        writer.close()
+            writer.close()
+            await writer.wait_closed()
+        writer.transport.abort()
+        answered_all.set()
 
     async def main(port: int) -> None:
         settings = RtkSettings(source=f"ntrip://127.0.0.1:{port}/NEAR")
@@ -44,6 +48,7 @@ def answered(reply: bytes) -> tuple[list[bytes], str]:
             task.cancel()
             with suppress(asyncio.CancelledError):
                 await task
+            await answered_all.wait()
 
     asyncio.run(main(free_ports()))
     return found, failures[0]
