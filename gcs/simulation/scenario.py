@@ -43,8 +43,8 @@ class World(Settings):
 
     vehicle: Literal["fitted", "cascade"] = "fitted"  # PX4: to its recordings, or made of its own gains
     autopilots: tuple[StrictStr, ...] = (DEFAULT.name,)  # by turns, from the first vehicle on
-    ramp_m_s2: Positive = 2.5  # WPNAV_ACCEL of vehicles that have it
-    upright_ramp_m_s2: Positive = 2.5  # PILOT_ACCEL_Z of these
+    ramp_m_s2: Positive = 2.5  # WP_ACC of vehicles that have it
+    upright_ramp_m_s2: Positive = 2.5  # WP_ACC_Z of these
     ramp_share: Annotated[float, Field(gt=0.0, le=1.0)] = 1.0  # that they fly of it; less: their profile errs
     response_spread: Share = 0.2  # each vehicle's gains, delay and drag differ by up to this, at random
     drag_per_s: NotNegative = 1.0  # as in PX4's simulator; real quadrotors have 0.1 to 0.3

@@ -2,6 +2,8 @@
 
 import os
 import pty
+import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -58,4 +60,7 @@ def test_closed_terminal_ends_nothing() -> None:
 
 
 def test_process_without_a_standard_output_goes_on() -> None:
-    Outlet(None, lost).write("a line")
+    program = "import sys; from gcs.cli.outlet import Outlet; Outlet(sys.stdout, str).write('a line'); sys.exit(7)"
+    shell = ["sh", "-c", 'exec "$0" -c "$1" >&-', sys.executable, program]
+    done = subprocess.run(shell, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (7, "")
