@@ -106,6 +106,8 @@ def cause_of(inputs: FailsafeInputs) -> FailsafeCause:
             return cause
     if not inputs.position_age_s <= inputs.setpoint_loss_s + 1.0 and inputs.mode in {Mode.LAND, Mode.OTHER}:
         return FailsafeCause.POSITION_LOSS
+    if _holds_first(inputs):  # nothing holds before it holds: another action follows
+        return FailsafeCause.OTHER
     fits = inputs.mode in _SETPOINT_LOSS_MODES.get(inputs.setpoint_loss_action, frozenset())
     return FailsafeCause.SETPOINT_LOSS if fits else FailsafeCause.OTHER
 
@@ -155,9 +157,9 @@ def described(vehicle_id: VehicleId, cause: FailsafeCause, inputs: FailsafeInput
         else ""
     )
     advice = _BLIND if cause is FailsafeCause.POSITION_LOSS else _TAKE_CONTROL
+    acts_soon = inputs.mode is Mode.HOLD and _holds_first(inputs)
+    does += " for a few seconds first" if acts_soon else ""
     if cause in BATTERY:
-        acts_soon = inputs.mode is Mode.HOLD and _holds_first(inputs)
-        does += " for a few seconds first" if acts_soon else ""
         advice = _LEAVE if acts_soon or comes_down(inputs) else _LAND
     if cause is FailsafeCause.SETPOINT_LOSS:
         level = f": {_setpoints(inputs)}"

@@ -146,6 +146,17 @@ def test_battery_failsafe_that_holds_first_is_left_to_land() -> None:
     assert described("d1", cause_of(stays), stays).endswith("Take control, and land it.")
 
 
+def test_hold_before_an_action_is_no_loss_of_setpoints() -> None:
+    """The cause is said when it acts."""
+    held = replace(INPUTS, texts=("Failsafe activated: entering Hold for 5 seconds",))
+    assert cause_of(held) is FailsafeCause.OTHER
+    text = described("d1", cause_of(held), held)
+    assert text == "d1 holds for a few seconds first by a failsafe of its own. Take control to fly it again."
+    assert not lost_on_the_way(cause_of(held), held), "it is not flown on by itself"
+    told = replace(held, mode=Mode.RETURN, texts=(*held.texts, "Connection to ground station lost"))
+    assert cause_of(told) is FailsafeCause.DATA_LINK_LOSS
+
+
 def test_blind_vehicle_is_left_alone_in_words_and_deeds() -> None:
     blind = replace(LANDS, position_doubtful=True)
     text = described("d1", cause_of(blind), blind)
