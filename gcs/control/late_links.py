@@ -1,18 +1,35 @@
 """Settings of a tick while links are late."""
 
-from typing import Final
+from collections.abc import Sequence
+from typing import Final, TypeVar
 
 import numpy as np
 
 from gcs.control.inputs import ControlSettings
+from gcs.formation.law import LawSettings
+from gcs.model.settings import Settings
 from gcs.model.state import Array, Mask
 
-LATE_S: Final = 0.15
-"""Telemetry this much later than possible is late; the loop's gains tolerate about this delay."""
+Kind = TypeVar("Kind", bound=Settings)
+
+LATE_S: Final = 0.06
+"""From this delay on, one way, the tick counts with it. Less is what the law's gains were found with."""
+
+
+LOOP_S: Final = 0.1
+"""Greatest delay of the inner loop on the measured velocity."""
 
 
 STEP_S: Final = 0.1
 """The delay is rounded up to steps of this length, so that settings do not change with every sample."""
+
+
+RATES_S: Final = 0.2
+"""Greatest delay that the law's rates tolerate: beyond it they become slower as the delay grows."""
+
+
+KEPT_S: Final = 0.02
+"""A step is kept until the delay leaves it by more."""
 
 
 MOST_S: Final = 0.6
@@ -27,31 +44,56 @@ TRIM_SHARE: Final = 0.2
 """Factor on the trim's learning rate while links are late."""
 
 
-def fleet_delay_s(late_s: Array, flying: Mask) -> float:
-    """One-way delay of the flying vehicles: 0 while links are on time, else a multiple of `STEP_S`."""
-    flying_s = late_s[flying]
-    if not (flying_s >= LATE_S).any():  # as nearly always: the quantile takes longer
+def fleet_delay_s(delay_s: Array, flying: Mask, before_s: float = 0.0) -> float:
+    """One-way delay of the flying vehicles: 0 while links are fast, else a multiple of `STEP_S`.
+
+    Args:
+        delay_s: (n,) of each link.
+        flying: (n,) vehicles that count.
+        before_s: the result of the tick before.
+    """
+    flying_s = delay_s[flying]
+    if not (flying_s >= LATE_S - KEPT_S).any():  # as nearly always: the quantile takes longer
         return 0.0
-    delay_s = float(np.quantile(flying_s, SHARE))
-    if delay_s < LATE_S:
+    fleet_s = float(np.quantile(flying_s, SHARE))
+    if before_s and max(before_s - STEP_S, LATE_S) - KEPT_S < fleet_s <= before_s + KEPT_S:
+        return before_s
+    if fleet_s < LATE_S:
         return 0.0
-    return min(MOST_S, STEP_S * float(np.ceil(delay_s / STEP_S)))
+    return min(MOST_S, STEP_S * float(np.ceil(fleet_s / STEP_S - 1e-6)))
+
+
+def _scaled(settings: Kind, names: Sequence[str], share: float) -> Kind:
+    return settings.model_copy(update={name: share * getattr(settings, name) for name in names})
+
+
+def _slower(law: LawSettings, share: float) -> LawSettings:
+    """The law with these shares of its rates."""
+    forces = ("sphere_rate_per_s", "spreading_rate_per_s")
+    parts = {
+        "article": _scaled(law.article, forces, share),
+        "neighbours": _scaled(law.neighbours, forces, share),
+    }
+    return _scaled(law.model_copy(update=parts), ("slot_rate_per_s", "goal_rate_per_s"), share)
 
 
 def for_late_links(control: ControlSettings, delay_s: float) -> ControlSettings:
-    """Settings of the tick at this delay, which is assumed for telemetry and setpoints alike.
+    """Settings of the tick at this delay or the configured one, of telemetry and setpoints alike.
 
-    The filter keeps the floor if it knows the delay. The inner loop on the measured velocity is off: it
-    oscillates when its own effect is measured half a second late. Decisions 0004 and 0024.
+    The filter keeps the floor if it knows the delay. Beyond `LOOP_S` the inner loop on the measured velocity
+    is off: it oscillates when its own effect is measured late. Decisions 0004, 0024 and 0061.
     """
-    if delay_s <= control.safety.link_delay_s:
-        return control
-    safety = control.safety.model_copy(update={"link_delay_s": delay_s})
-    slower = {
-        "safety": safety,
-        "loop_gain": 0.0,
-        "vertical_loop_gain": 0.0,
-        "trim_rate_per_s": TRIM_SHARE * control.trim_rate_per_s,
-        "vertical_trim_rate_per_s": TRIM_SHARE * control.vertical_trim_rate_per_s,
-    }
-    return control.model_copy(update=slower)
+    late_s = max(delay_s, control.safety.link_delay_s)
+    changes: dict[str, object] = {}
+    if late_s > control.safety.link_delay_s:
+        changes["safety"] = control.safety.model_copy(update={"link_delay_s": late_s})
+    if late_s > LOOP_S:
+        changes |= {
+            "loop_gain": 0.0,
+            "vertical_loop_gain": 0.0,
+            "trim_rate_per_s": TRIM_SHARE * control.trim_rate_per_s,
+            "vertical_trim_rate_per_s": TRIM_SHARE * control.vertical_trim_rate_per_s,
+        }
+    if late_s > RATES_S:
+        changes["law"] = _slower(control.law, RATES_S / late_s)
+    return control.model_copy(update=changes) if changes else control

@@ -1,4 +1,4 @@
-"""Delay of each vehicle's telemetry, from the clock that it sends. Pure; times are given."""
+"""Delay of each vehicle's link, from the clock that it sends and from its answers. Pure; times are given."""
 
 from typing import Final
 
@@ -32,15 +32,23 @@ RATES: Final = (1e-3, 0.05)
 """Seconds per second: of a clock set by satellites less, of a link that fills up more."""
 
 
+ANSWERS: Final = 8
+"""Of so many newest answers the soonest counts: the others waited on the way."""
+
+
 class LinkDelay:
-    """Delay of each vehicle's telemetry, compared with its smallest so far.
+    """Delay of each vehicle's link: the constant part, and how much later telemetry is than it could be.
+
+    The constant part is half the time from a request to its answer, of the soonest of the newest answers. A
+    loop through the link is late by both ways together, however they share it.
 
     A vehicle's SYSTEM_TIME contains its own clock as the message left. Clocks differ by a constant, so the
     varying part of the difference to its arrival is the link's delay. A simulator's clock also runs at a rate
     of its own, 1 to 2 % slow on a busy machine: what differs at a constant rate is no delay.
 
     Attributes:
-        late_s: (n,) average delay; 0 where nothing is known.
+        late_s: (n,) average delay of telemetry over its smallest so far; 0 where nothing is known.
+        delay_s: (n,) one way, all of it; 0 where nothing is known.
         rate: (n,) by how much the vehicle's clock runs faster than ours; 0 where it does not measurably.
     """
 
@@ -49,6 +57,9 @@ class LinkDelay:
         self._soonest_s = np.full(count, np.nan)  # the largest of them without the rate: the smallest delay
         self._sampled_s = np.full(count, np.nan)
         self.late_s: Array = np.zeros(count)
+        self.delay_s: Array = np.zeros(count)
+        self._answers_s = np.full((count, ANSWERS), np.nan)  # the newest round trips, the newest last
+        self._soonest_answer_s = np.full(count, np.inf)  # of all
         self.rate: Array = np.zeros(count)
         self._origin_s = np.zeros(count)  # the rate is counted from here
         self._window_s = np.zeros(count)  # begin of the window
@@ -56,8 +67,26 @@ class LinkDelay:
         self._peaks = np.full((count, WINDOWS, 3), np.nan)  # of the windows before: base, arrival, delay
         self._windows: Array = np.zeros(count)  # since the clock was first seen or set
 
-    def note(self, clock_base_s: Array, now_s: float) -> None:
-        """Add (n,) each vehicle's clock when ours was 0; NaN: not known."""
+    def note(self, clock_base_s: Array, round_trip_s: Array, now_s: float) -> None:
+        """Add what is newest.
+
+        Args:
+            clock_base_s: (n,) each vehicle's clock when ours was 0; NaN: not known.
+            round_trip_s: (n,) from a request to its answer; NaN: none.
+            now_s: our clock.
+        """
+        answered = (round_trip_s != self._answers_s[:, -1]) & ~np.isnan(round_trip_s)
+        if answered.any():
+            self._answers_s[answered, :-1] = self._answers_s[answered, 1:]
+            self._answers_s[answered, -1] = round_trip_s[answered]
+            self._soonest_answer_s = np.fmin(self._soonest_answer_s, round_trip_s)
+        self._note_clocks(clock_base_s, now_s)
+        known = np.isfinite(self._soonest_answer_s)
+        constant_s = 0.5 * np.fmin.reduce(self._answers_s, axis=1, initial=np.inf)
+        least_s = np.where(known, 0.5 * self._soonest_answer_s, 0.0)
+        self.delay_s = np.maximum(np.where(known, constant_s, 0.0), least_s + self.late_s)
+
+    def _note_clocks(self, clock_base_s: Array, now_s: float) -> None:
         new = (clock_base_s != self._base_s) & ~np.isnan(clock_base_s)
         if not new.any():
             return

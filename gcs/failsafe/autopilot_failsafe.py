@@ -106,9 +106,10 @@ def cause_of(inputs: FailsafeInputs) -> FailsafeCause:
             return cause
     if not inputs.position_age_s <= inputs.setpoint_loss_s + 1.0 and inputs.mode in {Mode.LAND, Mode.OTHER}:
         return FailsafeCause.POSITION_LOSS
-    if _holds_first(inputs):  # nothing holds before it holds: another action follows
-        return FailsafeCause.OTHER
-    fits = inputs.mode in _SETPOINT_LOSS_MODES.get(inputs.setpoint_loss_action, frozenset())
+    # nothing holds before it holds: another action follows
+    fits = not _holds_first(inputs) and inputs.mode in _SETPOINT_LOSS_MODES.get(
+        inputs.setpoint_loss_action, frozenset()
+    )
     return FailsafeCause.SETPOINT_LOSS if fits else FailsafeCause.OTHER
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from gcs.config.schema import Config
 from gcs.control import ControlSettings, Memory, Task, Tasks
-from gcs.control.late_links import LATE_S, fleet_delay_s, for_late_links
+from gcs.control.late_links import fleet_delay_s, for_late_links
 from gcs.estimation.fleet_state import FORWARD_MAX_S, Table, uncertainty_m
 from gcs.estimation.height_bias import HeightComparison
 from gcs.estimation.link_delay import LinkDelay
@@ -267,7 +267,7 @@ class Fleet:
     def note_links(self) -> None:
         """Note how the newest telemetry arrived, and its heights. After the setpoints: they change slowly."""
         self.link_quality.note(self.telemetry.position_time_s, self.fleet.time_s)
-        self.link_delay.note(self.telemetry.clock_base_s, self.fleet.time_s)
+        self.link_delay.note(self.telemetry.clock_base_s, self.telemetry.round_trip_s, self.fleet.time_s)
         fresh = self.fleet.age_s <= self.control.telemetry_age_max_s
         self.heights.note(self.telemetry, fresh, self.fleet.time_s)
 
@@ -310,17 +310,16 @@ class Fleet:
 
     @property
     def control_now(self) -> ControlSettings:
-        """The control settings of this tick: `control`, slower and wider while links are late."""
-        late_s = self.link_delay.late_s
+        """The control settings of this tick: `control`, slower and wider where links are late."""
+        late_s = self.link_delay.delay_s
         if self.site is not None:  # pairs across stations know each other later by the bus
             late_s = late_s + self.site.delay_s
-        if late_s.max(initial=0.0) < LATE_S:
-            return self.control
         flying = np.array([phase in AIRBORNE for phase in self.phases], dtype=np.bool_)
-        delay_s = fleet_delay_s(late_s, flying)
-        if self._slowed is None or self._slowed[0] is not self.control or self._slowed[1] != delay_s:
-            self._slowed = self.control, delay_s, for_late_links(self.control, delay_s)
-        return self._slowed[2]
+        before = self._slowed
+        delay_s = fleet_delay_s(late_s, flying, 0.0 if before is None else before[1])
+        if before is None or before[0] is not self.control or before[1] != delay_s:
+            self._slowed = before = self.control, delay_s, for_late_links(self.control, delay_s)
+        return before[2]
 
     @property
     def reset_time_s(self) -> Array:

@@ -37,6 +37,10 @@ SEARCHES_A_TICK = 2
 EARLY_S = 0.05
 """Two take-offs may be closer than the stagger by this time: their timers are not exact."""
 
+UNREADY_S = 10.0
+"""A vehicle whose turn it is may need so long to be ready again; then it stays on the ground."""
+
+_LOOKS_S = 0.2
 SETPOINTS_FIRST_S = 0.3
 RETRY_S = 1.0
 ENGAGE_TRIES = 3
@@ -123,7 +127,7 @@ class Maneuvers:
 
         async def maneuver(vehicle: Vehicle) -> None:
             await asyncio.sleep(delay_s)
-            check(vehicle)
+            await self._ready_again(vehicle, check)
             await self._command(vehicle, Verb.STANDBY)
             await self._turn()
             await self._command(vehicle, Verb.ARM)
@@ -141,6 +145,23 @@ class Maneuvers:
                 raise
 
         return maneuver
+
+    async def _ready_again(self, vehicle: Vehicle, check: Callable[[Vehicle], None]) -> None:
+        """Wait for the check to pass, as it did at the start: a link or an estimator may need seconds.
+
+        Raises: RefusedError, of the check.
+        """
+        loop = asyncio.get_running_loop()
+        until_s = loop.time() + UNREADY_S
+        while True:
+            try:
+                check(vehicle)
+            except RefusedError:
+                if loop.time() >= until_s or vehicle.phase is not Phase.STANDBY:
+                    raise
+            else:
+                return
+            await asyncio.sleep(_LOOKS_S)
 
     async def _turn(self) -> None:
         """Wait for the stagger after the last take-off: after a stall many are due at once."""

@@ -30,6 +30,7 @@ from gcs.links.forwarding import Forwarding
 from gcs.links.lights import Colours, LightSender
 from gcs.links.link import Address, Command, Counters, Observer, ParameterValue, Verb
 from gcs.links.receiver import Inbox, ParameterUpdates
+from gcs.links.round_trips import RoundTrips
 from gcs.links.sender import Outbox, SentSetpoints, SetpointBatch, before_it_leaves_s, most_urgent_first
 from gcs.links.settings import (
     EXTRA_BYTES_PER_S,
@@ -190,7 +191,10 @@ class Link(ABC):
         self._streams = StreamRequests(
             self._system_ids, [each.streams_hz(rates_hz) if rates_hz else {} for each in known], request
         )
-        self._versions = VersionRequests(self._system_ids, request)
+        self._versions, self._round_trips = (
+            VersionRequests(self._system_ids, request),
+            RoundTrips(self._telemetry.sync_sent_ns, self._outbox.broadcast),
+        )
         self._parameters = ParameterUpdates(self.ids)
         self._inbox = Inbox(
             self._addresses, self._telemetry, self._streams, self.counters, self._parameters, signatures
@@ -557,6 +561,7 @@ class Link(ABC):
         connection_count = self._telemetry.connection_count
         self._streams.watch(may_be_asked, connection_count, now_s)
         self._versions.watch(may_be_asked, connection_count, self._telemetry.version_time_s, now_s)
+        self._round_trips.watch(may_be_asked, now_s)
 
     async def _keep_beating(self) -> None:
         """Send our heartbeat while control runs: autopilots have a failsafe for its end."""

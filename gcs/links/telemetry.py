@@ -101,6 +101,7 @@ class FleetTelemetry:
         waiting: events of rows whose next heartbeat is awaited.
         position_resets: (n,) how often the estimator's reset counter has changed.
         version_time_s: (n,) arrival of its newest version, -inf before.
+        sync_sent_ns: (n,) TIMESYNC.ts1 of our newest request, set by those who send it.
     """
 
     def __init__(self, ids: Sequence[VehicleId], autopilots: Sequence[Autopilot] | None = None) -> None:
@@ -120,6 +121,7 @@ class FleetTelemetry:
         self.connection_count, self.reboot_count = columns.connection_count, columns.reboot_count
         self.landed, self.custom_mode = columns.landed, columns.custom_mode
         self.position_resets, self.version_time_s = columns.position_resets, columns.version_time_s
+        self.sync_sent_ns = columns.sync_sent_ns
         self.texts = tuple(StatusTexts() for _ in ids)
         self._texts_reported: tuple[tuple[StatusText, ...], ...] = ((),) * n
         self.waiting: dict[int, asyncio.Event] = {}
@@ -225,6 +227,7 @@ class FleetTelemetry:
             fix_type=now.fix_type.copy(),
             unhealthy_sensors=now.unhealthy_sensors.copy(),
             clock_base_s=now.clock_base_s.copy(),
+            round_trip_s=now.round_trip_s.copy(),
             texts=self._texts_reported,
             version=self._version_reported.values,
         )

@@ -52,6 +52,7 @@ _GLOBAL, _BATTERY = framing.GLOBAL_POSITION_INT, framing.BATTERY_STATUS
 _EXTENDED, _ODOMETRY, _TEXT = framing.EXTENDED_SYS_STATE, framing.ODOMETRY, framing.STATUSTEXT
 _ESTIMATOR: Final = framing.EKF_STATUS_REPORT
 _VERSION: Final = framing.AUTOPILOT_VERSION
+_SYNC: Final = framing.TIMESYNC
 
 
 def _at(message_id: int, field: str) -> int:
@@ -79,6 +80,7 @@ _EXTENDED_LANDED: Final = _at(_EXTENDED, "landed_state")
 _ODOMETRY_RESETS: Final = _at(_ODOMETRY, "reset_counter")
 _ESTIMATOR_FLAGS: Final = _at(_ESTIMATOR, "flags")
 _VERSION_SOFTWARE: Final = _at(_VERSION, "flight_sw_version")
+_SYNC_THEIRS, _SYNC_OURS = _at(_SYNC, "tc1"), _at(_SYNC, "ts1")
 
 
 class Columns(NamedTuple):
@@ -102,6 +104,8 @@ class Columns(NamedTuple):
     estimator_flags: Whole  # of EKF_STATUS_REPORT, -1: not reported
     version: Whole  # flight_sw_version, 0: not reported
     version_time_s: Array  # its arrival, -inf before
+    sync_sent_ns: Whole  # TIMESYNC.ts1 of our newest request; 0: none, or it was answered
+    round_trip_s: Array  # of the newest answer to one, NaN before
     fix_type: Array
     clock_base_s: Array
     accuracy_m: Array  # (n, 2) horizontal, vertical; inf without a fix
@@ -135,6 +139,8 @@ class Columns(NamedTuple):
             estimator_flags=np.full(n, -1, np.int64),
             version=np.zeros(n, np.int64),
             version_time_s=np.full(n, -np.inf),
+            sync_sent_ns=np.zeros(n, np.int64),
+            round_trip_s=np.full(n, np.nan),
             fix_type=np.full(n, np.nan),
             clock_base_s=np.full(n, np.nan),
             accuracy_m=np.full((n, 2), np.nan),
@@ -276,6 +282,18 @@ def _note_resets(data: Bytes, start: Number, end: Number, row: Number, into: Col
 
 
 @kernel_within
+def _note_round_trip(
+    data: Bytes, start: Number, end: Number, row: Number, time_s: float, into: Columns
+) -> None:
+    """An answer to our newest request. Requests of the vehicle's own, and answers to others, are none."""
+    theirs_ns = _unsigned(data, start + _SYNC_THEIRS, end, 8)
+    ours_ns = _unsigned(data, start + _SYNC_OURS, end, 8)
+    if theirs_ns != 0 and ours_ns != 0 and ours_ns == into.sync_sent_ns[row]:
+        into.round_trip_s[row] = max(time_s - ours_ns * 1e-9, 0.0)
+        into.sync_sent_ns[row] = 0
+
+
+@kernel_within
 def _boot_place(message: Number) -> int:
     """Where a message has the boot clock; -1: it has none.
 
@@ -289,7 +307,7 @@ def _boot_place(message: Number) -> int:
 
 
 @kernel
-def read_reports(  # noqa: C901, PLR0912  (within one function, no message counts references to the columns)
+def read_reports(  # noqa: C901, PLR0912, PLR0915  (within one function, no message counts references to the columns)
     data: Bytes, frames: Whole, rows: Whole, time_s: Array, into: Columns
 ) -> tuple[Whole, Whole]:
     """Read checked frames in order of arrival. Never fails, whatever they contain.
@@ -352,6 +370,8 @@ def read_reports(  # noqa: C901, PLR0912  (within one function, no message count
         elif message == _VERSION:
             into.version_time_s[row] = time_s[k]
             _set(into.version, row, _unsigned(data, start + _VERSION_SOFTWARE, end, 4), into.changes)
+        elif message == _SYNC:
+            _note_round_trip(data, start, end, row, time_s[k], into)
     return beats[:beat_count], texts[:text_count]
 
 

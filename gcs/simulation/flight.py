@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from gcs.config.sections import OperationSettings
 from gcs.control import ControlSettings, Memory, Task, Tasks, ellipses_of, tick, warm_up
+from gcs.control.late_links import fleet_delay_s, for_late_links
 from gcs.failsafe.policy import Action
 from gcs.flight.commander import STOPS_WITHIN_S
 from gcs.flight.ticker import garbage_between_ticks
@@ -68,13 +69,19 @@ def nearest_m(position_m: Array, inside_m: float) -> tuple[float, set[tuple[int,
     return least_m, tree.query_pairs(inside_m) if least_m < inside_m else set()
 
 
+def over_links(scenario: Scenario) -> ControlSettings:
+    """The settings of a service that has measured its links."""
+    delay_s = (scenario.world.telemetry_delay_s + scenario.world.setpoint_delay_s) / 2
+    return for_late_links(scenario.control, fleet_delay_s(np.array([delay_s]), np.ones(1, np.bool_)))
+
+
 class SimulatedFlight:
     """Base of all simulated flights: receive telemetry, tick, send setpoints, record the true states."""
 
     def __init__(self, scenario: Scenario, start_m: Array, goal_m: Array, plan: Plan, seed: int) -> None:
         n = len(start_m)
         self.scenario, self.plan = scenario, plan
-        self.settings: ControlSettings = scenario.control
+        self.settings: ControlSettings = over_links(scenario)
         self.world = TrueWorld(start_m, scenario.world, seed)
         self.record = Record(scenario, seed, start_m, goal_m, self.floor.horizontal_m)
         self.task = np.full(n, Task.NONE, dtype=np.int8)

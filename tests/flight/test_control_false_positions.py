@@ -52,6 +52,7 @@ class ReceivedFlight(Flight):
                     fix_type=np.full(4, 3.0),
                     unhealthy_sensors=np.zeros(4, np.int64),
                     clock_base_s=np.zeros(4),
+                    round_trip_s=np.zeros(4),
                     texts=((),) * 4,
                     version=(0,) * 4,
                 )

@@ -47,6 +47,7 @@ def telemetry(velocity_m_s: Array, *, near_s: float = LAST_S) -> Telemetry:
         fix_type=np.full(2, 3.0),
         unhealthy_sensors=np.zeros(2, np.int64),
         clock_base_s=np.zeros(2),
+        round_trip_s=np.zeros(2),
         texts=((), ()),
         version=(0,) * 2,
     )

@@ -134,7 +134,8 @@ def vehicle_restarted(flight: SitlFlight) -> None:
     name = flight.victim
     if name not in flight.account.lost:
         return
-    flight.client.command(name, "confirm-down")
+    if flight.client.vehicle(name).phase == "lost":  # not where the service was started anew since
+        flight.client.command(name, "confirm-down")
     flight.simulators.restart(flight.index(name))
     flight.account.lost.remove(name)
     flight.say(f"{name}: started again")

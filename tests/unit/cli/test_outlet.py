@@ -60,7 +60,9 @@ def test_closed_terminal_ends_nothing() -> None:
 
 
 def test_process_without_a_standard_output_goes_on() -> None:
-    program = "import sys; from gcs.cli.outlet import Outlet; Outlet(sys.stdout, str).write('a line'); sys.exit(7)"
+    program = (
+        "import sys; from gcs.cli.outlet import Outlet; Outlet(sys.stdout, str).write('a line'); sys.exit(7)"
+    )
     shell = ["sh", "-c", 'exec "$0" -c "$1" >&-', sys.executable, program]
     done = subprocess.run(shell, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (7, "")

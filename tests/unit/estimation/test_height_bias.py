@@ -41,6 +41,7 @@ def telemetry(
         fix_type=np.full(n, 3.0),
         unhealthy_sensors=np.zeros(n, np.int64),
         clock_base_s=unknown.copy(),
+        round_trip_s=unknown.copy(),
         version=(0,) * n,
         texts=((),) * n,
     )

@@ -60,6 +60,7 @@ class ReportedVehicle:
                     fix_type=np.full(1, fix),
                     unhealthy_sensors=np.zeros(1, np.int64),
                     clock_base_s=np.zeros(1),
+                    round_trip_s=np.zeros(1),
                     texts=((),) * 1,
                     version=(0,),
                 )

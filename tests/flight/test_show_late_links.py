@@ -1,0 +1,50 @@
+"""Links that are late by a constant time, of which nobody told the service: it measures them and rests."""
+
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from tests.support.show_phases import running
+from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, fly, show_config
+
+COUNT = 8
+REST_M_S = 0.1
+
+
+class Rested(NamedTuple):
+    measured_s: tuple[float, ...]  # of each vehicle, one way
+    counted_s: float  # by the control settings
+    rest_m_s: float  # rms of the true velocities of the last seconds
+    alarms: list[str]
+    violations: int
+
+
+async def late_from_the_pads_on(show: Show, delay_s: float) -> Rested:
+    for name in show.config.ids:
+        show.befall(name, "delay", delay_s=delay_s)
+    await show.wait(10.0)
+    await running(show)
+    await show.wait(60.0)
+    last = show.track.between(show.now_s - 10.0)
+    steps = [(b - a) for a, b in pairwise(last.true_m[::20])]  # (n, 3) of a second each
+    flight = show.service.player.flight
+    return Rested(
+        tuple(flight.link_delay.delay_s.tolist()),
+        flight.control_now.safety.link_delay_s,
+        float(np.sqrt(np.mean(np.square(steps).sum(axis=2)))),
+        alarm_texts(show),
+        show.floor_violations(),
+    )
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 0.12, 0.3])
+def test_formation_rests_over_links_of_any_constant_delay(delay_s: float) -> None:
+    config = show_config(COUNT, formation={"radius_m": 10.0, "height_m": 20.0}, operation=HOLDS_WHEN_LOST)
+    rested = fly(lambda show: late_from_the_pads_on(show, delay_s), config, ideal=True, seed=3)
+    assert rested.measured_s == pytest.approx([delay_s] * COUNT, abs=0.04)
+    assert delay_s <= rested.counted_s + 1e-9 <= delay_s + 0.1 + 1e-6
+    assert rested.rest_m_s <= REST_M_S
+    assert rested.violations == 0
+    assert rested.alarms == []

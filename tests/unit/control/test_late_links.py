@@ -1,0 +1,43 @@
+"""The settings of a tick by the delay of the links."""
+
+import numpy as np
+import pytest
+
+from gcs.control import ControlSettings
+from gcs.control.late_links import fleet_delay_s, for_late_links
+
+ALL = np.ones(4, np.bool_)
+
+
+@pytest.mark.parametrize(
+    ("delay_s", "counted_s"),
+    [(0.0, 0.0), (0.05, 0.0), (0.07, 0.1), (0.1, 0.1), (0.12, 0.2), (0.4, 0.4), (3.0, 0.6)],
+)
+def test_delay_of_the_fleet_is_rounded_up_in_steps(delay_s: float, counted_s: float) -> None:
+    assert fleet_delay_s(np.full(4, delay_s), ALL) == pytest.approx(counted_s)
+    assert fleet_delay_s(np.full(4, delay_s), ~ALL) == 0.0, "nobody flies"
+
+
+def test_step_is_left_by_more_than_a_little() -> None:
+    counted_s, changes = 0.0, 0
+    for delay_s in (0.07, 0.059, 0.061, 0.101, 0.11, 0.099, 0.13, 0.119, 0.1, 0.09, 0.05, 0.03):
+        now_s = fleet_delay_s(np.full(4, delay_s), ALL, counted_s)
+        changes += now_s != counted_s
+        counted_s = now_s
+    assert counted_s == 0.0
+    assert changes == 3, "up twice, down at once"
+
+
+def test_told_and_measured_delays_have_the_same_effect() -> None:
+    plain = ControlSettings()
+    told = plain.model_copy(update={"safety": plain.safety.model_copy(update={"link_delay_s": 0.3})})
+    assert for_late_links(told, 0.0) == for_late_links(plain, 0.3) == for_late_links(told, 0.2)
+    assert for_late_links(plain, 0.0) is plain
+
+
+def test_rates_become_slower_with_the_delay() -> None:
+    plain = ControlSettings()
+    rates = [for_late_links(plain, delay_s).law.slot_rate_per_s for delay_s in (0.1, 0.2, 0.3, 0.6)]
+    assert rates == pytest.approx([1.0, 1.0, 2 / 3, 1 / 3])
+    assert for_late_links(plain, 0.1).loop_gain > 0.0
+    assert for_late_links(plain, 0.2).loop_gain == 0.0
