@@ -9,6 +9,7 @@ import numpy as np
 
 from gcs.links.endpoints.ports import Datagrams
 from gcs.links.link import Address, Counters
+from gcs.links.odd_frames import odd_frames
 from gcs.mavlink.kernels import DATAGRAM, SYSTEM, Whole
 from gcs.mavlink.reports import SILENT_AFTER_S
 from gcs.model.jit import kernel
@@ -104,17 +105,25 @@ class Addresses:
         )
         if all_known:
             return frames, rows, arrived_s
-        for odd in np.flatnonzero(~taken).tolist():
-            row, system_id, datagram = int(rows[odd]), int(frames[odd, SYSTEM]), int(frames[odd, DATAGRAM])
-            taken[odd] = self._judge_new(row, system_id, int(source[datagram]), float(time_s[datagram]))
+        odd = odd_frames(frames, source, rows, taken)
+        self.counters.strangers += odd.strangers
+        self.counters.duplicates += odd.others
+        for group, (first, count) in enumerate(zip(odd.first.tolist(), odd.size.tolist(), strict=True)):
+            row, system_id, datagram = (
+                int(rows[first]),
+                int(frames[first, SYSTEM]),
+                int(frames[first, DATAGRAM]),
+            )
+            if self._judge_new(row, system_id, int(source[datagram]), float(time_s[datagram]), count):
+                taken |= odd.group == group
         return frames[taken], rows[taken], arrived_s[taken]
 
-    def _judge_new(self, row: int, system_id: int, source: int, time_s: float) -> bool:
-        """Whether a frame from an address new for its system is accepted. Each change is logged."""
+    def _judge_new(self, row: int, system_id: int, source: int, time_s: float, count: int) -> bool:
+        """Whether `count` frames from an address new for their system are accepted. Each change is logged."""
         address = self.address_of(source)
         about = {"link": self.name, "system_id": system_id, "address": str(address)}
         if row == NOWHERE:
-            self.counters.strangers += 1
+            self.counters.strangers += count
             stranger = (system_id, address.host)
             if stranger not in self._strangers and len(self._strangers) < _STRANGERS_LOGGED_MAX:
                 self._strangers.add(stranger)
@@ -125,10 +134,10 @@ class Addresses:
             log.info("vehicle_connected", extra=about)
         elif known != address and time_s - self.received_s[row] <= SILENT_AFTER_S:
             text = f"system id {system_id} at {known} and at {address}"
-            self.counters.duplicates += 1
-            before, before_s = self._conflicts.get(row, ("", -np.inf))
+            self.counters.duplicates += count
+            _, before_s = self._conflicts.get(row, ("", -np.inf))
             self._conflicts[row] = text, time_s
-            if before != text or time_s - before_s > CONFLICT_KEPT_S:
+            if time_s - before_s > CONFLICT_KEPT_S:  # once, whatever addresses a flood has
                 log.error("duplicate_system_id", extra={**about, "cause": text})
             return False
         elif known != address:

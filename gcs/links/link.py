@@ -87,4 +87,4 @@ class Counters:
     not_forwarded: int = 0
     taken_from_others: int = 0  # frames of other ground stations, passed on to a vehicle
     refused_from_others: int = 0
-    intakes: list[Intake] = field(default_factory=list)  # of further ground stations
+    intakes: list[Intake] = field(default_factory=list)  # of the ports, and of further ground stations

@@ -6,14 +6,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from gcs.links.address_book import Addresses, known_sources
+from gcs.links.endpoints.cut_streams import CutStreams
 from gcs.links.endpoints.ports import Datagrams
+from gcs.links.fair_shares import fair_shares
 from gcs.links.link import Counters, Direction, Observer, ParameterValue
+from gcs.links.link_intake import LinkIntake
+from gcs.links.odd_frames import odd_frames
 from gcs.links.signing import SignatureFilter
 from gcs.links.stream_requests import StreamRequests, count_messages
 from gcs.links.telemetry import FleetTelemetry
 from gcs.mavlink import codec
 from gcs.mavlink.framing import COMMAND_ACK, PARAM_VALUE
-from gcs.mavlink.kernels import BEGIN, END, FRAME_COLUMNS, SYSTEM, Bytes, Whole
+from gcs.mavlink.kernels import BEGIN, END, FRAME_COLUMNS, LONGEST_FRAME, SYSTEM, Bytes, Whole
 from gcs.model.state import Array, VehicleId
 
 
@@ -64,12 +68,22 @@ class Inbox:
         self.take_acks: Callable[[Whole, codec.Records], None] = lambda _rows, _reported: None
         self.take_value: Callable[[int, str, ParameterValue], None] = lambda _row, _name, _value: None
         self.pass_on: Callable[[Bytes, Whole, Whole, Array], None] | None = None
+        addresses = self.addresses
+        self._intake = LinkIntake(addresses.name, addresses.source, addresses.address_of)
+        self.counters.intakes.append(self._intake)
+        self._cut_streams = CutStreams()
 
     def take(self, arrived: Datagrams) -> None:
+        now_s = self.addresses.clock()
+        arrived = self._intake.admit_datagrams(arrived, now_s)
+        self._cut_streams.put_together(arrived)
         found = codec.find(arrived.data, arrived.start, arrived.length)
         self.counters.garbage_bytes += found.garbage_bytes
         self.counters.unknown_bytes += found.unknown_bytes
         frames = found.frames
+        if self.signatures is not None:
+            frames = frames[self.signatures.are_signed(arrived.data, frames, arrived.source)]
+        frames = self._intake.admit_frames(frames, arrived, now_s)
         if self.signatures is not None:
             frames = frames[self.signatures.accepted(arrived.data, frames, arrived.source)]
         frames, rows, time_s = self.addresses.judge(frames, arrived)
@@ -103,4 +117,7 @@ def warm_up() -> None:
     """Compile or load the kernels."""
     nothing, none, times_s = np.zeros((0, FRAME_COLUMNS), np.int64), np.zeros(0, np.int64), np.zeros(0)
     known_sources(nothing, none, times_s, none, none, times_s)
+    odd_frames(nothing, none, none, np.zeros(0, np.bool_))
+    fair_shares(np.zeros(1, np.int64), np.ones(1, np.int64), none, 0.0)
+    CutStreams().put_together(Datagrams(np.zeros(1, np.uint8), none, none, none, times_s, LONGEST_FRAME))
     count_messages(none, nothing, none, nothing)

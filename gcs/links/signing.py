@@ -2,6 +2,7 @@
 
 import logging
 import os
+from collections import Counter
 from collections.abc import Callable, Collection
 from contextlib import suppress
 from dataclasses import InitVar, dataclass
@@ -16,7 +17,7 @@ from gcs.links.link import Address, Counters
 from gcs.links.signing_key import load_key, reserve, stored, time_file
 from gcs.mavlink.codec import Frames, frame, joined
 from gcs.mavlink.framing import RADIO_STATUS, Frame, Judgement, Signer
-from gcs.mavlink.kernels import DATAGRAM, SYSTEM, Bytes, Whole
+from gcs.mavlink.kernels import BEGIN, DATAGRAM, MAGIC_2, MESSAGE, SIGNED, SYSTEM, Bytes, Whole
 from gcs.mavlink.signing_time import KEY_BYTES, UNITS_PER_S, signing_time
 from gcs.model.errors import ConfigError, LinkError
 from gcs.model.state import Mask
@@ -27,6 +28,9 @@ _AHEAD_UNITS: Final = 60 * UNITS_PER_S
 """The file holds a time in the future, so that no signing time is used again after a crash."""
 
 _LOOK_S: Final = 1.0
+
+WRONG_MAX: Final = 64
+"""Refused frames of one sender in a read, from which on its frames are refused unread."""
 
 
 def create_key(path: Path) -> None:
@@ -109,15 +113,42 @@ class SignatureFilter:
     counters: Counters
 
     def __post_init__(self, system_ids: Collection[int]) -> None:
-        self._system_ids = frozenset(system_ids)
+        self._is_ours: Mask = np.zeros(256, np.bool_)
+        self._is_ours[list(system_ids)] = True
         self._refused: set[tuple[int, Judgement]] = set()
 
+    def are_signed(self, data: Bytes, frames: Whole, source: Whole) -> Mask:
+        """(k,) which of the frames found in `data` have a signature, or need none: they are not ours.
+
+        `source` (m,) of each datagram. To be called before `accepted`, which costs more.
+        """
+        begin = frames[:, BEGIN]
+        has_signature = (data[begin] == MAGIC_2) & (data[begin + 2] & SIGNED != 0)
+        refused = self._is_ours[frames[:, SYSTEM]] & ~has_signature
+        if refused.any():
+            counted = np.flatnonzero(refused & (frames[:, MESSAGE] != RADIO_STATUS))  # radios have no key
+            self.counters.unsigned += len(counted)
+            systems, firsts = np.unique(frames[counted, SYSTEM], return_index=True)
+            for system_id, at in zip(systems.tolist(), counted[firsts].tolist(), strict=True):
+                self._log(system_id, Judgement.UNSIGNED, int(source[frames[at, DATAGRAM]]))
+        signed: Mask = ~refused
+        return signed
+
     def accepted(self, data: Bytes, frames: Whole, source: Whole) -> Mask:
-        """(k,) which of the frames found in `data` are accepted; `source` (m,) of each datagram."""
+        """(k,) which of the frames of `are_signed` are accepted.
+
+        What a sender sends behind its `WRONG_MAX` refused ones of a read is refused unread, as wrong.
+        """
         accepted: Mask = np.ones(len(frames), np.bool_)
-        for at, row in enumerate(frames.tolist()):
-            if row[SYSTEM] in self._system_ids:
-                accepted[at] = self._is_accepted(frame(data, row), int(source[row[DATAGRAM]]))
+        wrong: Counter[int] = Counter()
+        for at in np.flatnonzero(self._is_ours[frames[:, SYSTEM]]).tolist():
+            sender = int(source[frames[at, DATAGRAM]])
+            if wrong[sender] >= WRONG_MAX:
+                self.counters.wrongly_signed += 1
+                accepted[at] = False
+                continue
+            accepted[at] = self._is_accepted(frame(data, frames[at].tolist()), sender)
+            wrong[sender] += not accepted[at]
         return accepted
 
     def is_signed(self, received: Frame) -> bool:
@@ -136,14 +167,14 @@ class SignatureFilter:
         judgement = self.signing.signer.judge(received)
         if judgement is Judgement.GOOD:
             return True
-        if received.message_id == RADIO_STATUS:
-            return False  # made by the radio, which has no key: not accepted, and not counted
-        self.counters.unsigned += judgement is Judgement.UNSIGNED
         self.counters.wrongly_signed += judgement is Judgement.WRONG
         self.counters.replayed += judgement is Judgement.REPLAYED
-        if (received.system_id, judgement) not in self._refused:
-            self._refused.add((received.system_id, judgement))
-            about = {"link": self.name, "system_id": received.system_id}
+        self._log(received.system_id, judgement, source)
+        return False
+
+    def _log(self, system_id: int, judgement: Judgement, source: int) -> None:
+        if (system_id, judgement) not in self._refused:
+            self._refused.add((system_id, judgement))
+            about = {"link": self.name, "system_id": system_id}
             about |= {"address": str(self.address_of(source)), "cause": judgement.name.lower()}
             log.error("signature_refused", extra=about)
-        return False

@@ -9,18 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.links.autopilots import DEFAULT, Autopilot, title_of
+from gcs.links.status_texts import StatusTexts
 from gcs.mavlink import framing
 from gcs.mavlink.codec import frame
-from gcs.mavlink.framing import TextChunk
 from gcs.mavlink.kernels import Bytes, Whole
 from gcs.mavlink.reports import OTHER_MODE, TERMINATED_MODE, UNKNOWN_MODE, Columns, read_reports
 from gcs.model.state import Array, Landed, Mask, Mode, StatusText, Telemetry, VehicleId
 
 Value = TypeVar("Value")
 _LANDED: Final = tuple(Landed)
-
-_TEXT_CHUNKS_MAX: Final = 8
-_TEXTS_KEPT: Final = 6
 
 
 class _Reported(Generic[Value]):
@@ -51,32 +48,6 @@ _NOT_AN_AUTOPILOTS: Final = {
 
 def mode_of(autopilot: Autopilot, custom_mode: int) -> Mode:
     return _NOT_AN_AUTOPILOTS.get(custom_mode) or autopilot.mode(custom_mode)
-
-
-class StatusTexts:
-    """The newest status texts of one vehicle. Texts longer than 50 bytes arrive in chunks.
-
-    Attributes:
-        text, text_time_s: the newest text, and its arrival.
-        texts: the newest few, the oldest first.
-    """
-
-    def __init__(self) -> None:
-        self.text = ""
-        self.text_time_s = -np.inf
-        self.texts: tuple[StatusText, ...] = ()
-        self._chunks: list[TextChunk] = []
-
-    def take(self, chunk: TextChunk, time_s: float) -> None:
-        """Read one STATUSTEXT; a text with a missing chunk is shown with the chunks received."""
-        follows = self._chunks and chunk.text_id == self._chunks[0].text_id and chunk.text_id != 0
-        self._chunks = [*self._chunks, chunk][-_TEXT_CHUNKS_MAX:] if follows else [chunk]
-        self.text = b"".join(part.text for part in self._chunks).decode(errors="replace").strip()
-        self.text_time_s = time_s
-        earlier = self.texts[:-1] if follows else self.texts
-        self.texts = (*earlier, StatusText(time_s, chunk.severity, self.text))[-_TEXTS_KEPT:]
-        if chunk.last:
-            self._chunks = []
 
 
 class FleetTelemetry:

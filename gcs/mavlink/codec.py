@@ -90,13 +90,13 @@ def layout(message_id: int) -> Layout:
 
 
 @cache
-def _extras() -> NDArray[np.int16]:
+def extras() -> NDArray[np.int16]:
     """By message id, the CRC extra byte; -1 where there is no such message."""
-    extras = np.full(max(MESSAGES) + 1, -1, dtype=np.int16)
+    of_messages = np.full(max(MESSAGES) + 1, -1, dtype=np.int16)
     for message_id, message in MESSAGES.items():
-        extras[message_id] = message.crc_extra
-    extras.setflags(write=False)
-    return extras
+        of_messages[message_id] = message.crc_extra
+    of_messages.setflags(write=False)
+    return of_messages
 
 
 def records(message_id: int, count: int) -> Records:
@@ -137,7 +137,7 @@ def find(data: Bytes, starts: Whole, lengths: Whole) -> Found:
         starts: (m,) of each.
         lengths: (m,) in bytes.
     """
-    return Found(*kernels.find_frames(data, starts, lengths, _extras()))
+    return Found(*kernels.find_frames(data, starts, lengths, extras()))
 
 
 def split(data: bytes) -> Split:
@@ -164,7 +164,8 @@ def target_system(received: Frame) -> int:
 
 def end_of_frames(data: bytes) -> int:
     """Number of bytes of a stream to search for frames; the rest, at most one frame, waits for more bytes."""
-    return int(kernels.whole_until(np.frombuffer(bytearray(data), np.uint8), _extras()))
+    sums = np.empty(len(data) + 2, np.int64)
+    return int(kernels.whole_until(np.frombuffer(bytearray(data), np.uint8), 0, len(data), extras(), sums))
 
 
 def frame(data: Bytes, found: Sequence[int]) -> Frame:

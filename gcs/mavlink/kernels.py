@@ -9,7 +9,7 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.model.jit import kernel
+from gcs.model.jit import kernel, kernel_within
 
 Bytes: TypeAlias = NDArray[np.uint8]
 Whole: TypeAlias = NDArray[np.int64]
@@ -23,6 +23,7 @@ start of the frame, its end (signature included).
 DATAGRAM, MESSAGE, SYSTEM, COMPONENT, PAYLOAD, LENGTH, BEGIN, END = range(FRAME_COLUMNS)
 
 SHORTEST_FRAME: Final = 8
+LONGEST_FRAME: Final = 280
 
 MAGIC_1: Final = 0xFE
 MAGIC_2: Final = 0xFD
@@ -43,6 +44,23 @@ def _tables() -> NDArray[np.uint16]:
 
 _CRC: Final = _tables()
 
+_CHECKED_MAX: Final = 264
+"""Bytes of the longest frame that its checksum covers: 9 of the header, 255 of the payload."""
+
+_DIRECT: Final = 2
+"""Bytes that are checked frame by frame for each byte of a datagram. Frames that are right need one."""
+
+
+def _shifts() -> NDArray[np.uint16]:
+    """What 0 to _CHECKED_MAX zeros make of each half byte of the checksum before them: (265, 4, 16)."""
+    shifts = [np.arange(16, dtype=np.uint16) << np.arange(0, 16, 4, dtype=np.uint16)[:, None]]
+    for _ in range(_CHECKED_MAX):
+        shifts.append(shifts[-1] >> 8 ^ _CRC[0, shifts[-1] & 0xFF])
+    return np.array(shifts, np.uint16)
+
+
+_SHIFTS: Final = _shifts()
+
 
 @kernel
 def checksum(data: Bytes, start: Number, end: Number, extra: Number) -> np.int64:
@@ -58,40 +76,91 @@ def checksum(data: Bytes, start: Number, end: Number, extra: Number) -> np.int64
     return crc >> 8 ^ np.int64(_CRC[0, (crc ^ extra) & 0xFF])
 
 
-@kernel
+@kernel_within
+def _checksum_within(
+    data: Bytes, begin: Number, end: Number, start: Number, last: Number, extra: Number, sums: Whole
+) -> np.int64:
+    """As `checksum` over ``data[start:last]``, for any number of places in one datagram.
+
+    Bytes that all look like the beginning of a frame would be summed up 260 times each. Where many frames are
+    wrong, the sums up to each byte are formed once, and a frame's is found from two of them: it is linear.
+
+    Args:
+        data: buffer that contains the datagram.
+        begin: of the datagram.
+        end: of the datagram.
+        start: first byte.
+        last: the byte behind the last one.
+        extra: the CRC extra byte.
+        sums: (end - begin + 2,) at first how many bytes may be summed up frame by frame; changed.
+    """
+    if sums[0] >= 0:
+        sums[0] -= last - start
+        if sums[0] >= 0:
+            return checksum(data, start, last, extra)
+        sums[1] = 0
+        for at in range(end - begin):
+            sums[at + 2] = sums[at + 1] >> 8 ^ np.int64(_CRC[0, (sums[at + 1] ^ data[begin + at]) & 0xFF])
+    crc: np.int64
+    before, crc = sums[start - begin + 1] ^ 0xFFFF, sums[last - begin + 1]
+    for half in range(4):
+        crc ^= np.int64(_SHIFTS[last - start, half, before >> 4 * half & 0xF])
+    return crc >> 8 ^ np.int64(_CRC[0, (crc ^ extra) & 0xFF])
+
+
+@kernel_within
 def _message_id(data: Bytes, start: Number) -> np.int64:
     if data[start] == MAGIC_1:
         return np.int64(data[start + 5])
     return np.int64(data[start + 7]) | np.int64(data[start + 8]) << 8 | np.int64(data[start + 9]) << 16
 
 
-@kernel
-def _behind(data: Bytes, start: Number, end: Number, extras: NDArray[np.int16]) -> Number:
+@kernel_within
+def _reach(data: Bytes, start: Number, end: Number) -> Number:
+    """End of the frame whose header begins at `start`, after `end` where it is not whole; 0: none begins."""
+    room = end - start
+    if data[start] == MAGIC_1:
+        return start + 8 + np.int64(data[start + 1]) if room > 1 else end + 1
+    if data[start] != MAGIC_2:
+        return np.int64(0)
+    if room < 3:
+        return end + 1
+    flags = np.int64(data[start + 2])
+    if flags & ~SIGNED:
+        return np.int64(0)  # unknown flags may change everything that follows
+    return start + 12 + np.int64(data[start + 1]) + (SIGNATURE_LENGTH if flags else 0)
+
+
+@kernel_within
+def _behind(
+    data: Bytes, begin: Number, end: Number, start: Number, extras: NDArray[np.int16], sums: Whole
+) -> Number:
     """End of the frame that begins at `start`; 0 when there is none, whole and with the right checksum.
 
-    Negative: end of a possible frame of an unknown message, whose checksum cannot be verified.
+    Negative: end of a possible frame of an unknown message, whose checksum cannot be verified. The datagram
+    is from `begin` to `end`; `sums` as of `_checksum_within`.
     """
-    room = end - start
-    if data[start] == MAGIC_2 and room >= 12:
-        flags = data[start + 2]
-        if flags & ~SIGNED:
-            return 0  # unknown flags may change everything that follows
-        message = _message_id(data, start)
-        last = start + 12 + np.int64(data[start + 1])
-        tail = SIGNATURE_LENGTH if flags else 0
-    elif data[start] == MAGIC_1 and room >= SHORTEST_FRAME:
-        message = _message_id(data, start)
-        last = start + 8 + np.int64(data[start + 1])
-        tail = 0
-    else:
-        return 0
-    if last + tail > end:
-        return 0
+    reach = _reach(data, start, end)
+    if reach == 0 or reach > end:
+        return np.int64(0)
+    message = _message_id(data, start)
     extra = extras[message] if message < len(extras) else -1
     if extra < 0:
-        return -(last + tail)
+        return -reach
+    last = start + 12 + np.int64(data[start + 1]) if data[start] == MAGIC_2 else reach
     reported = np.int64(data[last - 2]) | np.int64(data[last - 1]) << 8
-    return last + tail if checksum(data, start + 1, last - 2, extra) == reported else 0
+    found = _checksum_within(data, begin, end, start + 1, last - 2, extra, sums)
+    return reach if found == reported else np.int64(0)
+
+
+@kernel
+def longest(lengths: Whole) -> Number:
+    """The greatest length; 0 of none."""
+    most: Number
+    most = np.int64(0)
+    for length in lengths:
+        most = max(most, length)
+    return most
 
 
 @kernel
@@ -110,14 +179,16 @@ def find_frames(
     """
     found, garbage, unknown = 0, 0, 0
     frames = np.empty((lengths.sum() // SHORTEST_FRAME + 1, FRAME_COLUMNS), np.int64)
+    sums = np.empty(longest(lengths) + 2, np.int64)
     place: Number
     unknown_end: Number
     for datagram in range(len(starts)):
-        place = starts[datagram]
+        place = begin = starts[datagram]
         end = place + lengths[datagram]
+        sums[0] = _DIRECT * lengths[datagram]
         unknown_end = 0
         while place < end:
-            behind = _behind(data, place, end, extras)
+            behind = _behind(data, begin, end, place, extras, sums)
             if behind > 0:
                 is_new = data[place] == MAGIC_2
                 header = 10 if is_new else 6
@@ -145,26 +216,45 @@ def find_frames(
 
 
 @kernel
-def whole_until(data: Bytes, extras: NDArray[np.int16]) -> Number:
-    """Bytes of a stream, up to the first place from which on they may be a frame that is not whole yet."""
-    end = len(data)
+def whole_until(data: Bytes, begin: Number, end: Number, extras: NDArray[np.int16], sums: Whole) -> Number:
+    """End of what can be read of a stream: the first place that may begin a frame that is not whole yet.
+
+    Args:
+        data: buffer that contains what has arrived.
+        begin: of it.
+        end: of it.
+        extras: as of `find_frames`.
+        sums: (end - begin + 2,) written.
+    """
     place: Number
-    place = np.int64(0)
+    place = begin
+    sums[0] = _DIRECT * (end - begin)
     while place < end:
-        room = end - place
-        magic = data[place]
-        if magic in (MAGIC_1, MAGIC_2):
-            if room < 3:
-                return place
-            length, flags = np.int64(data[place + 1]), data[place + 2]
-            if magic == MAGIC_1 and room < length + 8:
-                return place
-            tail = SIGNATURE_LENGTH if flags else 0
-            if magic == MAGIC_2 and not flags & ~SIGNED and room < length + 12 + tail:
-                return place
-        behind = _behind(data, place, end, extras)
+        if _reach(data, place, end) > end:
+            return place
+        behind = _behind(data, begin, end, place, extras, sums)
         place = behind if behind > 0 else place + 1
     return end
+
+
+@kernel
+def ends_with_a_frame(
+    data: Bytes, begin: Number, end: Number, extras: NDArray[np.int16], sums: Whole
+) -> bool:
+    """Whether bytes are frames end to end by their headers, and the last has the right checksum.
+
+    Nothing can then be missing behind them. Costs little, and the arguments are those of `whole_until`.
+    """
+    place: Number
+    last: Number
+    place = last = begin
+    while place < end:
+        reach = _reach(data, place, end)
+        if reach == 0 or reach > end:
+            return False
+        place, last = reach, place
+    sums[0] = _CHECKED_MAX
+    return bool(begin < end and _behind(data, last, end, last, extras, sums) > 0)
 
 
 @kernel

@@ -91,6 +91,7 @@ def test_a_new_input_is_found(source: str) -> None:
         ("timecode over RTP or UDP, a MIDI port", intake.MIDI),
         ("timecode as sound", intake.sound(48_000.0, SAMPLE_BYTES)),
         ("further ground stations", intake.FORWARDED),
+        ("vehicles over UDP", intake.of_vehicles(0)),
     ],
 )
 def test_bounds_in_the_table_are_those_of_the_code(name: str, bound: intake.Bound) -> None:

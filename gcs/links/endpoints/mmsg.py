@@ -79,14 +79,15 @@ class Batch:
     """Memory for a number of datagrams, in or out, and the C structures that point to it.
 
     Attributes:
-        data: (count, longest) bytes of each.
+        data: (count, headroom + longest) bytes of each, behind the headroom.
         length: (count,) of each.
         host, port: (count,) IPv4 addresses as numbers.
         time_s: (count,) the kernel's wall-clock time of arrival, NaN where it gave none.
     """
 
-    def __init__(self, count: int, longest: int) -> None:
-        self.data: Bytes = np.zeros((count, longest), np.uint8)
+    def __init__(self, count: int, longest: int, headroom: int = 0) -> None:
+        self.data: Bytes = np.zeros((count, headroom + longest), np.uint8)
+        self._longest = longest
         self.length: Whole = np.zeros(count, np.int64)
         self.time_s = np.full(count, np.nan)
         self._addresses = np.zeros(count, _ADDRESS)
@@ -97,7 +98,7 @@ class Batch:
         self._runs = np.zeros(count, _MESSAGE)
         self._segments = np.zeros(count, _SEGMENT)
         self._addresses["family"] = socket.AF_INET
-        self._parts["base"] = _places(self.data)
+        self._parts["base"] = _places(self.data) + np.uint64(headroom)
         self._part_length = self._parts["length"]
         for messages in (self._messages, self._runs):
             messages["header"]["name_length"] = _ADDRESS.itemsize
@@ -132,7 +133,7 @@ class Batch:
         """
         if not self._receives:
             self._receives = True
-            self._parts["length"] = self.data.shape[1]
+            self._parts["length"] = self._longest
             headers = self._messages["header"]
             headers["control"], headers["control_length"] = _places(self._control), _CONTROL_LENGTH
         count = _call(_LIBC.recvmmsg, fd, int(self._message_places[first]), most, None)

@@ -1,4 +1,4 @@
-"""The interface of a link's ports: datagrams of whole frames in batches, and their addresses as numbers."""
+"""The interface of a link's ports: datagrams in batches, and their addresses as numbers."""
 
 import socket
 from collections.abc import Callable, Iterable, Sequence
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from gcs.links.link import Address
 from gcs.mavlink.kernels import Bytes, Whole
-from gcs.model.state import Array
+from gcs.model.state import Array, Mask
 
 
 class Datagrams(NamedTuple):
@@ -21,6 +21,12 @@ class Datagrams(NamedTuple):
     length: Whole  # (m,)
     source: Whole  # (m,) source, see `source_of`
     time_s: Array  # (m,) of arrival, on our clock
+    headroom: int = 0  # bytes before each that may be overwritten; 0: the frames are whole
+
+    def of(self, these: Mask) -> "Datagrams":
+        """Some of them: (m,)."""
+        start, length, source = self.start[these], self.length[these], self.source[these]
+        return Datagrams(self.data, start, length, source, self.time_s[these], self.headroom)
 
 
 def source_of(host: int, port: int, socket_index: int) -> int:
@@ -54,7 +60,7 @@ class Ports(Protocol):
         """Release the ports; what is sent afterwards is lost."""
 
     def receive(self, take: Callable[[Datagrams], None]) -> None:
-        """Give what has arrived to `take`, in batches of whole frames, for a limited time. Never blocks."""
+        """Give what has arrived to `take`, for a limited time. Never blocks."""
 
     def send(
         self, data: Bytes, length: Whole, destination: Whole, *, until_s: float = inf

@@ -24,6 +24,8 @@ RETRY_S: Final = 1.0
 
 _READ_BYTES: Final = 4096
 _READS_PER_CALL: Final = 64
+"""Of all connections together, of each at least one: the rest waits for the next call, held back by TCP."""
+
 _SHARE_LEAST_S: Final = 0.001
 _TEND_PERIOD_S: Final = 0.02
 _SETPOINT_DELAY_S: Final = 0.05
@@ -43,7 +45,7 @@ class Stream:
         self._looked_s = now_s
         self._unread = False
 
-    def read(self, now_s: float) -> Iterator[tuple[bytes, float]]:
+    def read(self, now_s: float, reads: int) -> Iterator[tuple[bytes, float]]:
         """Whole frames that have arrived, and their time. Raises: OSError when the stream has ended.
 
         A stream has no times of arrival. Data read after the loop was blocked counts as old as it may be.
@@ -51,7 +53,7 @@ class Stream:
         """
         time_s = now_s if now_s - self._looked_s < _STALL_S else self._looked_s
         self._unread = True  # until read empty
-        for _ in range(_READS_PER_CALL):
+        for _ in range(reads):
             try:
                 data = self._channel.read(_READ_BYTES)
             except BlockingIOError:
@@ -118,10 +120,10 @@ class StreamPort:
             except OSError as error:
                 self.end(source, str(error), now_s)
 
-    def read(self, source: int, now_s: float) -> Iterator[tuple[bytes, float]]:
+    def read(self, source: int, now_s: float, reads: int) -> Iterator[tuple[bytes, float]]:
         """See `Stream.read`; a stream that has ended is closed."""
         try:
-            yield from self.streams[source].read(now_s)
+            yield from self.streams[source].read(now_s, reads)
         except OSError as error:
             self.end(source, str(error), now_s)
 
@@ -331,6 +333,7 @@ class LinkPorts(UdpPorts):
     def _read_streams(self, selector: BaseSelector, now_s: float, take: Callable[[Datagrams], None]) -> None:
         ready = selector.select(0)
         share_s = max(TURN_S / max(len(ready), 1), _SHARE_LEAST_S)
+        reads = max(_READS_PER_CALL // max(len(ready), 1), 1)
         arrived: list[tuple[bytes, int, float]] = []
         for key, _ in ready:
             port, source = key.data
@@ -338,7 +341,7 @@ class LinkPorts(UdpPorts):
                 port.accept(now_s)
                 continue
             until_s = self._clock() + share_s
-            for whole, time_s in port.read(source, now_s):
+            for whole, time_s in port.read(source, now_s, reads):
                 if whole:
                     arrived.append((whole, source, time_s))
                 if self._clock() > until_s:

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from gcs.links.endpoints import mmsg
 from gcs.links.endpoints.ports import Datagrams, Ports, host_number, source_of
 from gcs.links.settings import Listen, Place, UdpOut
-from gcs.mavlink.kernels import Bytes, Whole
+from gcs.mavlink.kernels import LONGEST_FRAME, Bytes, Whole
 from gcs.model.errors import LinkError
 
 log = logging.getLogger(__name__)
 
-_ROOM: Final = 512
-"""Datagrams that are read before they are processed."""
+_ROOM: Final = 2048
+"""Most datagrams of one `receive`: as many as wait in the sockets, also in a flood, so that none gets old."""
 
 _LONGEST: Final = 2048
 """Bytes of a datagram that are read; an Ethernet frame carries 1500."""
@@ -30,9 +30,6 @@ TURN_S: Final = 0.02
 """Time of one `receive`: a flood delays neither the loop nor other ports, and the rest waits for the next."""
 
 _ANY: Final = -1
-_ROUNDS: Final = 16
-"""Batches that a socket may fill in one turn, so that a flood cannot block the loop."""
-
 _BUFFER_BYTES: Final = 4 << 20
 _SO_RCVBUFFORCE: Final = 33  # beyond the system's limit, where permitted
 
@@ -80,8 +77,8 @@ class UdpPorts(Ports):
         self._sockets: tuple[socket.socket, ...] = ()
         self._selector: selectors.BaseSelector | None = None
         self._drained_s = np.zeros(0)
-        self._room = mmsg.Batch(_ROOM, _LONGEST)
-        self._start = np.arange(_ROOM, dtype=np.int64) * _LONGEST
+        self._room = mmsg.Batch(_ROOM, _LONGEST, LONGEST_FRAME)
+        self._start = np.arange(_ROOM, dtype=np.int64) * self._room.data.shape[1] + LONGEST_FRAME
         self._index = np.zeros(_ROOM, np.int64)
         self._outbox = mmsg.Batch(1, 1)
         self._in_runs = False
@@ -118,7 +115,7 @@ class UdpPorts(Ports):
             open_socket.close()
 
     def receive(self, take: Callable[[Datagrams], None]) -> None:
-        """See `Ports.receive`. The sockets that are ready share a turn's time: none is left out."""
+        """See `Ports.receive`. The sockets that are ready share room and time: none is left out."""
         if self._selector is None:
             return
         filled = 0
@@ -128,19 +125,15 @@ class UdpPorts(Ports):
         if len(ready) > 1:  # a single one is read at once: one call less
             ready = [key.data for key, _ in self._selector.select(0)]
         for turn, index in enumerate(ready, 1):
-            for _ in range(_ROUNDS):
-                if _ROOM - filled < _BATCH:
-                    take(self._datagrams(filled, now_s, wall_s))
-                    filled = 0
-                count = self._room.read(self._sockets[index].fileno(), filled, _BATCH)
+            end, until_s = _ROOM * turn // len(ready), now_s + TURN_S * turn / len(ready)
+            while True:
+                most = min(_BATCH, end - filled)
+                count = self._room.read(self._sockets[index].fileno(), filled, most) if most else 0
                 self._index[filled : filled + count] = index
                 filled += count
-                if count < _BATCH:
+                if count < _BATCH or self._clock() > until_s:
                     break
-                if self._clock() > now_s + TURN_S * turn / len(ready):
-                    full.append(index)
-                    break
-            else:
+            if count == most:
                 full.append(index)
         if filled:
             take(self._datagrams(filled, now_s, wall_s))
@@ -211,11 +204,11 @@ class UdpPorts(Ports):
         room, index = self._room, self._index[:count]
         source, time_s = room.arrivals(index, now_s, wall_s, self._drained_s)
         length = np.minimum(room.length[:count], _LONGEST)
-        arrived = Datagrams(room.data.reshape(-1), self._start[:count], length, source, time_s)
+        start = self._start[:count].copy()  # whoever puts streams together changes it
+        arrived = Datagrams(room.data.reshape(-1), start, length, source, time_s, LONGEST_FRAME)
         if not self._filtered:
             return arrived
-        mine = (self._far[index] == _ANY) | (self._far[index] == source)
-        return Datagrams(arrived.data, *(column[mine] for column in arrived[1:]))
+        return arrived.of((self._far[index] == _ANY) | (self._far[index] == source))
 
 
 def _bound(host: str, port: int) -> socket.socket:

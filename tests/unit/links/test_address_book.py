@@ -7,8 +7,10 @@ from gcs.links.address_book import CONFLICT_KEPT_S, NOWHERE, Addresses
 from gcs.links.endpoints.ports import Datagrams, host_number, source_of
 from gcs.links.endpoints.streams import LinkPorts
 from gcs.links.link import Address, Counters
-from gcs.mavlink.kernels import FRAME_COLUMNS, SYSTEM
+from gcs.links.odd_frames import JUDGED_MAX
+from gcs.mavlink.kernels import DATAGRAM, FRAME_COLUMNS, SYSTEM
 from gcs.mavlink.reports import SILENT_AFTER_S
+from tests.support.work import lines_run
 
 A = source_of(host_number("127.0.0.1"), 14582, 0)
 B = source_of(host_number("127.0.0.1"), 14599, 0)
@@ -98,3 +100,30 @@ def test_address_that_is_gone_frees_its_system_ids() -> None:
 
 def test_an_address_without_a_port_is_written_without() -> None:
     assert str(Address("/dev/ttyUSB0", 0, 0)) == "/dev/ttyUSB0"
+
+
+def test_frames_of_one_group_are_judged_once_and_all_counted() -> None:
+    """Systems 3 and 4, and one that is not configured, a thousand frames each from one strange address."""
+    book = Book()
+    book.receive(3, A, 0.0)
+    frames = np.zeros((3000, FRAME_COLUMNS), np.int64)
+    frames[:, SYSTEM] = np.tile([3, 4, 5], 1000)
+    ones = np.ones(1, np.int64)
+    flood = Datagrams(np.zeros(1, np.uint8), ones, ones, np.array([B]), np.array([0.1]))
+    accepted, rows, times_s = book.of.judge(frames, flood)
+    assert (rows.tolist(), times_s.tolist()) == ([1] * 1000, [0.1] * 1000), "4 has connected there"
+    assert len(accepted) == 1000
+    assert (book.counters.duplicates, book.counters.strangers) == (1000, 1000)
+    assert lines_run(lambda: book.of.judge(frames, flood)) < 200
+
+
+def test_no_more_groups_are_judged_than_a_bound(caplog: pytest.LogCaptureFixture) -> None:
+    book = Book()
+    book.receive(3, A, 0.0)
+    frames = np.zeros((1000, FRAME_COLUMNS), np.int64)
+    frames[:, SYSTEM], frames[:, DATAGRAM] = 3, np.arange(1000)
+    many = np.arange(1000)
+    flood = Datagrams(np.zeros(1, np.uint8), many, many, B + 1 + many, np.full(1000, 0.1))
+    assert lines_run(lambda: book.of.judge(frames, flood)) < 100 * JUDGED_MAX
+    assert book.counters.duplicates == 1000
+    assert caplog.messages.count("duplicate_system_id") == 1
