@@ -1,4 +1,7 @@
-"""Addresses of the configured systems, with duplicates and unknown systems. No I/O but the log."""
+"""Who sends: addresses of the configured systems, their components, duplicates, unknown systems.
+
+No I/O but the log.
+"""
 
 import logging
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -7,58 +10,53 @@ from typing import Final
 
 import numpy as np
 
+from gcs.links.continuity import NO_CLOCK, Counted, follows, is_silent
 from gcs.links.endpoints.ports import Datagrams
 from gcs.links.link import Address, Counters
-from gcs.mavlink.kernels import DATAGRAM, SYSTEM, Whole
+from gcs.links.senders import ANY, AUTOPILOTS, NOWHERE, Senders, known_sources
+from gcs.mavlink.framing import HEARTBEAT
+from gcs.mavlink.kernels import DATAGRAM, MESSAGE, SYSTEM, Whole
 from gcs.mavlink.reports import SILENT_AFTER_S
-from gcs.model.jit import kernel
-from gcs.model.state import Array, Mask
+from gcs.model.state import Array
 
 log = logging.getLogger(__name__)
 
 CONFLICT_KEPT_S = 5.0
 """A duplicate is reported until it has been silent this long."""
 
+BOTH_S: Final = 1.0
+"""Where an address goes on for so long beside another, both send. What was on its way when the one ended
+arrives within this time.
+"""
+
+UNLIKE_MAX: Final = 3
+"""A single frame may be late. Where so many do not follow the autopilot's, another one sends."""
+
 _STRANGERS_LOGGED_MAX: Final = 64
-NOWHERE: Final = -1
-"""The source of a vehicle without an address."""
 
 
-@kernel
-def known_sources(
-    frames: Whole, source: Whole, time_s: Array, row_of: Whole, known: Whole, received_s: Array
-) -> tuple[Whole, Mask, bool, Array]:
-    """Frames that came from the known sources of their systems.
+@dataclass(slots=True)
+class _Newcomer:
+    """A second address of a system.
 
-    Args:
-        frames: (k, FRAME_COLUMNS).
-        source: (m,) of each datagram.
-        time_s: (m,) of its arrival.
-        row_of: (256,) the row of each system id, or NOWHERE.
-        known: (n,) the source of each row, or NOWHERE.
-        received_s: (n,) arrival of the newest frame of each row, written.
-
-    Returns: (k,) the row of each, (k,) whether its source is known, whether all are, (k,) times of arrival.
+    Attributes:
+        since_s, newest_s: arrival of its first and of its newest frame.
+        unlike: number of its frames that do not follow the autopilot's.
     """
-    rows, taken, all_known = np.empty(len(frames), np.int64), np.empty(len(frames), np.bool_), True
-    arrived_s = np.empty(len(frames))
-    for k in range(len(frames)):
-        datagram, row = frames[k, DATAGRAM], row_of[frames[k, SYSTEM]]
-        rows[k], taken[k] = row, row != NOWHERE and known[row] == source[datagram]
-        arrived_s[k] = time_s[datagram]
-        if taken[k]:
-            received_s[row] = max(time_s[datagram], received_s[row])
-        all_known = all_known and taken[k]
-    return rows, taken, all_known, arrived_s
+
+    source: int
+    since_s: float
+    newest_s: float
+    unlike: int = 0
 
 
 @dataclass(eq=False)
 class Addresses:
-    """The source of every vehicle, rows as on the link.
+    """The source of every vehicle's autopilot, rows as on the link.
 
     Attributes:
         source: (n,) where each vehicle's frames go, see `source_of`; NOWHERE: none.
-        received_s: (n,) arrival of its newest frame, -inf before.
+        received_s: (n,) arrival of its autopilot's newest frame, -inf before.
     """
 
     name: str
@@ -68,17 +66,34 @@ class Addresses:
     clock: Callable[[], float]
 
     def __post_init__(self, system_ids: Sequence[int]) -> None:
-        self.source: Whole = np.full(len(system_ids), NOWHERE, np.int64)
-        self.received_s: Array = np.full(len(system_ids), -np.inf)
+        n, self._system_ids = len(system_ids), tuple(system_ids)
+        self.source: Whole = np.full(n, NOWHERE, np.int64)
+        self._senders = Senders.unknown(n)
+        self.received_s: Array = self._senders.received_s
         self._conflicts: dict[int, tuple[str, float]] = {}  # by row: the text, and when it was last true
+        self._newcomers: dict[int, _Newcomer] = {}  # by row: the newest other address
+        self._moved_s = np.full(n, -np.inf)  # when its address changed last
         self._row_of = np.full(256, NOWHERE, np.int64)
-        self._row_of[list(system_ids)] = np.arange(len(system_ids))
+        self._row_of[list(system_ids)] = np.arange(n)
         self._strangers: set[tuple[int, str]] = set()
 
     def conflicts(self) -> Mapping[int, str]:
         """Rows with recent frames of their system id from two addresses, both named in the text."""
         since_s = self.clock() - CONFLICT_KEPT_S
         return {row: text for row, (text, time_s) in self._conflicts.items() if time_s >= since_s}
+
+    def without_autopilot(self) -> Mapping[int, tuple[int, bool]]:
+        """Rows of which other components are received, but no autopilot.
+
+        Returns: by row the component's id, and whether its heartbeat is an autopilot's.
+        """
+        since_s, (component, time_s) = self.clock() - SILENT_AFTER_S, self._senders.parts
+        rows = np.flatnonzero((self.received_s < since_s) & (time_s[:, ANY] >= since_s))
+        found: dict[int, tuple[int, bool]] = {}
+        for row in rows.tolist():
+            is_one = bool(time_s[row, AUTOPILOTS] >= since_s)
+            found[row] = int(component[row, AUTOPILOTS if is_one else ANY]), is_one
+        return found
 
     def address(self, row: int) -> Address | None:
         """Source of the vehicle's newest frame; None before the first."""
@@ -98,43 +113,81 @@ class Addresses:
 
     def judge(self, frames: Whole, arrived: Datagrams) -> tuple[Whole, Whole, Array]:
         """The accepted frames (k,), their rows and their arrival: unknown systems and duplicates are not."""
-        source, time_s = arrived.source, arrived.time_s
-        rows, taken, all_known, arrived_s = known_sources(
-            frames, source, time_s, self._row_of, self.source, self.received_s
+        source = arrived.source
+        rows, taken, odd, arrived_s = known_sources(
+            arrived.data, frames, source, arrived.time_s, self._row_of, self.source, self._senders
         )
-        if all_known:
+        if taken.all():
             return frames, rows, arrived_s
-        for odd in np.flatnonzero(~taken).tolist():
-            row, system_id, datagram = int(rows[odd]), int(frames[odd, SYSTEM]), int(frames[odd, DATAGRAM])
-            taken[odd] = self._judge_new(row, system_id, int(source[datagram]), float(time_s[datagram]))
+        for at, number, boot_ms in odd.tolist():
+            row, sender, now_s = int(rows[at]), int(source[frames[at, DATAGRAM]]), float(arrived_s[at])
+            if row == NOWHERE:
+                self._note_stranger(int(frames[at, SYSTEM]), sender)
+            else:
+                is_beat = bool(frames[at, MESSAGE] == HEARTBEAT)
+                taken[at] = self._judge_new(row, sender, now_s, Counted(number, boot_ms), is_beat=is_beat)
         return frames[taken], rows[taken], arrived_s[taken]
 
-    def _judge_new(self, row: int, system_id: int, source: int, time_s: float) -> bool:
-        """Whether a frame from an address new for its system is accepted. Each change is logged."""
+    def _note_stranger(self, system_id: int, source: int) -> None:
+        self.counters.strangers += 1
         address = self.address_of(source)
-        about = {"link": self.name, "system_id": system_id, "address": str(address)}
-        if row == NOWHERE:
-            self.counters.strangers += 1
-            stranger = (system_id, address.host)
-            if stranger not in self._strangers and len(self._strangers) < _STRANGERS_LOGGED_MAX:
-                self._strangers.add(stranger)
-                log.info("stranger_ignored", extra=about)
-            return False
-        known = self.address(row)
-        if known is None:
-            log.info("vehicle_connected", extra=about)
-        elif known != address and time_s - self.received_s[row] <= SILENT_AFTER_S:
-            text = f"system id {system_id} at {known} and at {address}"
-            self.counters.duplicates += 1
-            before, before_s = self._conflicts.get(row, ("", -np.inf))
-            self._conflicts[row] = text, time_s
-            if before != text or time_s - before_s > CONFLICT_KEPT_S:
-                log.error("duplicate_system_id", extra={**about, "cause": text})
-            return False
-        elif known != address:
+        stranger = (system_id, address.host)
+        if stranger not in self._strangers and len(self._strangers) < _STRANGERS_LOGGED_MAX:
+            self._strangers.add(stranger)
+            about = {"link": self.name, "system_id": system_id, "address": str(address)}
+            log.info("stranger_ignored", extra=about)
+
+    def _judge_new(self, row: int, source: int, time_s: float, counted: Counted, *, is_beat: bool) -> bool:
+        """Whether an autopilot's frame from an address new for its system is accepted; changes are logged."""
+        known, address, senders = self.address(row), self.address_of(source), self._senders
+        about = {"link": self.name, "system_id": self._system_ids[row], "address": str(address)}
+        goes_on = follows(senders.continuity, row, counted, time_s)
+        if known is not None and known != address:
+            is_gone = time_s - senders.received_s[row] > SILENT_AFTER_S
+            is_first = is_beat and not senders.confirmed[row]  # what was there before is no autopilot
+            if not (is_gone or is_first or self._moves(row, source, time_s, counted, goes_on=goes_on)):
+                return False
+            self._moved_s[row] = time_s
             log.warning("vehicle_moved", extra=about)
+        elif known is None:
+            log.info("vehicle_connected", extra=about)
         if known != address:
             self._conflicts.pop(row, None)
+            self._newcomers.pop(row, None)
+            senders.confirmed[row] &= goes_on
         self.source[row] = source
-        self.received_s[row] = max(time_s, self.received_s[row])
+        senders.confirmed[row] |= is_beat
+        senders.received_s[row] = max(time_s, senders.received_s[row])
+        senders.continuity.sequence[row] = counted.number
+        senders.continuity.sequence_s[row] = time_s
         return True
+
+    def _moves(self, row: int, source: int, time_s: float, counted: Counted, *, goes_on: bool) -> bool:
+        """Whether the autopilot sends from another source now; a duplicate is reported instead.
+
+        It does when the known source has fallen silent, and a message goes on with boot clock and sequence
+        where that ended. While both send, or the sequence is another one, nothing is believed.
+        """
+        newcomer, continuity = self._newcomers.get(row), self._senders.continuity
+        if newcomer is None or newcomer.source != source or time_s - newcomer.newest_s > CONFLICT_KEPT_S:
+            newcomer = self._newcomers[row] = _Newcomer(source, time_s, time_s)
+        newcomer.newest_s = time_s
+        both_send = continuity.sequence_s[row] - newcomer.since_s > BOTH_S
+        if goes_on and not both_send:
+            has_clock, is_another = counted.boot_ms != NO_CLOCK, newcomer.unlike >= UNLIKE_MAX
+            return has_clock and not is_another and is_silent(continuity, row, time_s)
+        if time_s - self._moved_s[row] > BOTH_S:  # else it was on its way when the address changed
+            newcomer.unlike += 1
+            self._report(row, source, time_s)
+        return False
+
+    def _report(self, row: int, source: int, time_s: float) -> None:
+        """Note a duplicate, and log it when it is new."""
+        system_id = self._system_ids[row]
+        text = f"system id {system_id} at {self.address(row)} and at {self.address_of(source)}"
+        self.counters.duplicates += 1
+        before, before_s = self._conflicts.get(row, ("", -np.inf))
+        self._conflicts[row] = text, time_s
+        if before != text or time_s - before_s > CONFLICT_KEPT_S:
+            about = {"link": self.name, "system_id": system_id, "address": str(self.address_of(source))}
+            log.error("duplicate_system_id", extra={**about, "cause": text})

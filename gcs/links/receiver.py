@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs.links.address_book import Addresses, known_sources
+from gcs.links import senders
+from gcs.links.address_book import Addresses
 from gcs.links.endpoints.ports import Datagrams
 from gcs.links.link import Counters, Direction, Observer, ParameterValue
 from gcs.links.signing import SignatureFilter
@@ -101,6 +102,6 @@ class Inbox:
 
 def warm_up() -> None:
     """Compile or load the kernels."""
-    nothing, none, times_s = np.zeros((0, FRAME_COLUMNS), np.int64), np.zeros(0, np.int64), np.zeros(0)
-    known_sources(nothing, none, times_s, none, none, times_s)
+    nothing, none = np.zeros((0, FRAME_COLUMNS), np.int64), np.zeros(0, np.int64)
+    senders.warm_up()
     count_messages(none, nothing, none, nothing)

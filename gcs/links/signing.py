@@ -15,7 +15,7 @@ import numpy as np
 from gcs.links.link import Address, Counters
 from gcs.links.signing_key import load_key, reserve, stored, time_file
 from gcs.mavlink.codec import Frames, frame, joined
-from gcs.mavlink.framing import RADIO_STATUS, Frame, Judgement, Signer
+from gcs.mavlink.framing import RADIO, RADIO_STATUS, Frame, Judgement, Signer
 from gcs.mavlink.kernels import DATAGRAM, SYSTEM, Bytes, Whole
 from gcs.mavlink.signing_time import KEY_BYTES, UNITS_PER_S, signing_time
 from gcs.model.errors import ConfigError, LinkError
@@ -136,7 +136,7 @@ class SignatureFilter:
         judgement = self.signing.signer.judge(received)
         if judgement is Judgement.GOOD:
             return True
-        if received.message_id == RADIO_STATUS:
+        if received.message_id in (RADIO_STATUS, RADIO):
             return False  # made by the radio, which has no key: not accepted, and not counted
         self.counters.unsigned += judgement is Judgement.UNSIGNED
         self.counters.wrongly_signed += judgement is Judgement.WRONG
