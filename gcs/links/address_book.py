@@ -40,11 +40,13 @@ class _Newcomer:
     """A second address of a system.
 
     Attributes:
+        text: both addresses in words.
         since_s, newest_s: arrival of its first and of its newest frame.
         unlike: number of its frames that do not follow the autopilot's.
     """
 
     source: int
+    text: str
     since_s: float
     newest_s: float
     unlike: int = 0
@@ -139,19 +141,17 @@ class Addresses:
 
     def _judge_new(self, row: int, source: int, time_s: float, counted: Counted, *, is_beat: bool) -> bool:
         """Whether an autopilot's frame from an address new for its system is accepted; changes are logged."""
-        known, address, senders = self.address(row), self.address_of(source), self._senders
-        about = {"link": self.name, "system_id": self._system_ids[row], "address": str(address)}
+        senders, known = self._senders, int(self.source[row])
         goes_on = follows(senders.continuity, row, counted, time_s)
-        if known is not None and known != address:
-            is_gone = time_s - senders.received_s[row] > SILENT_AFTER_S
-            is_first = is_beat and not senders.confirmed[row]  # what was there before is no autopilot
-            if not (is_gone or is_first or self._moves(row, source, time_s, counted, goes_on=goes_on)):
-                return False
-            self._moved_s[row] = time_s
-            log.warning("vehicle_moved", extra=about)
-        elif known is None:
-            log.info("vehicle_connected", extra=about)
-        if known != address:
+        if not self._is_same(row, known, source):
+            event, level = "vehicle_connected", logging.INFO
+            if known != NOWHERE:
+                is_gone = time_s - senders.received_s[row] > SILENT_AFTER_S
+                is_first = is_beat and not senders.confirmed[row]  # what was there before is no autopilot
+                if not (is_gone or is_first or self._moves(row, source, time_s, counted, goes_on=goes_on)):
+                    return False
+                event, level, self._moved_s[row] = "vehicle_moved", logging.WARNING, time_s
+            self._log(level, event, row, source)
             self._conflicts.pop(row, None)
             self._newcomers.pop(row, None)
             senders.confirmed[row] &= goes_on
@@ -162,6 +162,21 @@ class Addresses:
         senders.continuity.sequence_s[row] = time_s
         return True
 
+    def _is_same(self, row: int, known: int, source: int) -> bool:
+        """Whether two sources are one address, as those of a serial port are that was opened again."""
+        newcomer = self._newcomers.get(row)
+        if known == NOWHERE or (newcomer is not None and newcomer.source == source):
+            return False
+        return known == source or self.address_of(known) == self.address_of(source)
+
+    def _log(self, level: int, event: str, row: int, source: int, **also: str) -> None:
+        about = {
+            "link": self.name,
+            "system_id": self._system_ids[row],
+            "address": str(self.address_of(source)),
+        }
+        log.log(level, event, extra={**about, **also})
+
     def _moves(self, row: int, source: int, time_s: float, counted: Counted, *, goes_on: bool) -> bool:
         """Whether the autopilot sends from another source now; a duplicate is reported instead.
 
@@ -170,7 +185,9 @@ class Addresses:
         """
         newcomer, continuity = self._newcomers.get(row), self._senders.continuity
         if newcomer is None or newcomer.source != source or time_s - newcomer.newest_s > CONFLICT_KEPT_S:
-            newcomer = self._newcomers[row] = _Newcomer(source, time_s, time_s)
+            at, also_at = self.address(row), self.address_of(source)
+            text = f"system id {self._system_ids[row]} at {at} and at {also_at}"
+            newcomer = self._newcomers[row] = _Newcomer(source, text, time_s, time_s)
         newcomer.newest_s = time_s
         both_send = continuity.sequence_s[row] - newcomer.since_s > BOTH_S
         if goes_on and not both_send:
@@ -178,16 +195,14 @@ class Addresses:
             return has_clock and not is_another and is_silent(continuity, row, time_s)
         if time_s - self._moved_s[row] > BOTH_S:  # else it was on its way when the address changed
             newcomer.unlike += 1
-            self._report(row, source, time_s)
+            self._report(row, newcomer)
         return False
 
-    def _report(self, row: int, source: int, time_s: float) -> None:
+    def _report(self, row: int, newcomer: _Newcomer) -> None:
         """Note a duplicate, and log it when it is new."""
-        system_id = self._system_ids[row]
-        text = f"system id {system_id} at {self.address(row)} and at {self.address_of(source)}"
+        text, time_s = newcomer.text, newcomer.newest_s
         self.counters.duplicates += 1
         before, before_s = self._conflicts.get(row, ("", -np.inf))
         self._conflicts[row] = text, time_s
         if before != text or time_s - before_s > CONFLICT_KEPT_S:
-            about = {"link": self.name, "system_id": system_id, "address": str(self.address_of(source))}
-            log.error("duplicate_system_id", extra={**about, "cause": text})
+            self._log(logging.ERROR, "duplicate_system_id", row, newcomer.source, cause=text)

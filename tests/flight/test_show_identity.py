@@ -21,25 +21,25 @@ COMPANION, GIMBAL, RADIO = 191, 154, 68
 CHANGES, CHANGE_S = 20, 1.5
 
 
-class Flown(NamedTuple):
+class Seen(NamedTuple):
     phases: set[Phase]
     alarms: set[AlarmCause]
     oldest_s: float  # age of the oldest position in any tick
     violations: int
 
 
-def flown(show: Show, begin_s: float) -> Flown:
+def seen(show: Show, begin_s: float) -> Seen:
     track = show.track.between(begin_s)
-    ages_s = [seen.position_age_s for name in show.config.ids for seen in track.of(name)]
+    ages_s = [view.position_age_s for name in show.config.ids for view in track.of(name)]
     alarms = {alarm.cause for sample in track.samples for alarm in sample.view.alarms}
     phases = {phase for name in show.config.ids for phase in track.phases(name)}
-    return Flown(phases, alarms, max(age_s for age_s in ages_s if age_s is not None), show.floor_violations())
+    return Seen(phases, alarms, max(age_s for age_s in ages_s if age_s is not None), show.floor_violations())
 
 
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 @pytest.mark.parametrize("fault", [{}, {"loss": 0.1}], ids=["sound", "lossy"])
 def test_a_port_that_changes_in_flight_ends_no_flight(autopilot: str, fault: dict[str, float]) -> None:
-    async def story(show: Show) -> Flown:
+    async def story(show: Show) -> Seen:
         await show.start()
         begin_s = show.now_s
         for name, share in fault.items():
@@ -48,12 +48,32 @@ def test_a_port_that_changes_in_flight_ends_no_flight(autopilot: str, fault: dic
         for number in range(CHANGES):
             show.ports.change_port(show.config.ids[number % len(show.config.ids)])
             await show.wait(CHANGE_S)
-        return flown(show, begin_s)
+        return seen(show, begin_s)
 
     found = fly(story, config_of((autopilot, autopilot)))
     assert found.phases == {Phase.FORMATION}
     assert AlarmCause.DUPLICATE_SYSTEM_ID not in found.alarms
     assert found.oldest_s < 0.6
+    assert found.violations == 0
+
+
+def test_a_router_that_restarts_changes_all_ports_at_once() -> None:
+    async def story(show: Show) -> Seen:
+        await show.start()
+        begin_s = show.now_s
+        for _ in range(5):
+            show.ports.silence(*show.config.ids)
+            await show.wait(0.5)
+            for name in show.config.ids:
+                show.ports.change_port(name)
+            show.ports.restore(*show.config.ids)
+            await show.wait(2.0)
+        return seen(show, begin_s)
+
+    found = fly(story, show_config(4))
+    assert found.phases == {Phase.FORMATION}
+    assert AlarmCause.DUPLICATE_SYSTEM_ID not in found.alarms
+    assert found.oldest_s < 1.1
     assert found.violations == 0
 
 
@@ -96,14 +116,14 @@ def lies() -> list[Any]:
     ]
 
 
-def test_components_received_first_give_nothing_to_their_vehicles() -> None:
-    async def story(show: Show) -> Flown:
+def test_components_received_first_change_no_vehicle() -> None:
+    async def story(show: Show) -> Seen:
         parts = [Part(show, number, kind) for number in range(1, 5) for kind in (COMPANION, GIMBAL, RADIO)]
         with beside(*(part.live(*lies()) for part in parts)):
             await show.start()
             begin_s = show.now_s
             await show.wait(20.0)
-            return flown(show, begin_s)
+            return seen(show, begin_s)
 
     found = fly(story, show_config(4))
     assert found.phases == {Phase.FORMATION}
