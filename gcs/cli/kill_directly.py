@@ -138,7 +138,8 @@ class _Line:
             return
         kind = message.get_type()
         is_beat = kind == "HEARTBEAT"
-        if kind in RADIOS or (is_beat and message.autopilot == mavlink.MAV_AUTOPILOT_INVALID):
+        declared = message.autopilot if is_beat else None
+        if kind in RADIOS or declared == mavlink.MAV_AUTOPILOT_INVALID:
             return  # not its autopilot's, whatever number it has
         target.at = port, at
         if not target.sent:
