@@ -25,6 +25,7 @@ RECORD_S: Final = 0.2
 KILL_MAGIC: Final = 21196.0
 AUTOPILOT, STATION = 1, 190  # components
 ARMED: Final = 0x80
+RADIOS: Final = frozenset({"RADIO_STATUS", "RADIO"})
 PARSERS_MAX: Final = 1024
 
 
@@ -135,13 +136,19 @@ class _Line:
         target = self.targets.get(message.get_srcSystem())
         if target is None or message.get_srcComponent() != AUTOPILOT or message.get_type() == "BAD_DATA":
             return
+        kind = message.get_type()
+        is_beat = kind == "HEARTBEAT"
+        declared = message.autopilot if is_beat else None
+        if kind in RADIOS or declared == mavlink.MAV_AUTOPILOT_INVALID:
+            return  # not its autopilot's, whatever number it has
         target.at = port, at
         if not target.sent:
             return
-        if message.get_type() == "HEARTBEAT":
+        if is_beat:
             target.armed = bool(message.base_mode & ARMED)
-        elif message.get_type() == "COMMAND_ACK" and message.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
-            target.acknowledged = message.result
+        elif kind == "COMMAND_ACK" and message.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
+            ours = message.target_system in (0, self.link.station_id)
+            target.acknowledged = message.result if ours else target.acknowledged
 
     def outcome(self, target: _Target) -> Part:
         if target.recorded:

@@ -214,6 +214,9 @@ class PreflightGate:
             telemetry=flight.telemetry,
             conflicts={name: text for link in flight.links for name, text in link.conflicts.items()},
             foreign={name: text for link in flight.links for name, text in link.foreign.items()},
+            without_autopilot={
+                name: absent for link in flight.links for name, absent in link.without_autopilot.items()
+            },
             uncertainty_m=flight.uncertainty_on_pads_m,
             age_max_s=flight.control.telemetry_age_max_s,
             floor=flight.control.safety.floor,

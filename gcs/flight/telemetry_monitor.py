@@ -2,7 +2,7 @@
 
 import logging
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final
@@ -13,9 +13,10 @@ from gcs.estimation.link_health import BEATS_LACK_MAX_S, BEATS_MAY_LACK_S, lacki
 from gcs.failsafe.autopilot_failsafe import FailsafeInputs, cause_of, described, lost_on_the_way
 from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuver, Maneuvers
-from gcs.flight.vehicle import Explanation, Vehicle, VehicleStatus
+from gcs.flight.vehicle import NOT_RECEIVED, Explanation, Vehicle, VehicleStatus
+from gcs.links.link import Absent
 from gcs.model.lifecycle import AIRBORNE, FLOWN, Event, Phase
-from gcs.model.state import Array, Mask, Mode, Telemetry
+from gcs.model.state import Array, Mask, Mode, Telemetry, VehicleId
 
 log = logging.getLogger(__name__)
 
@@ -43,6 +44,8 @@ class TelemetryMonitor:
     _looked: tuple[Sequence[Any], ...] = ()  # columns as of the last tick, see `_changed`
     _restless: list[int] = field(default_factory=list)  # rows to inspect again, ascending
     _next_row: int = 0  # the vehicle with which the next tick begins
+    _absent: Mapping[VehicleId, Absent] = field(default_factory=dict)
+    _absent_before: dict[VehicleId, Absent] = field(default_factory=dict)  # those that the reasons name
     # phases, how long heartbeats may lack in them (n,), and whether they mean that a vehicle is absent (n,)
     _judged: tuple[list[Phase], Array, Mask] = field(
         default_factory=lambda: ([], np.zeros(0), np.zeros(0, np.bool_))
@@ -63,6 +66,7 @@ class TelemetryMonitor:
         changed = self._changed(telemetry, fresh)
         if not (changed or self._restless):
             return
+        self._absent = {name: why for link in flight.links for name, why in link.without_autopilot.items()}
         vehicles = list(flight.vehicles.values())
         inspected = sorted({*changed, *self._in_turn(changed)})
         restless = set(self._restless)
@@ -164,8 +168,8 @@ class TelemetryMonitor:
             self._mind_failsafe(vehicle, beat_is_fresh=has_heartbeat)
         elif self.maneuvers.running(vehicle):
             return
-        elif vehicle.phase is Phase.OFFLINE and has_heartbeat:
-            vehicle.reason = "received, but it has no position yet"
+        elif vehicle.phase is Phase.OFFLINE and silent:
+            self._explain_absence(vehicle, has_heartbeat=has_heartbeat)
         elif vehicle.phase is Phase.LOST and not silent and status.mode is not Mode.LAND:
             self._by_itself(vehicle, self.come_back)
         elif (
@@ -176,6 +180,18 @@ class TelemetryMonitor:
             self._by_itself(vehicle, self.maneuvers.rest)
         elif vehicle.phase in FLOWN and not vehicle.handed_over and status.mode is Mode.HOLD:
             vehicle.apply(Event.HOLD, "a hold command that seemed to have failed was executed")
+
+    def _explain_absence(self, vehicle: Vehicle, *, has_heartbeat: bool) -> None:
+        absent, before = self._absent.get(vehicle.id), self._absent_before.pop(vehicle.id, None)
+        if absent is not None:
+            self._absent_before[vehicle.id] = absent
+            reason = str(absent)
+        elif has_heartbeat:
+            reason = "received, but it has no position yet"
+        else:
+            reason = vehicle.reason if before is None else NOT_RECEIVED
+        if reason != vehicle.reason:
+            vehicle.reason = reason
 
     def _explained(self, vehicle: Vehicle, inputs: FailsafeInputs | None = None) -> Explanation:
         inputs = inputs or self.flight.inputs(vehicle)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from math import inf
 from operator import attrgetter
-from typing import Any, ClassVar, TypeAlias
+from typing import Any, ClassVar, Final, TypeAlias
 
 from gcs.control import Task
 from gcs.failsafe.autopilot_failsafe import TERMINATED, FailsafeCause
@@ -19,6 +19,10 @@ from gcs.model.state import Array, Landed, Mode, VehicleId
 log = logging.getLogger(__name__)
 
 SHOW_FLIES = frozenset({ShowPhase.ASSEMBLING, ShowPhase.RUNNING})
+
+NOT_RECEIVED: Final = "not received yet"
+
+LANDED_UNKNOWN: Final = "received, but its landed state is not known (EXTENDED_SYS_STATE): it may be flying"
 
 Explanation: TypeAlias = tuple[FailsafeCause, str]
 """Why a vehicle is in a mode that this station did not command: the cause, and the text for the operator."""
@@ -60,7 +64,7 @@ class Vehicle:
     link: str
     charge: float = 1.0
     phase: Phase = Phase.OFFLINE
-    reason: str = "not received yet"
+    reason: str = NOT_RECEIVED
     home_m: Array | None = None  # (3,) show frame, where it took off
     hold_m: Array | None = None  # (3,) where it waits while the show does not move it
     goal_m: Array | None = None  # (3,) of RETURN and LANDING
@@ -190,7 +194,7 @@ class Vehicle:
         flies = flies and status.mode is not Mode.TERMINATED  # it lies, and may not know that it is down
         if self.phase is Phase.OFFLINE:
             if status.landed is Landed.UNKNOWN:
-                self.reason = "received, but it does not report yet whether it flies"
+                self.reason = LANDED_UNKNOWN
                 return None
             if flies:
                 return Event.CONNECTED_IN_AIR, "found in the air, without a command of this station"

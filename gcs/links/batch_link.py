@@ -28,7 +28,7 @@ from gcs.links.endpoints.ports import Ports
 from gcs.links.endpoints.streams import LinkPorts
 from gcs.links.forwarding import Forwarding
 from gcs.links.lights import Colours, LightSender
-from gcs.links.link import Address, Command, Counters, Observer, ParameterValue, Verb
+from gcs.links.link import Absent, Address, Command, Counters, Observer, ParameterValue, Verb
 from gcs.links.receiver import Inbox, ParameterUpdates
 from gcs.links.round_trips import RoundTrips
 from gcs.links.sender import Outbox, SentSetpoints, SetpointBatch, before_it_leaves_s, most_urgent_first
@@ -189,7 +189,10 @@ class Link(ABC):
         self._stopped_s = -np.inf  # when setpoints at rest were sent last, see `_stop_those_that_fly_on`
         request = partial(self._send_message, component_id=REQUESTING_COMPONENT)
         self._streams = StreamRequests(
-            self._system_ids, [each.streams_hz(rates_hz) if rates_hz else {} for each in known], request
+            self._system_ids,
+            [each.streams_hz(rates_hz) if rates_hz else {} for each in known],
+            request,
+            self._station_id,
         )
         self._versions, self._round_trips = (
             VersionRequests(self._system_ids, request),
@@ -298,6 +301,21 @@ class Link(ABC):
         """Vehicles with another autopilot than configured; the text names both."""
         rows = np.flatnonzero(self._telemetry.is_foreign).tolist()
         return {self.ids[row]: self._telemetry.foreign(row) for row in rows}
+
+    @property
+    def without_autopilot(self) -> Mapping[VehicleId, Absent]:
+        """Vehicles of which other components are received, but no autopilot."""
+        found = self._addresses.without_autopilot()
+        return {self.ids[row]: self._absent(row, *seen) for row, seen in found.items()}
+
+    def _absent(self, row: int, component: int, is_autopilot: bool) -> Absent:
+        problem = f"system {self._system_ids[row]} is received from component {component} only"
+        name = self._telemetry.autopilots[row].component_parameter
+        if not is_autopilot:
+            return Absent(problem, "look after the autopilot itself, which is component 1")
+        if not name:
+            return Absent(problem, "give its autopilot component id 1")
+        return Absent(problem, f"set {name} to 1, and restart its autopilot")
 
     @property
     def setpoints_sent(self) -> int:
@@ -503,7 +521,9 @@ class Link(ABC):
         return channel
 
     def _never_connected(self, row: int, otherwise: str) -> CommandError:
-        return CommandError(f"{self.ids[row]}: {otherwise}: never received on link {self.name}")
+        absent = self.without_autopilot.get(self.ids[row])
+        why = f"never received on link {self.name}" if absent is None else str(absent)
+        return CommandError(f"{self.ids[row]}: {otherwise}: {why}")
 
     def _connected(self, now_s: float) -> Mask:
         """(n,) vehicles with a sign of life and a known mode."""

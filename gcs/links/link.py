@@ -46,6 +46,16 @@ class Address(NamedTuple):
         return f"{self.host}:{self.port}" if self.port else self.host  # a serial port has none
 
 
+class Absent(NamedTuple):
+    """A vehicle whose other components are received, but not its autopilot."""
+
+    problem: str
+    to_do: str
+
+    def __str__(self) -> str:
+        return f"{self.problem}: {self.to_do}"
+
+
 class Direction(StrEnum):
     """Direction of a frame, seen from the ground."""
 

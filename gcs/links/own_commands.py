@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -56,6 +57,8 @@ class Commands:
     system_ids: Whole
     autopilots: Sequence[Autopilot]  # (n,)
     send: Callable[[int, Records, Whole], object]
+    station_id: int = codec.SYSTEM_ID  # the sender, whose answers count; and so its component
+    component_id: int = codec.COMPONENT_ID
 
     def __post_init__(self) -> None:
         self._closed = False
@@ -102,12 +105,18 @@ class Commands:
         message = addressed(
             PARAM_SET, self.system_ids[[row]], param_id=text, param_value=raw, param_type=kind
         )
+        desired = value if isinstance(value, int) else float(np.float32(value))
         reported = (await self._request((row, name), PARAM_SET, message, may_leave)).value
-        if reported != (value if isinstance(value, int) else float(np.float32(value))):
+        if reported != desired:  # a PARAM_VALUE does not say whom it answers: it may be another station's
+            with suppress(CommandError):
+                reported = (await self._request((row, name), PARAM_SET, message, may_leave)).value
+        if reported != desired:
             raise CommandError(f"the vehicle reports {reported:g}")
 
     def take_acks(self, rows: Whole, reported: Records) -> None:
-        """Read COMMAND_ACKs: (k,) rows and messages, in order of arrival."""
+        """Read COMMAND_ACKs: (k,) rows and messages, in order of arrival; also those to other stations."""
+        ours = codec.answers(reported, self.station_id, self.component_id)
+        rows, reported = rows[ours], reported[ours]
         for row, command, result in zip(
             rows.tolist(), reported["command"].tolist(), reported["result"].tolist(), strict=True
         ):

@@ -5,7 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs.links.address_book import Addresses, known_sources
+from gcs.links import senders
+from gcs.links.address_book import Addresses
 from gcs.links.endpoints.cut_streams import CutStreams
 from gcs.links.endpoints.ports import Datagrams
 from gcs.links.fair_shares import fair_shares
@@ -116,7 +117,7 @@ class Inbox:
 def warm_up() -> None:
     """Compile or load the kernels."""
     nothing, none, times_s = np.zeros((0, FRAME_COLUMNS), np.int64), np.zeros(0, np.int64), np.zeros(0)
-    known_sources(nothing, none, times_s, none, none, times_s)
+    senders.warm_up()
     odd_frames(nothing, none, none, np.zeros(0, np.bool_))
     fair_shares(np.zeros(1, np.int64), np.ones(1, np.int64), none, 0.0)
     CutStreams().put_together(Datagrams(np.zeros(1, np.uint8), none, none, none, times_s, LONGEST_FRAME))

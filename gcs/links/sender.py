@@ -7,9 +7,10 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from gcs.links.address_book import NOWHERE, Addresses
+from gcs.links.address_book import Addresses
 from gcs.links.endpoints.ports import Ports
 from gcs.links.link import Counters, Direction, Observer
+from gcs.links.senders import NOWHERE
 from gcs.links.signing import SignatureFilter
 from gcs.mavlink.codec import COMPONENT_ID, SYSTEM_ID, Frames, Records, encode, joined
 from gcs.mavlink.kernels import Bytes, Whole

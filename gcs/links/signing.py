@@ -16,7 +16,7 @@ import numpy as np
 from gcs.links.link import Address, Counters
 from gcs.links.signing_key import load_key, reserve, stored, time_file
 from gcs.mavlink.codec import Frames, frame, joined
-from gcs.mavlink.framing import RADIO_STATUS, Frame, Judgement, Signer
+from gcs.mavlink.framing import RADIO, RADIO_STATUS, Frame, Judgement, Signer
 from gcs.mavlink.kernels import BEGIN, DATAGRAM, MAGIC_2, MESSAGE, SIGNED, SYSTEM, Bytes, Whole
 from gcs.mavlink.signing_time import KEY_BYTES, UNITS_PER_S, signing_time
 from gcs.model.errors import ConfigError, LinkError
@@ -126,7 +126,7 @@ class SignatureFilter:
         has_signature = (data[begin] == MAGIC_2) & (data[begin + 2] & SIGNED != 0)
         refused = self._is_ours[frames[:, SYSTEM]] & ~has_signature
         if refused.any():
-            counted = np.flatnonzero(refused & (frames[:, MESSAGE] != RADIO_STATUS))  # radios have no key
+            counted = np.flatnonzero(refused & ~np.isin(frames[:, MESSAGE], (RADIO_STATUS, RADIO)))  # radios have no key
             self.counters.unsigned += len(counted)
             systems, firsts = np.unique(frames[counted, SYSTEM], return_index=True)
             for system_id, at in zip(systems.tolist(), counted[firsts].tolist(), strict=True):

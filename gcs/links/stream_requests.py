@@ -11,7 +11,7 @@ import numpy as np
 
 from gcs.links.settings import StreamSettings
 from gcs.mavlink import framing
-from gcs.mavlink.codec import AUTOPILOT_COMPONENT, Records, addressed
+from gcs.mavlink.codec import AUTOPILOT_COMPONENT, SYSTEM_ID, Records, addressed, answers
 from gcs.mavlink.framing import COMMAND_ACK, PARAM_VALUE
 from gcs.mavlink.kernels import COMPONENT, MESSAGE, Whole
 from gcs.model.jit import kernel
@@ -32,8 +32,6 @@ SETTLE_S: Final = 0.5  # MAVSDK sets a rate itself when it discovers a vehicle; 
 
 _ANSWER_S: Final = 0.5
 _TRIES: Final = 4
-_ANY_COMPONENT: Final = 0
-
 _WINDOW_S: Final = 4.0
 """Time in which received messages are counted, before the rates are checked."""
 
@@ -95,6 +93,7 @@ class StreamRequests:
     rates_hz: InitVar[Sequence[Mapping[int, float]]]  # (n,) by message id, 0 for not at all
     # sends messages of one kind to rows, from `REQUESTING_COMPONENT`
     send: Callable[[int, Records, Whole], object]
+    station_id: int = SYSTEM_ID  # our own system id
 
     def __post_init__(self, rates_hz: Sequence[Mapping[int, float]]) -> None:
         messages = list(dict.fromkeys(message for each in rates_hz for message in each))
@@ -152,7 +151,7 @@ class StreamRequests:
 
     def take_acks(self, rows: Whole, reported: Records) -> None:
         """Continue with the vehicles that answered: (k,) rows and COMMAND_ACKs, whatever the result."""
-        is_ours = np.isin(reported["target_component"], (REQUESTING_COMPONENT, _ANY_COMPONENT))
+        is_ours = answers(reported, self.station_id, REQUESTING_COMPONENT)
         answered = np.unique(rows[is_ours & (reported["command"] == framing.SET_MESSAGE_INTERVAL)])
         self._go_on(answered[np.isfinite(self._requested_s[answered])])
 

@@ -5,7 +5,7 @@ byte pymavlink's (tests/properties/test_codec.py). A record has the fields of th
 names, in the units of its definition.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any, Final, NamedTuple, TypeAlias
 
@@ -87,6 +87,12 @@ def layout(message_id: int) -> Layout:
         for name, code, length in zip(message.ordered_fieldnames, codes, message.array_lengths, strict=True)
     ]
     return Layout(message_id, np.dtype(fields), int(message.crc_extra))
+
+
+def offset(message_id: int, field: str) -> int:
+    """Place of a field in the payload."""
+    fields: Mapping[str, Any] = layout(message_id).dtype.fields or {}
+    return int(fields[field][1])
 
 
 @cache
@@ -208,6 +214,13 @@ def addressed(message_id: int, system_ids: Whole, **fields: ArrayLike) -> Record
         messages[name] = values
     messages["target_system"] = system_ids
     return messages
+
+
+def answers(acks: Records, system_id: int, component_id: int) -> NDArray[np.bool_]:
+    """(k,) which COMMAND_ACKs may answer a command of this component; 0 where they do not say whom."""
+    to = acks["target_system"], acks["target_component"]
+    ours: NDArray[np.bool_] = np.isin(to[0], (system_id, 0)) & np.isin(to[1], (component_id, 0))
+    return ours
 
 
 def heartbeats(count: int) -> Records:

@@ -36,8 +36,10 @@ GLOBAL_POSITION_INT: Final = 33
 COMMAND_INT: Final = 75
 COMMAND_LONG: Final = 76
 COMMAND_ACK: Final = 77
-RADIO_STATUS: Final = 109
 TIMESYNC: Final = 111
+RADIO_STATUS: Final = 109
+RADIO: Final = 166
+"""These two are a telemetry radio's own, under whatever number it sends them."""
 SET_POSITION_TARGET_LOCAL_NED: Final = 84
 BATTERY_STATUS: Final = 147
 AUTOPILOT_VERSION: Final = 148
@@ -71,6 +73,9 @@ SENSORS: Final = 0x2F
 
 UNIX_KNOWN_S: Final = 1_234_567_890
 """PX4 trusts its clock from this time on, and reports 0 before."""
+NO_AUTOPILOT: Final = int(development.MAV_AUTOPILOT_INVALID)
+"""In the heartbeats of all components but autopilots."""
+
 _ARMED: Final = 0x80
 _BASE_MODE_AT: Final = 6  # in HEARTBEAT
 PARAM_VALUE: Final = 22

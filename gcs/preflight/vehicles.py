@@ -9,6 +9,7 @@ import numpy as np
 from gcs.config.sections import PreflightSettings
 from gcs.estimation.height_bias import HeightBias
 from gcs.estimation.positioning import Positioning
+from gcs.links.link import Absent
 from gcs.model.preflight_report import Check, State
 from gcs.model.state import Array, FleetState, Telemetry, VehicleId
 from gcs.safety.separation import Floor
@@ -47,6 +48,7 @@ class PreflightInputs:
     ahead_s: float = 0.0  # our Unix time minus the loop's clock
     heights: HeightBias | None = None  # rows as in FleetState
     foreign: Mapping[VehicleId, str] = field(default_factory=dict)  # another autopilot than configured
+    without_autopilot: Mapping[VehicleId, Absent] = field(default_factory=dict)  # other components only
 
     def is_placed(self, row: int) -> bool:
         """Whether its position is fresh, so that it can be checked."""
@@ -160,6 +162,9 @@ def _receiver(inputs: PreflightInputs, row: int) -> Iterator[Check]:
 def _estimator(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check:
     """Check what the autopilot is, and what it reports of its sensors, estimator, and arming checks."""
     row, foreign = inputs.rows[vehicle_id], inputs.foreign.get(vehicle_id)
+    absent = inputs.without_autopilot.get(vehicle_id)
+    if absent is not None:
+        return Check("autopilot", State.FAIL, None, "", "received, component 1", *absent)
     if foreign is not None:
         to_do = "correct autopilot in the configuration, of the vehicle or its link"
         return Check("autopilot", State.FAIL, None, "", "as configured", foreign, to_do)

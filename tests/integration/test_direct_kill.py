@@ -36,6 +36,7 @@ class Vehicle:
     def __init__(self, send: Send, receive: Receive, key: bytes | None = None, *, system_id: int = 1) -> None:
         """With a `key` it signs, and believes nothing unsigned."""
         self.armed = True
+        self.beside: list[Any] = []  # further messages with each heartbeat
         self._send, self._receive = send, receive
         self._packer = dialect.MAVLink(None, srcSystem=system_id, srcComponent=1)
         self._system_id = system_id
@@ -63,6 +64,8 @@ class Vehicle:
             if time.monotonic() >= due_s:
                 due_s = time.monotonic() + 0.1
                 self._say(dialect.MAVLink_heartbeat_message(2, 12, 1 | self.armed << 7, 6 << 16, 4, 3))
+                for each in self.beside:
+                    self._say(each)
             for message in self.parser.parse_buffer(self._receive()) or []:
                 if message.get_type() != "COMMAND_LONG" or message.target_system != self._system_id:
                     continue
@@ -231,6 +234,17 @@ def test_another_key_does_not_kill_and_reports_no_success(key_file: Path) -> Non
         reported = kill(plan_of(url, signing={"key_file": str(key_file), "link_id": 5}), STUBBORN_S)
         assert vehicle.armed
         assert not reported.done
+
+
+def test_what_is_no_autopilot_confirms_no_kill() -> None:
+    with over_udp(OTHER_KEY) as (vehicle, url):
+        vehicle.beside = [
+            dialect.MAVLink_command_ack_message(400, 0, 0, 0, 255, 190),
+            dialect.MAVLink_heartbeat_message(18, dialect.MAV_AUTOPILOT_INVALID, 0, 0, 4, 3),
+        ]
+        reported = kill(plan_of(url), STUBBORN_S)
+        assert (vehicle.armed, reported.done) == (True, False)
+        assert "accepted" not in reported.reason
 
 
 def test_unreadable_key_is_named_before_anything_is_sent(tmp_path: Path) -> None:

@@ -88,8 +88,9 @@ class Peer:
         return [(time_s, message) for time_s, message in list(self.received) if message.get_type() == name]
 
     def send(self, message: Any) -> None:
-        """Send one message now."""
+        """Send one message now; the next one has the next number."""
         self.send_bytes(message.pack(self._packer))
+        self._packer.seq = (self._packer.seq + 1) % 256
 
     def send_bytes(self, data: bytes) -> None:
         """Send these bytes."""

@@ -88,6 +88,7 @@ class VirtualPorts(Ports):
         self._fleet = fleet
         self._clock = clock
         self._is_open = False
+        self._port = np.full(len(fleet.autopilots), PORT)  # of each vehicle now
         self._deaf: set[VehicleId] = set()  # it receives nothing
         self._mute: set[VehicleId] = set()  # nothing is received from it
         self._to_vehicles: deque[tuple[float, int, bytes]] = deque()
@@ -105,6 +106,15 @@ class VirtualPorts(Ports):
         """End the silence in both directions."""
         self._deaf -= set(ids)
         self._mute -= set(ids)
+
+    def change_port(self, vehicle_id: VehicleId) -> None:
+        """Let it send from another port from now on; what is sent to the old one is lost."""
+        self._port[self._ids.index(vehicle_id)] += 1
+
+    def arrive_from(self, host: str, port: int, datagram: bytes) -> None:
+        """Let a datagram of someone else arrive."""
+        source = source_of(int(IPv4Address(host)), port, 0)
+        self._to_station.append((self._fleet.time_s, source, datagram))
 
     def is_silent(self, vehicle_id: VehicleId) -> bool:
         """Whether nothing is received from this vehicle."""
@@ -182,7 +192,9 @@ class VirtualPorts(Ports):
         now_s = self._clock()
         left: NDArray[np.bool_] = (destination >= 0) & self._is_open & (now_s <= until_s)
         rows = (destination >> 16 & 0xFFFFFFFF) - VEHICLES_AT
-        for at in np.flatnonzero(left).tolist():
+        reached = left & (rows >= 0) & (rows < len(self._port))
+        reached[reached] = destination[reached] & 0xFFFF == self._port[rows[reached]]
+        for at in np.flatnonzero(reached).tolist():
             row, datagram = int(rows[at]), data[at, : length[at]].tobytes()
             if self._delivers(row, datagram, now_s):
                 self._to_vehicles.append((now_s, row, datagram))
@@ -209,7 +221,8 @@ class VirtualPorts(Ports):
 
     def _arrive(self, first_host: int, row: int, datagram: bytes) -> None:
         if self._is_open and datagram and self._ids[row] not in self._mute:
-            source = source_of(first_host + row, PORT, 0)
+            port = int(self._port[row]) if first_host == VEHICLES_AT else PORT
+            source = source_of(first_host + row, port, 0)
             self._to_station.append((self._fleet.time_s, source, datagram))
 
     def _delivers(self, row: int, datagram: bytes, now_s: float) -> bool:

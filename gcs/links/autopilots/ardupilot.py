@@ -114,6 +114,7 @@ class ArduPilot:
     name: Final = "ardupilot"
     title: Final = "ArduPilot"
     number: Final = int(dialect.MAV_AUTOPILOT_ARDUPILOTMEGA)
+    component_parameter: Final = ""
     versions: Final = VERSIONS
     takeoff_ends_with_setpoints: Final = True
     stops_on_setpoint_only: Final = True

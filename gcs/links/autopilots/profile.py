@@ -50,6 +50,10 @@ class Autopilot(Protocol):
         """MAV_AUTOPILOT, as its HEARTBEAT reports it."""
 
     @property
+    def component_parameter(self) -> str:
+        """The parameter that has its component id; empty: that cannot be changed."""
+
+    @property
     def versions(self) -> Versions:
         """What is known of its versions."""
 

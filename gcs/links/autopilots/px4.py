@@ -76,6 +76,7 @@ class Px4:
     name: Final = "px4"
     title: Final = "PX4"
     number: Final = int(dialect.MAV_AUTOPILOT_PX4)
+    component_parameter: Final = "MAV_COMP_ID"
     versions: Final = load("px4")
     takeoff_ends_with_setpoints: Final = False
     stops_on_setpoint_only: Final = False

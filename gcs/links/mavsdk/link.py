@@ -21,15 +21,16 @@ from gcs.links.batch_link import Coroutines, Link
 from gcs.links.command_protocol import CLOSED, CommandProtocol
 from gcs.links.endpoints import mmsg
 from gcs.links.link import Command, ParameterValue, Verb
-from gcs.links.mavsdk.binding import MavsdkInstances, MavsdkVehicle
+from gcs.links.mavsdk.binding import COMPONENT_ID, MavsdkInstances, MavsdkVehicle
 from gcs.links.mavsdk.setpoint_filter import SetpointFilter
 from gcs.links.own_commands import Commands, OwnCommandChannel
 from gcs.links.sender import SetpointBatch
 from gcs.links.settings import station_id
 from gcs.links.stream_requests import NOT_FOR_MAVSDK, REQUESTING_COMPONENT, SETTLE_S
 from gcs.mavlink import codec
+from gcs.mavlink.codec import AUTOPILOT_COMPONENT
 from gcs.mavlink.framing import COMMAND_ACK, GLOBAL_POSITION_INT
-from gcs.mavlink.kernels import BEGIN, END, MESSAGE, Bytes, Whole
+from gcs.mavlink.kernels import BEGIN, COMPONENT, END, MESSAGE, Bytes, Whole
 from gcs.model.errors import CommandError
 from gcs.model.state import Array, Mask, Telemetry, VehicleId
 
@@ -65,22 +66,23 @@ _OFFBOARD_RETRY_S: Final = 0.1
 class FrameFilter:
     """Chooses the frames for MAVSDK, whose threads pay more for each than the link does."""
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, station_id: int) -> None:
+        self._station_id = station_id
         self._hidden: Whole = np.array(sorted(NOT_FOR_MAVSDK), np.int64)
         self._position_s = np.full(count, -np.inf)  # arrival of the newest position given to MAVSDK
 
     def of(self, data: Bytes, frames: Whole, rows: Whole, time_s: Array) -> Mask:
         """(k,) which frames MAVSDK receives; arguments as of `FleetTelemetry.take`."""
         message = frames[:, MESSAGE]
-        shown: Mask = ~np.isin(message, self._hidden)
-        positions = np.flatnonzero(message == GLOBAL_POSITION_INT)
+        shown: Mask = (frames[:, COMPONENT] == AUTOPILOT_COMPONENT) & ~np.isin(message, self._hidden)
+        positions = np.flatnonzero(shown & (message == GLOBAL_POSITION_INT))
         due = time_s[positions] - self._position_s[rows[positions]] >= _POSITION_PERIOD_S
         shown[positions] = due
         self._position_s[rows[positions[due]]] = time_s[positions[due]]
-        answers = np.flatnonzero(message == COMMAND_ACK)
-        if len(answers):  # MAVSDK did not send these requests
-            reported = codec.decode(COMMAND_ACK, data, frames[answers])
-            shown[answers] = reported["target_component"] != REQUESTING_COMPONENT
+        acks = np.flatnonzero(shown & (message == COMMAND_ACK))
+        if len(acks):  # to requests that MAVSDK did not send as well
+            reported = codec.decode(COMMAND_ACK, data, frames[acks])
+            shown[acks] = codec.answers(reported, self._station_id, COMPONENT_ID)
         return shown
 
 
@@ -177,7 +179,7 @@ class MavsdkLink(Link):
             self._outbox, self._system_ids, self._latch, self._sent, self.counters, self._clock
         )
         self._room = mmsg.Batch(_ROOM, _LONGEST_BYTES)
-        self._frame_filter = FrameFilter(n)
+        self._frame_filter = FrameFilter(n, self._station_id)
         self._inbox.pass_on = self._show
         self._fleet: MavsdkInstances | None = None
         self._workers: Workers | None = None
@@ -197,7 +199,9 @@ class MavsdkLink(Link):
         send = partial(
             self._send_message, component_id=REQUESTING_COMPONENT
         )  # MAVSDK sees no answers to these
-        self._commands = Commands(self._system_ids, self._telemetry.autopilots, send)
+        self._commands = Commands(
+            self._system_ids, self._telemetry.autopilots, send, self._station_id, REQUESTING_COMPONENT
+        )
         self._inbox.take_acks, self._inbox.take_value = self._commands.take_acks, self._commands.take_value
 
     @asynccontextmanager

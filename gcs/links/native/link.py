@@ -25,7 +25,9 @@ class NativeLink(Link):
         self._begin_commands()
 
     def _begin_commands(self) -> None:
-        self._commands = Commands(self._system_ids, self._telemetry.autopilots, self._send_message)
+        self._commands = Commands(
+            self._system_ids, self._telemetry.autopilots, self._send_message, self._station_id
+        )
         self._inbox.take_acks, self._inbox.take_value = self._commands.take_acks, self._commands.take_value
 
     @asynccontextmanager

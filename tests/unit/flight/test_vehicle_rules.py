@@ -5,7 +5,7 @@ import pytest
 
 from gcs.control import Task
 from gcs.failsafe.autopilot_failsafe import FailsafeCause
-from gcs.flight.vehicle import Vehicle, VehicleStatus, require_phase
+from gcs.flight.vehicle import LANDED_UNKNOWN, Vehicle, VehicleStatus, require_phase
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import AIRBORNE, Event, Phase, ShowPhase
 from gcs.model.state import Landed, Mode
@@ -64,7 +64,7 @@ def test_armed_and_possibly_airborne_is_not_on_the_ground() -> None:
 def test_unknown_landed_state_keeps_it_offline_with_the_reason() -> None:
     subject = vehicle(Phase.OFFLINE)
     assert not subject.observe(status(landed=Landed.UNKNOWN))
-    assert subject.reason == "received, but it does not report yet whether it flies"
+    assert subject.reason == LANDED_UNKNOWN
 
 
 def test_vehicle_silent_on_the_ground_is_offline() -> None:

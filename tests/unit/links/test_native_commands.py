@@ -9,7 +9,7 @@ import pytest
 
 from gcs.links.autopilots import DEFAULT
 from gcs.links.own_commands import ANSWER_S, TRIES, Commands
-from gcs.mavlink.codec import Records, records
+from gcs.mavlink.codec import COMPONENT_ID, SYSTEM_ID, Records, records
 from gcs.mavlink.framing import COMMAND_ACK
 from gcs.mavlink.kernels import Whole
 from gcs.model.errors import CommandError
@@ -33,9 +33,10 @@ class Bench:
         if not self.open:
             raise CommandError("killed meanwhile")
 
-    def ack(self, row: int, command: int, result: int = 0) -> None:
+    def ack(self, row: int, command: int, result: int = 0, to: tuple[int, int] = (0, 0)) -> None:
         reported = records(COMMAND_ACK, 1)
         reported["command"], reported["result"] = command, result
+        reported["target_system"], reported["target_component"] = to
         self.commands.take_acks(np.array([row]), reported)
 
 
@@ -64,6 +65,39 @@ def test_only_the_same_vehicle_answers_the_same_command() -> None:
         with pytest.raises(CommandError, match="TIMEOUT"):
             await bench.commands.command(0, ARM, (1.0,), bench.may_leave)
         assert len(bench.sent) == TRIES
+
+    run(main)
+
+
+@pytest.mark.parametrize("to", [(255, 190), (255, 0), (SYSTEM_ID, 191), (0, 191)])
+def test_an_answer_to_another_sender_is_not_ours(to: tuple[int, int]) -> None:
+    async def main(bench: Bench) -> None:
+        loop = asyncio.get_running_loop()
+        loop.call_later(0.1, bench.ack, 0, ARM, DENIED, to)
+        loop.call_later(0.2, bench.ack, 0, ARM, 0, (SYSTEM_ID, COMPONENT_ID))
+        await bench.commands.command(0, ARM, (1.0,), bench.may_leave)
+        assert loop.time() == pytest.approx(0.2)
+
+    run(main)
+
+
+@pytest.mark.parametrize("to", [(SYSTEM_ID, COMPONENT_ID), (SYSTEM_ID, 0), (0, 0)])
+def test_an_answer_to_us_or_to_an_unknown_sender_is_ours(to: tuple[int, int]) -> None:
+    async def main(bench: Bench) -> None:
+        asyncio.get_running_loop().call_later(0.1, bench.ack, 0, ARM, DENIED, to)
+        with pytest.raises(CommandError, match="COMMAND_DENIED"):
+            await bench.commands.command(0, ARM, (1.0,), bench.may_leave)
+
+    run(main)
+
+
+def test_a_value_sent_to_another_station_fails_no_setting() -> None:
+    async def main(bench: Bench) -> None:
+        loop = asyncio.get_running_loop()
+        loop.call_later(0.1, bench.commands.take_value, 0, "COM_OF_LOSS_T", 1.0)
+        loop.call_later(0.2, bench.commands.take_value, 0, "COM_OF_LOSS_T", 0.5)
+        await bench.commands.set_parameter(0, "COM_OF_LOSS_T", 0.5, bench.may_leave)
+        assert len(bench.sent) == 2
 
     run(main)
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from gcs.links.settings import StreamSettings
-from gcs.links.stream_requests import StreamRequests, desired_rates
-from gcs.mavlink.codec import AUTOPILOT_COMPONENT, Records, records
+from gcs.links.stream_requests import REQUESTING_COMPONENT, StreamRequests, desired_rates
+from gcs.mavlink.codec import AUTOPILOT_COMPONENT, SYSTEM_ID, Records, records
 from gcs.mavlink.framing import SET_MESSAGE_INTERVAL
 from gcs.mavlink.kernels import COMPONENT, FRAME_COLUMNS, MESSAGE, Whole
 
@@ -31,9 +31,10 @@ class Bench:
     def watch(self, now_s: float, connected: "np.ndarray[tuple[int], np.dtype[np.bool_]]" = BOTH) -> None:
         self.streams.watch(connected, self.connection_count, now_s)
 
-    def answer(self, *rows: int) -> None:
+    def answer(self, *rows: int, to: tuple[int, int] = (0, 0)) -> None:
         reported = records(77, len(rows))
         reported["command"] = SET_MESSAGE_INTERVAL
+        reported["target_system"], reported["target_component"] = to
         self.streams.take_acks(np.array(rows), reported)
 
     def run(self, seconds: float) -> None:
@@ -61,6 +62,18 @@ def test_each_interval_is_requested_after_the_previous_answer() -> None:
     assert bench.asked[2:] == [(5, 30, -1.0)]
     bench.answer(0)
     assert bench.streams.settled.tolist() == [True, False]
+
+
+def test_an_answer_to_another_sender_continues_nothing() -> None:
+    bench = Bench()
+    bench.watch(0.0)
+    for to in ((255, REQUESTING_COMPONENT), (255, 0), (SYSTEM_ID, 190)):
+        bench.answer(0, to=to)
+    bench.watch(0.1)
+    assert len(bench.asked) == 2
+    bench.answer(0, to=(SYSTEM_ID, REQUESTING_COMPONENT))
+    bench.watch(0.2)
+    assert bench.asked[2:] == [(5, 30, -1.0)]
 
 
 def test_unanswered_request_is_repeated_and_given_up_in_the_end() -> None:
