@@ -176,6 +176,7 @@ class Fleet:
         state = self.state
         estimate_m = self._scale * self.bodies.position_m + self._error.position_m
         estimate_m += state.offset_m + state.drift_m
+        estimate_m[:, 2] -= state.barometer_m
         frozen_m = state.frozen_m
         estimate_m = np.where(np.isnan(frozen_m), estimate_m, frozen_m)
         received_m = self.bodies.position_m + self._receiver_error.position_m + state.offset_m

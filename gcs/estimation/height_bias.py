@@ -20,6 +20,9 @@ PERIOD_S: Final = 1.0
 WINDOW: Final = 60
 """Samples of the exponential mean, and at most as many of the reference on the ground."""
 
+RECENT: Final = 4.0
+"""Samples of the mean for landings: a drift of the last minute counts as well."""
+
 REFERENCE_MIN, NOW_MIN = 3, 5
 """Least samples of the reference, and of the mean that is compared with it."""
 
@@ -128,6 +131,8 @@ class HeightComparison:
 
     Attributes:
         found: the newest result.
+        departed_m: (n,) by how much each estimate is higher above its receiver's height than when the vehicle
+            stood, in the last few samples, with what all have in common; NaN: not known.
     """
 
     def __init__(self, count: int, settings: HeightSettings) -> None:
@@ -141,6 +146,7 @@ class HeightComparison:
         self._reference, self._now = _Moments.none(count), _Moments.none(count)
         self._common_scale = np.nan  # of the last time at which two were high enough to tell
         self.found = HeightBias.unknown(count)
+        self.departed_m: Array = np.full(count, np.nan)
 
     def note(self, telemetry: Telemetry, fresh: Mask, now_s: float) -> None:
         """Take a sample of the (n,) `fresh` vehicles, if one is due.
@@ -167,6 +173,11 @@ class HeightComparison:
         self._reference.add(stands, sample)
         self._now.add(known & ~stands & (self._reference.count >= REFERENCE_MIN), sample)
         self.found = self._compared(height_m, telemetry.vertical_accuracy_m)
+        new_m = np.where(
+            known & (self._reference.count >= REFERENCE_MIN), off_m - self._reference.means[0], np.nan
+        )
+        before_m = np.where(np.isnan(self.departed_m), new_m, self.departed_m)
+        self.departed_m = np.where(np.isnan(new_m), before_m, before_m + (new_m - before_m) / RECENT)
 
     def _forget_restarted(self, reboot_count: tuple[int, ...]) -> None:
         if reboot_count is self._reboots:
@@ -176,6 +187,7 @@ class HeightComparison:
         self._over &= ~restarted
         self._reference.forget(restarted)
         self._now.forget(restarted)
+        self.departed_m = np.where(restarted, np.nan, self.departed_m)
 
     def _compared(self, height_m: Array, accuracy_m: Array) -> HeightBias:
         """The result for (n,) present heights above the pad, and accuracies up as reported."""

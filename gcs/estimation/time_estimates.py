@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from gcs.estimation.touch_down import SLOWLY_M_S
 from gcs.model.state import Array, Mask
 
 STEPS: Final = 100
@@ -219,7 +220,14 @@ def take_off_s(waiting: int, stagger_s: float, climbs_m: Array) -> float:
 
 
 def home_s(
-    position_m: Array, home_m: Array, over_m: float, handover_m: float, speeds: Speeds, *, standing: bool
+    position_m: Array,
+    home_m: Array,
+    over_m: float,
+    handover_m: float,
+    speeds: Speeds,
+    *,
+    standing: bool,
+    slow_from_m: Array | float = 0.0,
 ) -> float | None:
     """Time until n vehicles are down at their pads; None for none, or where a position or a pad is unknown.
 
@@ -230,18 +238,20 @@ def home_s(
         handover_m: height above the pad from which the autopilot lands.
         speeds: of the law.
         standing: whether they are on their way already; else they stop first, and their paths are planned.
+        slow_from_m: (n,) height above the pad from which each descends slowly, if above `handover_m`.
     """
-    way_m = home_m - position_m
+    slow_from_m, way_m = np.maximum(slow_from_m, handover_m), home_m - position_m
     if len(way_m) == 0 or not np.isfinite(way_m).all():
         return None
     level_s = np.hypot(way_m[:, 0], way_m[:, 1]) / speeds.level_m_s
     height_m = way_m[:, 2]
     climb_s = np.where(level_s > 1.0, np.maximum(over_m - height_m, 0.0), 0.0) / speeds.up_m_s
     down_s = (
-        np.maximum(np.maximum(height_m, climb_s * speeds.up_m_s + height_m) - handover_m, 0.0)
+        np.maximum(np.maximum(height_m, climb_s * speeds.up_m_s + height_m) - slow_from_m, 0.0)
         / speeds.down_m_s
     )
     touch_s = np.clip(height_m, 0.0, handover_m) / TOUCHES_DOWN_M_S
+    touch_s += np.maximum(np.minimum(height_m, slow_from_m) - handover_m, 0.0) / SLOWLY_M_S
     both_s = np.maximum(level_s, down_s) + SLANT_SHARE * np.minimum(level_s, down_s)
     flight_s = climb_s + both_s + touch_s
     begins_s = 0.0 if standing else STOPS_S

@@ -12,7 +12,7 @@ from gcs.failsafe.policy import Cause
 from gcs.flight.fleet import FLIES, Fleet
 from gcs.flight.vehicle import SHOW_FLIES, Vehicle
 from gcs.model.lifecycle import Phase
-from gcs.model.state import Array, Mask
+from gcs.model.state import Array, Landed, Mask
 from gcs.planning.feasibility import radius_allowed, smallest_formation_radius_m
 from gcs.safety.answers import slowest_m_s2
 from gcs.service import ActiveFailsafe
@@ -33,6 +33,16 @@ LACKED_S: Final = 10.0
 LASTS_S: Final = 3.0
 """One vehicle alone must lack velocity for this time: its neighbours feel no wind."""
 
+OFF_GROUND_M: Final = Limit(on=2.0, off=1.4)
+"""Of a vehicle that stands on its pad: more than estimates without corrections are off at once."""
+
+ON_PAD_M: Final = 2.0
+"""Farther from its pad the ground may be higher or lower."""
+
+MAY_STAND: Final = frozenset({Phase.LANDING, Phase.STANDBY})
+
+REBOOT: Final = "Reboot [it|them] where [it stands|they stand] before the next start."
+
 NO_FIX: Final = "its receiver has no 3D fix"
 
 BLIND: Final = (
@@ -51,6 +61,7 @@ class AccuracyAlarms:
         n = len(self.flight.vehicles)
         self._is_small = np.zeros(1, np.bool_)
         self._wide = np.zeros(1, np.bool_)
+        self._off_ground = np.zeros(n, np.bool_)
         self._lacks_since_s: Array = np.full(n, np.inf)
         self._lacked_s: Array = np.full(n, -np.inf)
 
@@ -117,6 +128,34 @@ class AccuracyAlarms:
         telemetry = flight.telemetry
         sideways_m, up_m = telemetry.horizontal_accuracy_m[row], telemetry.vertical_accuracy_m[row]
         return f"its receiver reports {sideways_m:.1f} m sideways, {up_m:.1f} m up"
+
+    def of_heights(self) -> Iterator[Condition]:
+        """Yield vehicles whose heights differ from their receivers', or from the ground under them."""
+        flight, found = self.flight, self.flight.heights.found
+        for row in np.flatnonzero(found.named).tolist() if found.named.any() else ():
+            vehicle = flight.at_row(row)
+            if vehicle.phase in FLIES:
+                consequence = "Others keep so much farther above and below [it|them]."
+                yield Condition(AlarmCause.HEIGHT_DIFFERS, found.in_words(row), (vehicle.id,), consequence)
+        height_m = self._reported_on_pads_m()
+        self._off_ground = beyond(self._off_ground, np.abs(height_m), OFF_GROUND_M)
+        for row in np.flatnonzero(self._off_ground).tolist():
+            side = "above" if height_m[row] > 0.0 else "below"
+            because = f"stands on its start, and reports {abs(height_m[row]):.1f} m {side} it"
+            vehicle_id = flight.fleet.ids[row]
+            yield Condition(AlarmCause.HEIGHT_DIFFERS, because, (vehicle_id,), advice=REBOOT)
+
+    def _reported_on_pads_m(self) -> Array:
+        """(n,) heights that vehicles report which stand where they took off; 0 for the others."""
+        flight, height_m = self.flight, np.zeros(len(self.flight.vehicles))
+        for row, (vehicle, landed) in enumerate(
+            zip(flight.vehicles.values(), flight.telemetry.landed, strict=True)
+        ):
+            if landed is Landed.ON_GROUND and vehicle.home_m is not None and vehicle.phase in MAY_STAND:
+                above_m = vehicle.home_m - flight.fleet.position_m[row]
+                if np.hypot(above_m[0], above_m[1]) < ON_PAD_M:  # False for NaN
+                    height_m[row] = above_m[2]
+        return height_m
 
     def of_authority(self, tick: Tick) -> Iterator[Condition]:
         """Yield that vehicles do not reach their velocities, and those with a lowered speed limit."""

@@ -183,7 +183,7 @@ class AlarmMonitor:
             *self._accuracy.of_positions(findings.failsafes),
             *self._accuracy.of_the_radius(),
             *self._accuracy.of_authority(tick),
-            *self._of_heights(),
+            *self._accuracy.of_heights(),
             *self._of_texts(),
             *_of_failsafes(findings.failsafes),
             *self._of_links(findings),
@@ -272,15 +272,6 @@ class AlarmMonitor:
 
     def _ids(self, tick: Tick) -> tuple[VehicleId, ...]:
         return self.flight.fleet.ids + tick.elsewhere
-
-    def _of_heights(self) -> Iterator[Condition]:
-        flight = self.flight
-        found = flight.heights.found
-        for row in np.flatnonzero(found.named).tolist() if found.named.any() else ():
-            vehicle = flight.at_row(row)
-            if vehicle.phase in FLIES:
-                consequence = "Others keep so much farther above and below [it|them]."
-                yield Condition(AlarmCause.HEIGHT_DIFFERS, found.in_words(row), (vehicle.id,), consequence)
 
     def _of_timecode(self) -> Iterator[Condition]:
         flight, show_run = self.flight, self.flight.show_run

@@ -219,7 +219,9 @@ class CollectiveReturn:
         if not len(start_m) or len(start_m) > TOGETHER_MAX:
             self._is_off = True
             return
-        heights_m = operation.takeoff_height_m, operation.handover_height_m
+        over_m = operation.takeoff_height_m
+        slow_from_m = flight.slow_from_m(homing).max(initial=operation.handover_height_m)
+        heights_m = over_m, min(float(slow_from_m), over_m)
         self._rows = {vehicle.id: row for row, vehicle in enumerate(homing)}
         about = heights_m, flight.control, flight.plan, flight.fleet.time_s, own_m, flight.closed()
 

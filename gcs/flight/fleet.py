@@ -22,6 +22,7 @@ from gcs.estimation.fleet_state import FORWARD_MAX_S, Table, uncertainty_m
 from gcs.estimation.height_bias import HeightComparison
 from gcs.estimation.link_delay import LinkDelay
 from gcs.estimation.link_health import LinkQuality, SetpointGaps
+from gcs.estimation.touch_down import height_error_m
 from gcs.failsafe.autopilot_failsafe import TEXTS_COUNT_S, FailsafeInputs
 from gcs.flight.corrections import Corrections
 from gcs.flight.elsewhere import Elsewhere
@@ -190,6 +191,7 @@ class Fleet:
         self._order = None if order == sorted(order) else order
         self._joined: Joined | None = None  # of the last tick
         self._may_descend: tuple[FleetState, float] | None = None  # for one tick: see `may_descend`
+        self._slow_from_m: tuple[FleetState, Array] | None = None  # likewise: see `slow_from_m`
         self._closing: tuple[FleetState, frozenset[VehicleId]] | None = None  # likewise: see `closing`
         self._table = self._made_table()
         self.uncontrolled = UncontrolledSpace(config, tuple(self.vehicles.values()))
@@ -270,6 +272,13 @@ class Fleet:
         self.link_delay.note(self.telemetry.clock_base_s, self.telemetry.round_trip_s, self.fleet.time_s)
         fresh = self.fleet.age_s <= self.control.telemetry_age_max_s
         self.heights.note(self.telemetry, fresh, self.fleet.time_s)
+
+    def slow_from_m(self, vehicles: Sequence[Vehicle]) -> Array:
+        """(k,) reported heights above the ground from which these descend slowly: they may be lower."""
+        if self._slow_from_m is None or self._slow_from_m[0] is not self.fleet:
+            error_m = height_error_m(self.telemetry.vertical_accuracy_m, self.heights.departed_m)
+            self._slow_from_m = self.fleet, self.config.operation.handover_height_m + error_m
+        return self._slow_from_m[1][[vehicle.row for vehicle in vehicles]]
 
     def note_parameters(self, vehicle: Vehicle, values: Mapping[str, ParameterValue]) -> None:
         """Take the parameters of a vehicle as read; what it does without setpoints follows from them."""

@@ -13,6 +13,7 @@ from typing import TypeAlias
 import numpy as np
 
 from gcs.flight.collective_return import CollectiveReturn
+from gcs.flight.descent import SLOW_S, Descent
 from gcs.flight.fleet import Fleet
 from gcs.flight.landing_places import homes_m, is_taken
 from gcs.flight.vehicle import Vehicle
@@ -20,7 +21,7 @@ from gcs.links import Command, Verb
 from gcs.model.errors import CommandError, RefusedError
 from gcs.model.lifecycle import FLOWN, Event, Phase, ShowPhase
 from gcs.model.state import Array, FleetState, Mode, VehicleId
-from gcs.planning.return_paths.paths import above_place_m, is_above, may_hand_over
+from gcs.planning.return_paths.paths import above_place_m, is_above
 from gcs.service import Outcome
 
 log = logging.getLogger(__name__)
@@ -419,15 +420,8 @@ class Maneuvers:
 
     async def _descend_slowly(self, vehicle: Vehicle, place_m: Array) -> None:
         """Descend through the safety filter to just above the place, then have the autopilot touch down."""
-        vehicle.goal_m = np.array([place_m[0], place_m[1], place_m[2]])
-        handover_m = self._settings.handover_height_m
-
-        def over_or_down() -> bool:
-            """Down: where the filter keeps it off its place, it stands beside it in the end."""
-            here_m = self._flight.position_m(vehicle)[None]
-            return vehicle.phase is Phase.STANDBY or bool(may_hand_over(here_m, place_m[None], handover_m)[0])
-
-        await self._until(vehicle, over_or_down)
+        descent = Descent(self._flight, vehicle, place_m)
+        await self._until(vehicle, descent.advance, patience_s=NO_PROGRESS_S + SLOW_S)
         await self._touch_down(vehicle)
 
     async def _touch_down(self, vehicle: Vehicle) -> None:

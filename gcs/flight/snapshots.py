@@ -13,7 +13,7 @@ from gcs.estimation.time_estimates import Estimates, Speeds
 from gcs.flight.fleet import ASSEMBLED_M, ASSEMBLED_SHARE, FLIES, Fleet
 from gcs.model.interrupted_flight import InterruptedFlight
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.model.state import Array, Mask
+from gcs.model.state import Array, Landed, Mask
 from gcs.service import ActiveFailsafe, FleetView, FlightEnvelope, LightsView, TickView
 from gcs.service.alarms import Alarm
 from gcs.service.histograms import TickHistogram
@@ -212,9 +212,14 @@ class Estimating:
         goals_m = [one.goal_m if aborting and one.goal_m is not None else pad_m for one, pad_m in homes]
         home_m = np.array(goals_m)
         home_m[:, 2] = [pad_m[2] for _, pad_m in homes]
+        stands = [flight.telemetry.landed[one.row] is Landed.ON_GROUND for one in ours]
+        position_m[stands, 2] = home_m[stands, 2]  # whatever its height says
         heights_m = operation.takeoff_height_m, operation.handover_height_m
         standing, speeds = flight.show in COMES_DOWN, speeds_of(flight.control)
-        found_s = time_estimates.home_s(position_m, home_m, *heights_m, speeds, standing=standing)
+        slow_from_m = flight.slow_from_m(ours)
+        found_s = time_estimates.home_s(
+            position_m, home_m, *heights_m, speeds, standing=standing, slow_from_m=slow_from_m
+        )
         if found_s is None or left_s is None or flight.show is not ShowPhase.RETURNING:
             return found_s
         return max(found_s, left_s + time_estimates.SEEN_DOWN_S)

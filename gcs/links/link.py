@@ -90,6 +90,7 @@ class Counters:
     unknown_bytes: int = 0  # of messages that pymavlink does not know: not checked, so not accepted
     strangers: int = 0
     duplicates: int = 0
+    late_samples: int = 0  # dropped: older than the newest of their kind
     unsigned: int = 0  # refused, where signing is configured
     wrongly_signed: int = 0
     replayed: int = 0

@@ -90,6 +90,7 @@ class Inbox:
         frames, rows, time_s = self.addresses.judge(frames, arrived)
         self.counters.received += len(frames)
         self.telemetry.take(arrived.data, frames, rows, time_s)
+        self.counters.late_samples = self.telemetry.late_samples
         self._take_answers(arrived.data, frames, rows)
         if self.pass_on is not None:
             self.pass_on(arrived.data, frames, rows, time_s)

@@ -1,6 +1,7 @@
 """Telemetry of the vehicles of a link, in columns: read for all of them at once, message by message."""
 
 import asyncio
+import logging
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Generic, TypeVar
@@ -11,10 +12,14 @@ from numpy.typing import NDArray
 from gcs.links.autopilots import DEFAULT, Autopilot, title_of
 from gcs.links.status_texts import StatusTexts
 from gcs.mavlink import framing
+from gcs.mavlink.batteries import Packs
 from gcs.mavlink.codec import frame
 from gcs.mavlink.kernels import Bytes, Whole
 from gcs.mavlink.reports import OTHER_MODE, TERMINATED_MODE, UNKNOWN_MODE, Columns, read_reports
+from gcs.mavlink.sample_order import Clocks
 from gcs.model.state import Array, Landed, Mask, Mode, StatusText, Telemetry, VehicleId
+
+log = logging.getLogger(__name__)
 
 Value = TypeVar("Value")
 _LANDED: Final = tuple(Landed)
@@ -53,11 +58,14 @@ def mode_of(autopilot: Autopilot, custom_mode: int) -> Mode:
 class FleetTelemetry:
     """Newest values of n vehicles, rows as on the link. Arrays are updated row by row as frames arrive.
 
+    A sample older than the newest of its kind changes nothing: see `gcs.mavlink.sample_order`.
+
     PX4 sends one BATTERY_STATUS for each pack, and a SYS_STATUS that reports its emptiest pack. A vehicle
-    with a full and an empty pack is in danger, thus the least counts, whichever message arrived last. A
-    pack that reports an unknown percentage (-1) is left out until it reports one again. A pack that stops
-    reporting keeps its last percentage until the autopilot restarts: a connection that broke in flight has
-    not charged it.
+    with a full and an empty pack is in danger, thus the least counts, whichever message arrived last. Packs
+    that feed payload or avionics alone do not count: none of them brings a vehicle down. A pack that reports
+    an unknown percentage (-1) is left out until it reports one again. A pack that stops reporting keeps its
+    last percentage while the vehicle is armed: a connection that broke in flight has not charged it. On the
+    ground it may have been taken out, and is forgotten after FORGOTTEN_AFTER_S.
 
     Attributes:
         heartbeat_time_s, position_time_s, life_time_s: (n,) of arrival, -inf before; the last of any message.
@@ -65,7 +73,7 @@ class FleetTelemetry:
         landed: (n,) of `Landed`.
         prearm_ok: (n,) the autopilot's own pre-arm checks pass.
         connection_count: (n,) how often it connected: at first, after a restart, after a silence.
-        reboot_count: (n,) how often the boot clock has jumped back.
+        reboot_count: (n,) how often the boot clock has begun anew.
         custom_mode: (n,) of the newest heartbeat.
         autopilots: (n,) profiles as configured.
         texts: of each vehicle.
@@ -86,6 +94,7 @@ class FleetTelemetry:
             for kind in {each.name: each for each in self.autopilots}.values()
         )
         self._columns = columns = Columns.unknown(n)
+        self._clocks, self._packs = Clocks.unknown(n), Packs.unknown(n)
         self.heartbeat_time_s, self.position_time_s = columns.heartbeat_time_s, columns.position_time_s
         self.life_time_s, self.in_failsafe = columns.life_time_s, columns.in_failsafe
         self.armed, self.prearm_ok = columns.armed, columns.prearm_ok
@@ -151,7 +160,9 @@ class FleetTelemetry:
             rows: (k,) vehicle of each.
             time_s: (k,) of arrival.
         """
-        beats, texts = read_reports(data, frames, rows, time_s, self._columns)
+        beats, texts = read_reports(data, frames, rows, time_s, self._columns, self._clocks, self._packs)
+        if (forgotten := self._packs.forgotten).max(initial=-1) >= 0:
+            self._report_forgotten(forgotten)
         if self.waiting:
             for row in rows[beats].tolist():
                 event = self.waiting.pop(row, None)
@@ -162,6 +173,17 @@ class FleetTelemetry:
                 text = framing.status_text(frame(data, frames[at].tolist()))
                 self.texts[rows[at]].take(text, float(time_s[at]))
             self._texts_reported = tuple(each.texts for each in self.texts)
+
+    @property
+    def late_samples(self) -> int:
+        """How many were dropped since the link was created: older than the newest of their kind."""
+        return int(self._clocks.late.sum())
+
+    def _report_forgotten(self, pack: Whole) -> None:
+        """Log the (n,) packs that count no more, though they were the emptiest; -1: none."""
+        for row in np.flatnonzero(pack >= 0).tolist():
+            log.warning("battery_forgotten", extra={"vehicle": self._ids[row], "pack": int(pack[row])})
+        pack[:] = -1
 
     def telemetry(self, *, may_be_ready: Mask | bool = True, discovered: Mask | None = None) -> Telemetry:
         """A copy of all values.
@@ -184,7 +206,7 @@ class FleetTelemetry:
             altitude_amsl_m=_without(undiscovered, now.place[:, 2]),
             velocity_ned_m_s=_without(undiscovered, now.velocity_ned_m_s),
             yaw_deg=_without(undiscovered, now.yaw_deg),
-            battery_remaining=now.battery_remaining.copy(),
+            battery_remaining=self._packs.remaining.copy(),
             armed=self._armed_reported.values,
             mode=self._modes_reported.values,
             in_failsafe=self._failsafe_reported.values,

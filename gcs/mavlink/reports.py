@@ -11,8 +11,21 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import development as dialect
 
 from gcs.mavlink import framing
+from gcs.mavlink.batteries import BESIDE_PROPULSION, PACKS, Packs, forget_packs, note_percent
 from gcs.mavlink.codec import AUTOPILOT_COMPONENT, layout
-from gcs.mavlink.kernels import COMPONENT, FRAME_COLUMNS, LENGTH, MESSAGE, PAYLOAD, Bytes, Number, Whole
+from gcs.mavlink.kernels import (
+    BEGIN,
+    COMPONENT,
+    FRAME_COLUMNS,
+    LENGTH,
+    MAGIC_2,
+    MESSAGE,
+    PAYLOAD,
+    Bytes,
+    Number,
+    Whole,
+)
+from gcs.mavlink.sample_order import DATED, KIND_OF, LATE, ODOMETRY, RESTARTED, UNJUDGED, Clocks, judged
 from gcs.model.jit import kernel, kernel_within
 from gcs.model.state import FIX_3D, Array, Landed, Mask
 
@@ -26,17 +39,10 @@ SILENT_AFTER_S: Final = 3.0
 heartbeat after a longer pause is a new connection.
 """
 
-PACKS: Final = 256
-NO_PERCENT: Final = 127
-"""In int8, above every percentage, so that the minimum ignores it."""
-
 _ARMED: Final = int(dialect.MAV_MODE_FLAG_SAFETY_ARMED)
 _CUSTOM: Final = int(dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
 _NO_AUTOPILOT: Final = int(dialect.MAV_AUTOPILOT_INVALID)
 _HEADING_MAX_CDEG: Final = 36000  # above: unknown
-_REBOOTED_MS: Final = 1000
-"""A boot clock that goes back by more than this has restarted; by less, datagrams are out of order."""
-
 _LANDED_STATES: Final = len(Landed)
 _CRITICAL, _EMERGENCY = framing.FAILSAFE_STATES
 _TERMINATED: Final = int(dialect.MAV_STATE_FLIGHT_TERMINATION)
@@ -47,8 +53,7 @@ _HORIZONTAL_M, _VERTICAL_M = framing.METRES_PER_DILUTION
 _UNIX_KNOWN_S: Final = framing.UNIX_KNOWN_S
 
 _BEAT, _STATUS, _TIME = framing.HEARTBEAT, framing.SYS_STATUS, framing.SYSTEM_TIME
-_GPS, _ATTITUDE, _LOCAL = framing.GPS_RAW_INT, framing.ATTITUDE, framing.LOCAL_POSITION_NED
-_GLOBAL, _BATTERY = framing.GLOBAL_POSITION_INT, framing.BATTERY_STATUS
+_GPS, _GLOBAL, _BATTERY = framing.GPS_RAW_INT, framing.GLOBAL_POSITION_INT, framing.BATTERY_STATUS
 _EXTENDED, _ODOMETRY, _TEXT = framing.EXTENDED_SYS_STATE, framing.ODOMETRY, framing.STATUSTEXT
 _ESTIMATOR: Final = framing.EKF_STATUS_REPORT
 _VERSION: Final = framing.AUTOPILOT_VERSION
@@ -65,14 +70,16 @@ def _at(message_id: int, field: str) -> int:
 
 _BEAT_MODE, _BEAT_AUTOPILOT = _at(_BEAT, "custom_mode"), _at(_BEAT, "autopilot")
 _BEAT_BASE, _BEAT_STATE = _at(_BEAT, "base_mode"), _at(_BEAT, "system_status")
-_GLOBAL_BOOT, _GLOBAL_HEADING = _at(_GLOBAL, "time_boot_ms"), _at(_GLOBAL, "hdg")
+_CLOCK_AT: Final = np.array([_at(message, "time_boot_ms") for message in DATED])
+_ODOMETRY_TIME: Final = _at(_ODOMETRY, "time_usec")
+_GLOBAL_HEADING: Final = _at(_GLOBAL, "hdg")
 _GLOBAL_LAT, _GLOBAL_LON, _GLOBAL_ALT = _at(_GLOBAL, "lat"), _at(_GLOBAL, "lon"), _at(_GLOBAL, "alt")
 _GLOBAL_VX, _GLOBAL_VY, _GLOBAL_VZ = _at(_GLOBAL, "vx"), _at(_GLOBAL, "vy"), _at(_GLOBAL, "vz")
-_ATTITUDE_BOOT, _LOCAL_BOOT = _at(_ATTITUDE, "time_boot_ms"), _at(_LOCAL, "time_boot_ms")
 _STATUS_ENABLED = _at(_STATUS, "onboard_control_sensors_enabled")
 _STATUS_HEALTH = _at(_STATUS, "onboard_control_sensors_health")
 _STATUS_PERCENT = _at(_STATUS, "battery_remaining")
 _BATTERY_PERCENT, _BATTERY_PACK = _at(_BATTERY, "battery_remaining"), _at(_BATTERY, "id")
+_BATTERY_FUNCTION: Final = _at(_BATTERY, "battery_function")
 _GPS_FIX, _GPS_EPH, _GPS_EPV = _at(_GPS, "fix_type"), _at(_GPS, "eph"), _at(_GPS, "epv")
 _GPS_H_ACC, _GPS_V_ACC, _GPS_ALT = _at(_GPS, "h_acc"), _at(_GPS, "v_acc"), _at(_GPS, "alt")
 _TIME_UNIX: Final = _at(_TIME, "time_unix_usec")
@@ -97,7 +104,6 @@ class Columns(NamedTuple):
     landed: Whole
     connection_count: Whole  # at first, after a restart, after a silence
     reboot_count: Whole
-    boot_ms: Whole  # -1: none
     position_resets: Whole
     reset_counter: Whole  # -1: none
     unhealthy_sensors: Whole  # -1: not reported
@@ -113,8 +119,6 @@ class Columns(NamedTuple):
     place: Array  # (n, 3) degrees, degrees, m AMSL
     velocity_ned_m_s: Array  # (n, 3)
     yaw_deg: Array
-    battery_percent: NDArray[np.int8]  # (n, PACKS + 1), last column: SYS_STATUS
-    battery_remaining: Array  # 0 to 1
     changes: Whole  # (1,) of values that seldom change: modes, states, counters, first positions
 
     @staticmethod
@@ -132,7 +136,6 @@ class Columns(NamedTuple):
             landed=np.zeros(n, np.int64),
             connection_count=np.zeros(n, np.int64),
             reboot_count=np.zeros(n, np.int64),
-            boot_ms=np.full(n, -1, np.int64),
             position_resets=np.zeros(n, np.int64),
             reset_counter=np.full(n, -1, np.int64),
             unhealthy_sensors=np.full(n, -1, np.int64),
@@ -148,8 +151,6 @@ class Columns(NamedTuple):
             place=np.full((n, 3), np.nan),
             velocity_ned_m_s=np.full((n, 3), np.nan),
             yaw_deg=np.full(n, np.nan),
-            battery_percent=np.full((n, PACKS + 1), NO_PERCENT, np.int8),
-            battery_remaining=np.full(n, np.nan),
             changes=np.zeros(1, np.int64),
         )
 
@@ -179,30 +180,14 @@ def _set(column: NDArray[Any], row: Number, value: Number | bool, changes: Whole
 
 
 @kernel
-def _note_restart(row: Number, boot_ms: np.int64, into: Columns) -> None:
+def _note_restart(row: Number, into: Columns) -> None:
     """Forget what was known of the time before a restart: it may be wrong."""
     into.reboot_count[row] += 1
     into.connection_count[row] += 1
     into.reset_counter[row] = -1
     into.prearm_ok[row] = False
     into.estimator_flags[row] = -1
-    into.battery_percent[row] = NO_PERCENT
-    into.battery_remaining[row] = np.nan
     into.changes[0] += 1
-    into.boot_ms[row] = boot_ms
-
-
-@kernel_within
-def _note_percent(
-    row: Number, pack: Number, percent: np.int64, battery_percent: NDArray[np.int8], remaining: Array
-) -> None:
-    """The newest percentage of a pack; below 0: unknown. A vehicle is as empty as its emptiest pack."""
-    known = percent if percent < 100 else np.int64(100)
-    battery_percent[row, pack] = known if percent >= 0 else NO_PERCENT
-    least = np.int64(NO_PERCENT)
-    for one in range(PACKS + 1):
-        least = min(least, battery_percent[row, one])
-    remaining[row] = np.nan if least == NO_PERCENT else least / 100.0
 
 
 @kernel_within
@@ -294,21 +279,20 @@ def _note_round_trip(
 
 
 @kernel_within
-def _boot_place(message: Number) -> int:
-    """Where a message has the boot clock; -1: it has none.
-
-    ATTITUDE and LOCAL_POSITION_NED come unasked after a restart.
-    """
-    if message == _GLOBAL:
-        return _GLOBAL_BOOT
-    if message == _ATTITUDE:
-        return _ATTITUDE_BOOT
-    return _LOCAL_BOOT if message == _LOCAL else -1
+def _clock_ms(data: Bytes, start: Number, end: Number, kind: Number) -> np.int64:
+    """The autopilot's clock in a message, of 32 bits; -1: it has none."""
+    if kind == ODOMETRY:
+        since_us = _unsigned(data, start + _ODOMETRY_TIME, end, 8)
+        dated = 0 < since_us < _UNIX_KNOWN_S * 1_000_000  # else unknown, or another clock
+        return since_us // 1000 & 0xFFFFFFFF if dated else np.int64(-1)
+    if kind == UNJUDGED or kind > ODOMETRY:
+        return np.int64(-1)
+    return _unsigned(data, start + _CLOCK_AT[kind], end, 4)
 
 
 @kernel
 def read_reports(  # noqa: C901, PLR0912, PLR0915  (within one function, no message counts references to the columns)
-    data: Bytes, frames: Whole, rows: Whole, time_s: Array, into: Columns
+    data: Bytes, frames: Whole, rows: Whole, time_s: Array, into: Columns, clocks: Clocks, packs: Packs
 ) -> tuple[Whole, Whole]:
     """Read checked frames in order of arrival. Never fails, whatever they contain.
 
@@ -317,7 +301,9 @@ def read_reports(  # noqa: C901, PLR0912, PLR0915  (within one function, no mess
         frames: (k, FRAME_COLUMNS), see `gcs.mavlink.kernels`.
         rows: (k,) vehicle of each.
         time_s: (k,) of arrival.
-        into: written.
+        into: written, as the next two.
+        clocks: which samples are late.
+        packs: the batteries.
 
     Returns: (b,) places of the heartbeats of autopilots, and (t,) of their status texts.
     """
@@ -328,14 +314,16 @@ def read_reports(  # noqa: C901, PLR0912, PLR0915  (within one function, no mess
             continue
         row, message, start = rows[k], frames[k, MESSAGE], frames[k, PAYLOAD]
         end = start + frames[k, LENGTH]
+        kind = KIND_OF[message] if message < len(KIND_OF) else UNJUDGED
+        number = data[frames[k, BEGIN] + (4 if data[frames[k, BEGIN]] == MAGIC_2 else 2)]
+        clock_ms = _clock_ms(data, start, end, kind)
+        verdict = judged(row, kind, clock_ms, np.int64(number), time_s[k], into.life_time_s[row], clocks)
+        if verdict == LATE:
+            continue
+        if verdict == RESTARTED:
+            _note_restart(row, into)
+            forget_packs(row, packs)
         into.life_time_s[row] = time_s[k]
-        boot_at = _boot_place(message)
-        if boot_at >= 0:
-            boot_ms = _unsigned(data, start + boot_at, end, 4)
-            if boot_ms < into.boot_ms[row] - _REBOOTED_MS:  # it has gone back: a restart
-                _note_restart(row, boot_ms, into)
-            else:
-                into.boot_ms[row] = max(boot_ms, into.boot_ms[row])  # late datagrams change nothing
         if message == _GLOBAL:
             _note_position(data, start, end, row, time_s[k], into)
         elif message == _BEAT:
@@ -349,11 +337,13 @@ def read_reports(  # noqa: C901, PLR0912, PLR0915  (within one function, no mess
         elif message == _STATUS:
             _note_sensors(data, start, end, row, into)
             percent = _signed(data, start + _STATUS_PERCENT, end, 1)
-            _note_percent(row, PACKS, percent, into.battery_percent, into.battery_remaining)
+            note_percent(row, PACKS, percent, time_s[k], into.armed[row], packs)
         elif message == _BATTERY:
             pack = _unsigned(data, start + _BATTERY_PACK, end, 1)
             percent = _signed(data, start + _BATTERY_PERCENT, end, 1)
-            _note_percent(row, pack, percent, into.battery_percent, into.battery_remaining)
+            if _unsigned(data, start + _BATTERY_FUNCTION, end, 1) in BESIDE_PROPULSION:
+                percent = np.int64(-1)
+            note_percent(row, pack, percent, time_s[k], into.armed[row], packs)
         elif message == _EXTENDED:
             landed = _unsigned(data, start + _EXTENDED_LANDED, end, 1)
             _set(into.landed, row, landed if landed < _LANDED_STATES else np.int64(0), into.changes)
@@ -378,4 +368,5 @@ def read_reports(  # noqa: C901, PLR0912, PLR0915  (within one function, no mess
 def warm_up() -> None:
     """Compile or load the kernels."""
     nothing = np.zeros((0, FRAME_COLUMNS), np.int64)
-    read_reports(np.zeros(1, np.uint8), nothing, nothing[:, 0].copy(), np.zeros(0), Columns.unknown(1))
+    nowhere = np.zeros(1, np.uint8), nothing, nothing[:, 0].copy(), np.zeros(0)
+    read_reports(*nowhere, Columns.unknown(1), Clocks.unknown(1), Packs.unknown(1))

@@ -101,7 +101,7 @@ class Telemetry:
     horizontal_accuracy_m: Array  # (n,) as its receiver reports, one sigma; NaN unknown, inf without a fix
     vertical_accuracy_m: Array  # (n,)
     gnss_altitude_amsl_m: Array  # (n,) as its receiver reports, not its estimator; NaN without a fix
-    reboot_count: tuple[int, ...]  # how often its boot clock has jumped back
+    reboot_count: tuple[int, ...]  # how often its boot clock has begun anew
     position_resets: tuple[int, ...]  # how often its estimator reported a position reset
     fix_type: Array  # (n,) GPS_FIX_TYPE of its receiver, 3 and more with a height; NaN unknown
     unhealthy_sensors: Bits  # (n,) of MAV_SYS_STATUS_SENSOR: sensors in use and unhealthy; -1 unknown

@@ -78,6 +78,7 @@ LINK_FAULTS: Mapping[str, Mapping[str, Field]] = MappingProxyType(
         "loss": SHARE | WAY,
         "delay": {"delay_s": Number(0.0, 60.0, 0.0), "jitter_s": Number(0.0, 60.0, 0.0)} | WAY,
         "reorder": SHARE | WAY,
+        "late": SHARE | {"least_s": Number(0.0, 60.0, 0.1), "most_s": Number(0.0, 60.0, 10.0)} | WAY,
         "duplicate": SHARE | WAY,
         "corrupt": SHARE | WAY,
         "jam": {"rate_hz": Number(0.0, 10_000.0)},
@@ -87,6 +88,7 @@ VEHICLE_FAULTS: Mapping[str, Mapping[str, Field]] = MappingProxyType(
     {
         "gps-jump": SHIFT,
         "gps-freeze": {},
+        "barometer": {"up_m": STEP_M},
         "accuracy": dict.fromkeys(("eph_m", "epv_m", "hdop", "vdop"), ACCURACY),
         "wind": {"north_m_s": SPEED_M_S, "east_m_s": SPEED_M_S, "down_m_s": SPEED_M_S},
         "fix": {"type": Choice(tuple(FIXES))},

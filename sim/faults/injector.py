@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import count
+from types import MappingProxyType
 from typing import Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
@@ -34,6 +35,9 @@ class DirectionFaults:
     reorder: float = 0.0
     delay_s: float = 0.0
     jitter_s: float = 0.0
+    late: float = 0.0
+    least_s: float = 0.1
+    most_s: float = 10.0
 
 
 class Way(Generic[Tag]):
@@ -55,7 +59,9 @@ class Way(Generic[Tag]):
             packet = self._damaged(packet)
         for _ in range(2 if chance() < faults.duplicate else 1):
             due_s = now_s + faults.delay_s + faults.jitter_s * chance()
-            if chance() < faults.reorder:
+            if faults.late > 0.0 and chance() < faults.late:
+                due_s += faults.least_s + (faults.most_s - faults.least_s) * chance()
+            elif chance() < faults.reorder:
                 due_s = max(due_s, self._last_due_s) + OVERTAKEN_S
             else:
                 self._last_due_s = due_s = max(due_s, self._last_due_s)
@@ -113,8 +119,18 @@ Origin: TypeAlias = Any
 """Source of a packet; only the server uses it."""
 
 FAULT_SEED = 2
+CHANGES: Mapping[str, Sequence[str]] = MappingProxyType(
+    {
+        "silence": ("silent",),
+        "delay": ("delay_s", "jitter_s"),
+        "late": ("late", "least_s", "most_s"),
+        "jam": (),
+    }
+)
+"""Fields of DirectionFaults that a fault changes; the others change the one of their name."""
+
 REPORTED = frozenset({"accuracy", "fix", "sensor", "wrong-time"})
-HEALED = REPORTED | {"gps-jump", "gps-freeze", "wind"}
+HEALED = REPORTED | {"barometer", "gps-jump", "gps-freeze", "wind"}
 """Faults that end with what a column held before."""
 
 
@@ -203,6 +219,8 @@ class FaultInjector:
         if fault in {"gps-jump", "position-reset"}:
             state.offset_m[at] += _vector(values, "m")
             state.reset_counter[at] += np.uint8(fault == "position-reset")
+        elif fault == "barometer":
+            state.barometer_m[at] = float(values["up_m"])
         elif fault == "gps-freeze":
             state.frozen_m[at] = fleet.sensors.estimate_m[at]
         elif fault in REPORTED:
@@ -287,6 +305,7 @@ def _healthy(fleet: Fleet, fault: str) -> Sequence[tuple[NDArray[Any], object]]:
     fresh = type(state)(1, 0.0)
     healthy: Mapping[str, Sequence[tuple[NDArray[Any], object]]] = {
         "gps-jump": [(state.offset_m, 0.0)],
+        "barometer": [(state.barometer_m, 0.0)],
         "gps-freeze": [(state.frozen_m, np.nan)],
         "accuracy": [
             (state.horizontal_accuracy_m, receiver.horizontal_m),
@@ -319,7 +338,7 @@ def _report(fleet: Fleet, row: int, fault: str, values: Mapping[str, Value]) -> 
 
 def _set(faults: DirectionFaults, fault: str, values: Mapping[str, float | str]) -> None:
     """Set what a fault changes, by the same names in `values`; the share of its packets, if named so."""
-    for name in {"silence": ("silent",), "delay": ("delay_s", "jitter_s"), "jam": ()}.get(fault, (fault,)):
+    for name in CHANGES.get(fault, (fault,)):
         setattr(faults, name, values[name] if name in values else values.get("share", True))
 
 

@@ -22,6 +22,7 @@ NO_MODE = -1
 LASTING = frozenset(
     {
         *("system_id", "remaining", "offset_m", "frozen_m", "hdop", "vdop", "height_scale"),
+        "barometer_m",
         *("horizontal_accuracy_m", "vertical_accuracy_m", "piloted", "stick_m_s"),
         *("fix_type", "unhealthy_sensors", "unix_ahead_s"),
     }
@@ -124,6 +125,7 @@ class State:
         self.setpoint_yaw_rate_rad_s = np.full(count, np.nan)
 
         self.offset_m = np.zeros((count, 3))  # added to the estimated position by a fault
+        self.barometer_m = np.zeros(count)  # by so much the estimated height is too great, by a fault
         self.height_scale = np.ones(count)  # of estimated over true height
         self.frozen_m = np.full((count, 3), np.nan)  # the estimate that a frozen receiver repeats
         self.reset_counter = np.zeros(count, dtype=np.uint8)

@@ -155,11 +155,12 @@ def test_a_planner_that_fails_leaves_the_fleet_under_control() -> None:
         assert any("without a common plan" in event.text for event in show.service.events.newest())
         await show.reach(ShowPhase.LANDED, 120.0)
         assert (await show.settled(record)).outcome is Outcome.DONE
-        assert not [alarm for alarm in show.view.alarms if alarm.lasts]
+        # an alarm lasts for up to a second longer than its cause, and the landing may end sooner
+        await show.until(lambda: not any(alarm.lasts for alarm in show.view.alarms), 2.0)
         assert show.floor_violations() == 0
         return show.track.between(stop_s)
 
-    track = fly(story, after=running, ideal=True)  # with errors of 0.2 m the alarm outlasts the landing
+    track = fly(story, after=running, ideal=True)
     assert np.diff(track.time_s).max() < 0.06
 
 

@@ -213,3 +213,23 @@ def test_recorded_ardupilot_is_named_beside_healthy_ones() -> None:
             assert 0.03 < found.scale[0] < 0.06
     assert highest_m > 12.0
     assert named_at_m
+
+
+@pytest.mark.parametrize("drift_m", [3.0, -3.0])
+def test_drift_of_the_last_minute_counts_for_the_landing(drift_m: float) -> None:
+    """Long before its mean shows it, and also where all drift alike."""
+    flight = Flight([0.0] * 4)
+    flight.stand(30)
+    flight.climb(20.0)
+    flight.hover(20.0, 30)
+    for share in np.linspace(0.0, 1.0, 12):
+        flight.drift_m[:] = share * drift_m
+        flight.second(20.0, armed=True)
+    flight.hover(20.0, 4)
+    assert flight.comparison.departed_m == pytest.approx([drift_m] * 4, abs=0.7)
+
+
+def test_departure_is_unknown_without_a_reference() -> None:
+    flight = Flight([0.0] * 2)
+    flight.hover(20.0, 10)
+    assert np.isnan(flight.comparison.departed_m).all()
