@@ -305,12 +305,7 @@ class SiteProcesses:
 
     def timing(self, name: str) -> "Timing":
         """Of all ticks since its start, as the station itself reports them."""
-        text = self.at(name, lambda client: client.metrics())
-        ticks, in_time = (
-            int(_metric(text, f"gcs_tick_lateness_seconds_{name}")) for name in ("count", 'bucket{le="0.01"}')
-        )
-        missed_s = _metric(text, "gcs_ticks_missed_total") / self.config.tick_rate_hz
-        return Timing(ticks, missed_s, ticks - in_time)
+        return timing_of(self.at(name, lambda client: client.metrics()), self.config.tick_rate_hz)
 
     def metric(self, name: str, metric: str) -> float:
         """One value of a station's metrics."""
@@ -323,6 +318,14 @@ class SiteProcesses:
     def log(self, name: str) -> str:
         """What a station wrote."""
         return (self.folder / f"{name}.log").read_text(encoding="utf-8")
+
+
+def timing_of(text: str, tick_rate_hz: float) -> Timing:
+    """Of all ticks since a service's start, out of its metrics."""
+    ticks, in_time = (
+        int(_metric(text, f"gcs_tick_lateness_seconds_{name}")) for name in ("count", 'bucket{le="0.01"}')
+    )
+    return Timing(ticks, _metric(text, "gcs_ticks_missed_total") / tick_rate_hz, ticks - in_time)
 
 
 def _metric(text: str, name: str) -> float:
@@ -352,12 +355,13 @@ def running_site(
     *options: str,
     operation: Mapping[str, object] | None = None,
     shares_memory: bool = True,
+    keys: Path | None = None,
 ) -> Iterator[SiteProcesses]:
     """Run stations and vehicles until the block ends; `options` are those of `gcs sim`.
 
     Without `shares_memory` the stations exchange their messages over Zenoh, as in containers of their own.
     """
-    config = site_config(stations, each, free_ports(ports_of(stations, each)), operation=operation)
+    config = site_config(stations, each, free_ports(ports_of(stations, each)), operation=operation, keys=keys)
     site = SiteProcesses(config, folder)
     with ExitStack() as stack:
         for station in () if shares_memory else config.stations:
