@@ -135,7 +135,7 @@ class Gate:
         self.failures = Failures("bus", FAILED)
         self._stations = Counter(host for one in others.values() for host in _hosts(one))
         family, _, _, _, address = socket.getaddrinfo(here.host, here.port, type=socket.SOCK_STREAM)[0]
-        self._listener = socket.create_server(address[:2], family=family, backlog=128)
+        self._listener = socket.create_server(address, family=family, backlog=128)
         self._listener.setblocking(False)
         self._wake, self._woken = socket.socketpair()
         self._epoll = select.epoll()

@@ -23,6 +23,7 @@ from pydantic import TypeAdapter
 
 from gcs.bus.shared_memory import shared_file
 from gcs.cli.demo_report import GroundTruth, separation
+from gcs.cli.scheduling import PriorityRequest
 from gcs.client import Client
 from gcs.config import schema as configuration
 from gcs.config.schema import Config
@@ -356,13 +357,14 @@ def running_site(
     operation: Mapping[str, object] | None = None,
     shares_memory: bool = True,
     keys: Path | None = None,
+    scheduling: PriorityRequest = "usual",
 ) -> Iterator[SiteProcesses]:
     """Run stations and vehicles until the block ends; `options` are those of `gcs sim`.
 
     Without `shares_memory` the stations exchange their messages over Zenoh, as in containers of their own.
     """
     config = site_config(stations, each, free_ports(ports_of(stations, each)), operation=operation, keys=keys)
-    site = SiteProcesses(config, folder)
+    site = SiteProcesses(config.model_copy(update={"scheduling": scheduling}), folder)
     with ExitStack() as stack:
         for station in () if shares_memory else config.stations:
             file = shared_file(station.endpoint)

@@ -62,6 +62,7 @@ def config_of(transport: str, count: int, base: int, ports: dict[str, int]) -> C
     }
     raw["rtk"] = {"source": f"udp://127.0.0.1:{ports['rtk']}"}
     raw["timecode"] = {"source": f"udp-midi://127.0.0.1:{ports['timecode']}"}
+    raw["scheduling"] = "real-time"  # as in operation: the machine's other work delays ticks less
     raw["formation"] = {"radius_m": max(6.0, 0.7 * count), "height_m": max(10.0, count + 5.0)}
     return Config.model_validate(raw)
 
