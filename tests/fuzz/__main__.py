@@ -42,6 +42,9 @@ ROUND_S: Final = 10.0
 PER_S: Final = (20.0, 200.0, 2000.0)
 """Of one input in a round: below and above its bound."""
 
+MADE: Final = 200
+"""Samples of a kind in a round."""
+
 LATE_SHARE: Final = 0.02
 TRANSPORTS: Final = ("native", "mavsdk")
 
@@ -172,20 +175,21 @@ def send_for(chance: random.Random, flight: Flight, seconds: float, sent: Counte
     for name in chance.sample(list(flight.inputs), chance.randrange(1, len(flight.inputs) + 1)):
         one = flight.inputs[name]
         kinds = chance.sample(list(one.makes), chance.randrange(1, len(one.makes) + 1))
-        chosen.append((name, one, kinds, chance.choice(PER_S)))
+        made = {kind: [one.makes[kind](chance) for _ in range(MADE)] for kind in kinds}
+        chosen.append((name, one, made, chance.choice(PER_S)))
     begin_s, due = time.monotonic(), Counter[str]()
     while (since_s := time.monotonic() - begin_s) < seconds:
         waits = True
-        for name, one, kinds, per_s in chosen:
+        for name, one, made, per_s in chosen:
             if due[name] < since_s * per_s:
                 waits = False
                 due[name] += 1
-                kind = chance.choice(kinds)
-                one.send(one.makes[kind](chance))
+                kind = chance.choice(list(made))
+                one.send(chance.choice(made[kind]))
                 sent[f"{name} {kind}"] += 1
         if waits:
             time.sleep(0.001)
-    return "; ".join(f"{name} {per_s:g}/s: {', '.join(kinds)}" for name, _, kinds, per_s in chosen)
+    return "; ".join(f"{name} {per_s:g}/s: {', '.join(made)}" for name, _, made, per_s in chosen)
 
 
 def problems(flight: Flight, read: dict[str, int]) -> Iterator[str]:

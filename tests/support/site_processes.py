@@ -34,7 +34,7 @@ from gcs.recording.trajectories import read_true_states
 from gcs.service import StationView
 from gcs.sim.settings import PAD_SPACING_M
 from tests.support.machine import free_ports
-from tests.support.processes import AT_ONCE, ORIGIN, SOON_S, proper, wait_until
+from tests.support.processes import AT_ONCE, ORIGIN, REPORTED_M, SOON_S, proper, wait_until
 from tests.support.started import DEVNULL, Started
 
 T = TypeVar("T")
@@ -110,7 +110,7 @@ def site_config(
         raw["bus"] = {"keys": keys}
     count = stations * each
     safety = configuration.Config.model_validate(raw).control.safety
-    reported_m = np.full(count, 0.225)  # what the fake vehicles' accuracy counts as
+    reported_m = np.full(count, REPORTED_M)
     radius_m = max(4.0, 1.2 * smallest_formation_radius_m(count, safety, reported_m))
     field_m = (columns(count) - 1) * PAD_SPACING_M
     raw["formation"] = {"radius_m": radius_m, "height_m": radius_m + 4.0}

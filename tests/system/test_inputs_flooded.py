@@ -13,7 +13,16 @@ from gcs.client import Client
 from gcs.config.schema import Config
 from tests.support.floods import ROWS
 from tests.support.machine import Pauses, free_ports
-from tests.support.processes import SOON_S, flying_config, proper, service, vehicles, wait_passes, wait_until
+from tests.support.processes import (
+    SOON_S,
+    close_together,
+    flying_config,
+    proper,
+    service,
+    vehicles,
+    wait_passes,
+    wait_until,
+)
 from tests.support.site_processes import Timing, timing_of
 from tests.system.test_site_bus import keep_time
 
@@ -63,7 +72,6 @@ def config_of(transport: str, count: int, base: int, ports: dict[str, int]) -> C
     raw["rtk"] = {"source": f"udp://127.0.0.1:{ports['rtk']}"}
     raw["timecode"] = {"source": f"udp-midi://127.0.0.1:{ports['timecode']}"}
     raw["scheduling"] = "real-time"  # as in operation: the machine's other work delays ticks less
-    raw["formation"] = {"radius_m": max(6.0, 0.7 * count), "height_m": max(10.0, count + 5.0)}
     return Config.model_validate(raw)
 
 
@@ -72,9 +80,9 @@ def flying(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     transport, count = request.param
     folder, base = tmp_path_factory.mktemp("flooded"), free_ports(count)
     ports = dict(zip(NAMES, range(free_ports(3), 1 << 16), strict=False))
-    config = config_of(transport, count, base, ports)
+    config, square = close_together(config_of(transport, count, base, ports))
     with ExitStack() as stack:
-        stack.enter_context(vehicles(count, base, folder, "--telemetry-hz", "10", *proper(config)))
+        stack.enter_context(vehicles(count, base, folder, "--telemetry-hz", "10", *square, *proper(config)))
         client, _ = stack.enter_context(service(config, folder / "record"))
         machine = stack.enter_context(Pauses())
         wait_passes(client)
