@@ -213,7 +213,7 @@ def problems(flight: Flight, read: dict[str, int]) -> Iterator[str]:
         text = path.read_text(encoding="utf-8", errors="replace")
         more, read[name] = text[read.get(name, 0) :], len(text)
         for line in more.splitlines():
-            if "Traceback" in line or '"ERROR"' in line or '"CRITICAL"' in line:
+            if "Traceback" in line or any(f'"level": "{one}"' in line for one in ("error", "critical")):
                 yield f"{name} logged {line[:300]}"
 
 
