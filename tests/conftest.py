@@ -132,7 +132,7 @@ def transport(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -
 @pytest.fixture
 def prompt_checks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Checks of shows and reading of drawings run at the usual priority."""
-    monkeypatch.setattr(check_process, "_restrict", restrict_at_usual_priority)
+    monkeypatch.setattr(check_process, "restrict", restrict_at_usual_priority)
 
 
 @pytest.fixture

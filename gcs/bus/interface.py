@@ -2,10 +2,11 @@
 
 import asyncio
 import logging
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final, NamedTuple, Protocol, TypeAlias
 
+from gcs.links.intake import Intake
 from gcs.model.errors import LinkError
 
 log = logging.getLogger(__name__)
@@ -73,6 +74,10 @@ class Bus(Protocol):
     @property
     def present(self) -> frozenset[str]:
         """Other stations that are connected, as far as the transport knows."""
+
+    @property
+    def intakes(self) -> Sequence[Intake]:
+        """What bounds those that are no stations; its clock is the loop's."""
 
 
 RETRY_S: Final = 1.0

@@ -10,6 +10,7 @@ import numpy as np
 
 from gcs.bus.bundles import bundles
 from gcs.bus.interface import CONNECTION_S, Accepts, BusCounters, Received, anything
+from gcs.links.intake import Intake
 
 UNDER_WAY_MAX: Final = 4096
 """Messages to one station that have not been collected; further ones are lost."""
@@ -127,6 +128,10 @@ class MemoryBus:
                 message = message._replace(time_s=now_s)
             found[message.sender, message.topic] = message
         return list(found.values())
+
+    @property
+    def intakes(self) -> Sequence[Intake]:
+        return ()
 
     @property
     def present(self) -> frozenset[str]:

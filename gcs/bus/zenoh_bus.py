@@ -7,9 +7,11 @@ which stations are present. Needs the extra `stations`.
 import asyncio
 import logging
 import os
+import socket
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 from typing import Final, TypeAlias
@@ -17,10 +19,12 @@ from typing import Final, TypeAlias
 import zenoh
 
 from gcs.bus.bundles import bundles, parts_of
+from gcs.bus.gate import Gate
 from gcs.bus.interface import Accepts, BusCounters, Received, anything
 from gcs.bus.settings import Endpoint
 from gcs.bus.shared_memory import Reader, Writer, shared_file
 from gcs.bus.zenoh_config import ROOT, configuration, threads
+from gcs.links.intake import Intake
 from gcs.model.errors import LinkError
 
 log = logging.getLogger(__name__)
@@ -30,6 +34,8 @@ ALIVE: Final = "alive"
 
 BUNDLES: Final = "bundles"
 """Below a station's name: its messages."""
+
+LOOPBACK: Final = "127.0.0.1"
 
 KEPT: Final = 256
 """Bundles of one station that wait for the next tick; beyond that the oldest are dropped.
@@ -144,10 +150,10 @@ class ZenohBus:
         self._endpoints, self._keys = dict(endpoints), keys
         self._now_s = now_s
         self._open: _Open | None = None
+        self._gate: Gate | None = None  # where strangers may connect
         self._present: set[str] = set()
 
     async def run(self) -> None:
-        config = configuration(self.station, self._endpoints, self._keys)
         here = self._endpoints[self.station]
         os.environ.setdefault("ZENOH_RUNTIME", threads(len(self._endpoints)))
         try:
@@ -155,11 +161,11 @@ class ZenohBus:
             # for the control of every station on this machine.
             opener = ThreadPoolExecutor(1, thread_name_prefix="bus")
             try:
-                opening = asyncio.get_running_loop().run_in_executor(opener, zenoh.open, config)
-                session = await opening
+                opening = asyncio.get_running_loop().run_in_executor(opener, self._opened)
+                session, self._gate = await opening
             finally:
                 opener.shutdown(wait=False)
-        except zenoh.ZError as error:
+        except (zenoh.ZError, OSError) as error:
             raise LinkError(f"the bus does not open at {here.host}:{here.port}: {error}") from None
         try:
             others = [name for name in self._endpoints if name != self.station]
@@ -170,7 +176,25 @@ class ZenohBus:
                 self._open.close()
             self._open = None
             self._present.clear()
+            gate, self._gate = self._gate, None
+            if gate is not None:
+                await asyncio.to_thread(gate.close)
             await asyncio.to_thread(session.close)
+
+    def _opened(self) -> tuple[zenoh.Session, Gate | None]:
+        """Open Zenoh, behind a gate where it has keys. Raises: ZError, OSError, LinkError."""
+        if self._keys is None:
+            return zenoh.open(configuration(self.station, self._endpoints, None)), None
+        others = {name: one for name, one in self._endpoints.items() if name != self.station}
+        gate = Gate(self._endpoints[self.station], others)
+        with ExitStack() as failed:
+            failed.callback(gate.close)
+            with socket.create_server((LOOPBACK, 0)) as free:
+                inner = Endpoint(host=LOOPBACK, port=free.getsockname()[1])
+            session = zenoh.open(configuration(self.station, self._endpoints, self._keys, inner))
+            gate.start((inner.host, inner.port))
+            failed.pop_all()
+        return session, gate
 
     def _writer(self) -> Writer | None:
         """None: no other station can be on this machine, or it cannot share memory with them."""
@@ -210,6 +234,10 @@ class ZenohBus:
                 self.counters.received += 1
                 found[sender, topic] = Received(sender, topic, payload, now_s)
         return list(found.values())
+
+    @property
+    def intakes(self) -> Sequence[Intake]:
+        return () if self._gate is None else (self._gate.failures,)
 
     @property
     def present(self) -> frozenset[str]:

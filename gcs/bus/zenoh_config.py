@@ -42,8 +42,12 @@ def threads(stations: int) -> str:
     return f"({', '.join(f'{name}: (worker_threads: {count})' for name, count in many.items())})"
 
 
-def configuration(station: str, endpoints: Mapping[str, Endpoint], keys: Path | None) -> zenoh.Config:
+def configuration(
+    station: str, endpoints: Mapping[str, Endpoint], keys: Path | None, listens: Endpoint | None = None
+) -> zenoh.Config:
     """Zenoh's configuration of one station of the site. Raises: LinkError when a file of keys is missing.
+
+    `listens` is where Zenoh listens if it is not at the station's endpoint.
 
     Of each pair of stations the first by name connects. If both do, a connection that one makes anew joins
     what the other has not closed yet, and no message arrives again (Zenoh's issue 2806).
@@ -52,7 +56,9 @@ def configuration(station: str, endpoints: Mapping[str, Endpoint], keys: Path | 
     config = zenoh.Config()
     values: dict[str, object] = {
         "mode": "peer",
-        "listen/endpoints": [endpoints[station].url(tls=tls)],
+        "listen/endpoints": [
+            (listens or endpoints[station]).url(tls=tls) + f"#tls_handshake_timeout_ms={HANDSHAKE_MS}" * tls
+        ],
         "connect/endpoints": [one.url(tls=tls) for name, one in endpoints.items() if name > station],
         "connect/timeout_ms": -1,  # go on connecting, and
         "connect/exit_on_failure": False,  # do it in the background

@@ -118,6 +118,7 @@ async def _served(
         folder = record.folder if record is not None and keeps_frames else None
         links = [make_link(link, config, folder) for link in config.links]
         planning = ThreadPoolExecutor(1, thread_name_prefix="ways", initializer=scheduling.step_down)
+        reading = ThreadPoolExecutor(1, thread_name_prefix="shows", initializer=scheduling.step_down)
         membership = None if site is None else make_membership(config, site)
         problems = map_problems(config)
         orchestrator = Orchestrator(
@@ -127,6 +128,7 @@ async def _served(
             clock_problem=wall_clock.problem,
             heart=heart,
             planning=planning,
+            reading=reading,
             problems=problems,
             membership=membership,
         )

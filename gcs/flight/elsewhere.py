@@ -1,10 +1,12 @@
 """What a flight needs to know of the vehicles that other stations fly; `SiteMember` implements it."""
 
+from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.links.intake import Intake
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.return_paths.paths import ReturnPaths
 from gcs.preflight.vehicles import Placed
@@ -66,6 +68,10 @@ class Elsewhere(Protocol):
     @property
     def owned(self) -> Mask:
         """(n,) own rows that this station flies; the others are another station's, unless that is lost."""
+
+    @property
+    def intakes(self) -> Sequence[Intake]:
+        """What bounds strangers at the bus."""
 
     @property
     def delay_s(self) -> float:

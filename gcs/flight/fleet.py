@@ -217,7 +217,8 @@ class Fleet:
     def intakes(self) -> Sequence[Intake]:
         """What bounds the inputs beside the vehicles' own."""
         others = chain.from_iterable(link.counters.intakes for link in self.links)
-        return self.corrections.intake, self.timecode.intake, *others
+        of_site = () if self.site is None else self.site.intakes
+        return self.corrections.intake, self.timecode.intake, *of_site, *others
 
     def _made_vehicles(self) -> dict[VehicleId, Vehicle]:
         """Return the configured vehicles, in order."""

@@ -87,6 +87,7 @@ class Orchestrator:
         clock_problem: Callable[[], str] = lambda: "",
         heart: Heart | None = None,
         planning: Executor | None = None,
+        reading: Executor | None = None,
         problems: Sequence[str] = (),
         membership: Membership | None = None,
     ) -> None:
@@ -100,6 +101,7 @@ class Orchestrator:
             clock_problem: why that clock is not to be trusted; empty: it is.
             heart: receives a beat for every tick that came in time, and for no other.
             planning: executor for the return planner; None: a thread of its own, ended with `run`.
+            reading: executor that reads shows of other stations; None: that of the planner.
             problems: notices for the operator for as long as this service runs.
             membership: of a site of several stations; None: this station flies all vehicles.
         """
@@ -139,7 +141,8 @@ class Orchestrator:
         self.audit: Audit = NoAudit() if record is None else record.audit
         self.events = EventLog()
         self.shows = ShowLibrary(None if config.shows is None else config.shows.folder)
-        player = None if member is None else SiteShowPlayer(flight, self.shows, member, self._planning)
+        reading = reading or self._planning
+        player = None if member is None else SiteShowPlayer(flight, self.shows, member, reading)
         self.player = player or ShowPlayer(flight, self.shows)
         self._gate = PreflightGate(flight, parameter_reader, self.player)
         found = None if record is None else record.found

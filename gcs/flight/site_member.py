@@ -1,7 +1,7 @@
 """A station as a member of its site: what it receives from and sends to the others, once a tick."""
 
 import logging
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from math import nan
@@ -22,6 +22,7 @@ from gcs.flight.site_requests import REQUEST, Refusal
 from gcs.flight.site_returns import SiteReturns
 from gcs.flight.site_roles import SiteRoles, station_fleets, without_control
 from gcs.flight.site_sender import NOT_CHECKED, WHY_LENGTH, SiteSender
+from gcs.links.intake import Intake
 from gcs.model.errors import GcsError, LinkError
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import AIRBORNE, ON_THE_GROUND, Phase, ShowPhase
@@ -344,6 +345,10 @@ class SiteMember:
         rows = [row for row, name in enumerate(owners) if name and site.ids[row] not in own]
         names = tuple(f"{site.ids[row]} of station {owners[row]}" for row in rows)
         return Placed(names, others.position_m[rows, :2], others.uncertainty_m[rows])
+
+    @property
+    def intakes(self) -> Sequence[Intake]:
+        return self.bus.intakes
 
     @property
     def delay_s(self) -> float:

@@ -17,7 +17,7 @@ import numpy as np
 from gcs.flight.led_show import LedShow, keep_clock
 from gcs.flight.running_show import ShowFleet, ShowRun
 from gcs.flight.show_player import ShowPlayer
-from gcs.flight.site_arrivals import ShowArrivals, packed
+from gcs.flight.site_arrivals import ShowArrivals, parts_of
 from gcs.flight.site_begin import SiteShowBegin
 from gcs.flight.site_member import SiteMember
 from gcs.flight.site_requests import PARTS_MAX, REQUEST, Refusal, ShowChange, ShowMissing, ShowPart
@@ -33,8 +33,8 @@ log = logging.getLogger(__name__)
 AGAIN_S: Final = 1.0
 """Interval between two requests for a show that has not arrived."""
 
-SELECTED_WITHIN_S: Final = 30.0
-"""A show that another station selects is refused when its drawing has not been read by then."""
+SELECTED_WITHIN_S: Final = 60.0
+"""A show that another station selects is refused when it has not been read by then, with its drawing."""
 
 
 @dataclass(eq=False)
@@ -42,7 +42,7 @@ class SiteShowPlayer(ShowPlayer):
     """Plays the show at the lead, and keeps with the lead elsewhere. Implements `gcs.service.Player`."""
 
     member: SiteMember
-    reading: Executor  # of drawings
+    reading: Executor  # of drawings, and of other stations' shows
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -212,7 +212,7 @@ class SiteShowPlayer(ShowPlayer):
 
     def _post_show(self, station: str, show_run: ShowRun) -> None:
         if self._packed[0] != show_run.hash:
-            self._packed = show_run.hash, packed(show_run)
+            self._packed = show_run.hash, parts_of(show_run)
         texts = self._packed[1]
         if len(texts) > PARTS_MAX:
             raise RefusedError(f"show {show_run.name!r} is too large for the bus: {len(texts)} parts")

@@ -81,7 +81,7 @@ async def printed(
         env=os.environ | FRUGAL,
     )
     try:
-        _restrict(process.pid, priority, memory_max_bytes)
+        restrict(process.pid, priority, memory_max_bytes)
         async with asyncio.timeout(within_s), asyncio.TaskGroup() as group:
             answer = group.create_task(_read(process.stdout, answer_max_bytes))
             complaint = group.create_task(_read(process.stderr, answer_max_bytes))
@@ -110,7 +110,8 @@ def _words(complaint: bytes) -> str:
         return words
 
 
-def _restrict(pid: int, priority: int, memory_max_bytes: int) -> None:
+def restrict(pid: int, priority: int, memory_max_bytes: int) -> None:
+    """Set a process back: its scheduling, its priority, and the limit of its address space."""
     with contextlib.suppress(ProcessLookupError):  # it has ended already
         if sys.platform == "linux":
             os.sched_setscheduler(pid, os.SCHED_OTHER, os.sched_param(0))  # a service may be real-time

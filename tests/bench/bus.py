@@ -14,7 +14,7 @@ import struct
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from multiprocessing import Pipe, Process, get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -24,6 +24,7 @@ from gcs.bus.keys import make_site_keys
 from gcs.bus.settings import Endpoint
 from gcs.bus.zenoh_bus import ZenohBus
 from gcs.cli.scheduling import PriorityRequest, ask
+from gcs.links.intake import Intake
 from tests.support.machine import free_ports
 
 STATIONS, RATE_HZ, LOOK_S = 4, 20.0, 0.001
@@ -37,6 +38,7 @@ class DatagramBus:
     def __init__(self, station: str, endpoints: dict[str, Endpoint]) -> None:
         self.station, self.counters = station, BusCounters()
         self.accepts: Accepts = anything
+        self.intakes: Sequence[Intake] = ()
         self._to = [(one.host, one.port) for name, one in endpoints.items() if name != station]
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4_000_000)

@@ -49,7 +49,7 @@ def free_ports(count: int = 1) -> int:
     raise OSError("no free ports")
 
 
-_restrict = check_process._restrict
+_restrict = check_process.restrict
 
 
 def restrict_at_usual_priority(pid: int, _: int, memory_max_bytes: int) -> None:

@@ -14,8 +14,10 @@ import sys
 import time
 from collections.abc import AsyncIterator, Callable, Iterator
 from contextlib import asynccontextmanager, contextmanager, suppress
+from math import ceil, sqrt
 from pathlib import Path
 
+import numpy as np
 import yaml
 
 from gcs.api.app import create_app
@@ -25,9 +27,11 @@ from gcs.config import schema as configuration
 from gcs.flight.orchestrator import Orchestrator
 from gcs.model.errors import GcsError
 from gcs.model.preflight_report import Check, describe
+from gcs.planning.feasibility import smallest_formation_radius_m
 from gcs.preflight.parameters import settings_of
 from gcs.service import ShowAction
 from gcs.sim.cli import parameter_options
+from gcs.sim.settings import PAD_SPACING_M
 from tests.support.machine import free_ports
 from tests.support.started import DEVNULL, PIPE, Started, run
 from tests.support.views import vehicles_of
@@ -40,6 +44,9 @@ SOON_S = 120.0
 PATIENT_S = 5.0
 """PX4 takes a second without setpoints for the loss of its ground station; these take five."""
 
+
+REPORTED_M = 0.225
+"""What the accuracy of the fake vehicles counts as."""
 
 READY_AT_ONCE = ("--quirk", "late-ready=off")
 AT_ONCE = (
@@ -73,6 +80,22 @@ def flying_config(
         raw["failsafes"][cause]["action"] = "ignore"
     raw["scheduling"] = "usual"  # several services share the machine of a test run
     return configuration.Config.model_validate(raw)
+
+
+def close_together(config: configuration.Config) -> tuple[configuration.Config, tuple[str, ...]]:
+    """The same with as small a formation as its vehicles may have, above pads in a square.
+
+    Returns: it, and options of the vehicles. Pads in three columns are outside the fence from 31 vehicles on.
+    """
+    count, safety = len(config.ids), config.control.safety
+    columns = ceil(sqrt(count))
+    middle_m = (columns - 1) * PAD_SPACING_M / 2.0
+    radius_m = max(4.0, 1.2 * smallest_formation_radius_m(count, safety, np.full(count, REPORTED_M)))
+    raw = config.model_dump(mode="json")
+    raw["formation"] = {"radius_m": radius_m, "height_m": radius_m + 4.0}
+    raw["target"] |= {"x_m": middle_m, "y_m": middle_m}
+    raw["operation"] |= {"takeoff_stagger_s": 0.2}
+    return configuration.Config.model_validate(raw), ("--grid-columns", str(columns))
 
 
 @contextmanager
@@ -163,9 +186,16 @@ def session_of(name: str, folder: Path, *sim_options: str, height_m: float) -> I
         vehicles.wait(SOON_S)
 
 
+TRUTHS_BYTES = 1 << 20
+"""At the end of a truth file: several samples of a hundred vehicles. Forty write half a megabyte a second."""
+
+
 def last_truths(path: Path) -> list[dict[str, object]]:
     """The newest complete sample of a truth file, for each of its vehicles."""
-    for line in reversed(path.read_text(encoding="utf-8").splitlines()):
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - TRUTHS_BYTES))
+        newest = file.read().decode(errors="replace")
+    for line in reversed(newest.splitlines()):
         try:
             found: list[dict[str, object]] = json.loads(line)["vehicles"]
         except json.JSONDecodeError:

@@ -23,6 +23,7 @@ from pydantic import TypeAdapter
 
 from gcs.bus.shared_memory import shared_file
 from gcs.cli.demo_report import GroundTruth, separation
+from gcs.cli.scheduling import PriorityRequest
 from gcs.client import Client
 from gcs.config import schema as configuration
 from gcs.config.schema import Config
@@ -33,7 +34,7 @@ from gcs.recording.trajectories import read_true_states
 from gcs.service import StationView
 from gcs.sim.settings import PAD_SPACING_M
 from tests.support.machine import free_ports
-from tests.support.processes import AT_ONCE, ORIGIN, SOON_S, proper, wait_until
+from tests.support.processes import AT_ONCE, ORIGIN, REPORTED_M, SOON_S, proper, wait_until
 from tests.support.started import DEVNULL, Started
 
 T = TypeVar("T")
@@ -109,7 +110,7 @@ def site_config(
         raw["bus"] = {"keys": keys}
     count = stations * each
     safety = configuration.Config.model_validate(raw).control.safety
-    reported_m = np.full(count, 0.225)  # what the fake vehicles' accuracy counts as
+    reported_m = np.full(count, REPORTED_M)
     radius_m = max(4.0, 1.2 * smallest_formation_radius_m(count, safety, reported_m))
     field_m = (columns(count) - 1) * PAD_SPACING_M
     raw["formation"] = {"radius_m": radius_m, "height_m": radius_m + 4.0}
@@ -305,12 +306,7 @@ class SiteProcesses:
 
     def timing(self, name: str) -> "Timing":
         """Of all ticks since its start, as the station itself reports them."""
-        text = self.at(name, lambda client: client.metrics())
-        ticks, in_time = (
-            int(_metric(text, f"gcs_tick_lateness_seconds_{name}")) for name in ("count", 'bucket{le="0.01"}')
-        )
-        missed_s = _metric(text, "gcs_ticks_missed_total") / self.config.tick_rate_hz
-        return Timing(ticks, missed_s, ticks - in_time)
+        return timing_of(self.at(name, lambda client: client.metrics()), self.config.tick_rate_hz)
 
     def metric(self, name: str, metric: str) -> float:
         """One value of a station's metrics."""
@@ -323,6 +319,14 @@ class SiteProcesses:
     def log(self, name: str) -> str:
         """What a station wrote."""
         return (self.folder / f"{name}.log").read_text(encoding="utf-8")
+
+
+def timing_of(text: str, tick_rate_hz: float) -> Timing:
+    """Of all ticks since a service's start, out of its metrics."""
+    ticks, in_time = (
+        int(_metric(text, f"gcs_tick_lateness_seconds_{name}")) for name in ("count", 'bucket{le="0.01"}')
+    )
+    return Timing(ticks, _metric(text, "gcs_ticks_missed_total") / tick_rate_hz, ticks - in_time)
 
 
 def _metric(text: str, name: str) -> float:
@@ -352,13 +356,15 @@ def running_site(
     *options: str,
     operation: Mapping[str, object] | None = None,
     shares_memory: bool = True,
+    keys: Path | None = None,
+    scheduling: PriorityRequest = "usual",
 ) -> Iterator[SiteProcesses]:
     """Run stations and vehicles until the block ends; `options` are those of `gcs sim`.
 
     Without `shares_memory` the stations exchange their messages over Zenoh, as in containers of their own.
     """
-    config = site_config(stations, each, free_ports(ports_of(stations, each)), operation=operation)
-    site = SiteProcesses(config, folder)
+    config = site_config(stations, each, free_ports(ports_of(stations, each)), operation=operation, keys=keys)
+    site = SiteProcesses(config.model_copy(update={"scheduling": scheduling}), folder)
     with ExitStack() as stack:
         for station in () if shares_memory else config.stations:
             file = shared_file(station.endpoint)

@@ -130,7 +130,7 @@ def _loaded() -> socket.socket:
 
 def _load() -> None:
     """Load machine code; the modules are loaded with this one."""
-    vars(check_process)["_restrict"] = restrict_at_usual_priority
+    vars(check_process)["restrict"] = restrict_at_usual_priority
     for warm_up in (control.warm_up, planner.warm_up, codec.warm_up, reports.warm_up):
         warm_up()
     gc.collect()

@@ -10,6 +10,7 @@ import numpy as np
 from gcs.bus.memory_bus import MemoryBus, MemoryNetwork, network
 from gcs.config.schema import Config
 from gcs.config.site import station_config
+from gcs.flight import site_arrivals
 from gcs.flight.orchestrator import Orchestrator
 from gcs.flight.site_member import Membership
 from gcs.links.batch_link import Link
@@ -19,6 +20,7 @@ from gcs.preflight.parameters import settings_of
 from gcs.recording.session import Record
 from gcs.safety.separation import minimum_separation
 from gcs.service import CommandRecord, FleetView, Outcome, ShowAction
+from gcs.shows.packed import unpacked
 from gcs.sim.fleet import Fleet
 from gcs.sim.settings import PAD_SPACING_M, Settings
 from tests.support.virtual_link import STREAMS_HZ, VirtualLink, VirtualPorts
@@ -33,6 +35,8 @@ from tests.support.virtual_show import (
 from tests.support.virtual_time import AtOnce, Loop, ProcessLoop, UnixClock, as_process
 
 T = TypeVar("T")
+
+vars(site_arrivals)["unpacked_apart"] = unpacked  # a process takes seconds, in which no virtual time passes
 
 LOOKS_S = 0.2
 """Interval at which a story looks for what it waits for: each look makes the views of all stations."""

@@ -19,7 +19,15 @@ from gcs.client import Client
 from gcs.config.schema import Config
 from gcs.model.errors import GcsError
 from tests.support.machine import Pauses, free_ports
-from tests.support.processes import SOON_S, flying_config, last_truths, proper, vehicles, wait_until
+from tests.support.processes import (
+    SOON_S,
+    close_together,
+    flying_config,
+    last_truths,
+    proper,
+    vehicles,
+    wait_until,
+)
 from tests.support.started import DEVNULL, Started
 
 STOPPED_S = 3.0
@@ -93,8 +101,8 @@ class Station:
 def flying(folder: Path, count: int) -> Iterator[Station]:
     """Vehicles in formation, with their addresses in the record."""
     base = free_ports(count)
-    config = config_of(count, base)
-    with vehicles(count, base, folder, "--telemetry-hz", "10", *proper(config)):
+    config, square = close_together(config_of(count, base))
+    with vehicles(count, base, folder, "--telemetry-hz", "10", *square, *proper(config)):
         station = Station(folder, config)
         try:
             with Client(f"http://127.0.0.1:{station.port}", timeout_s=30.0) as client:

@@ -2,6 +2,8 @@
 
 import os
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -9,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from gcs.bus.keys import make_site_keys
 from tests.support.machine import Pauses
 from tests.support.processes import SOON_S, wait_until
 from tests.support.site_processes import NAMES, SiteProcesses, Timing, running_site
@@ -109,3 +112,44 @@ def test_a_flood_of_junk_is_refused_and_the_show_goes_on(tmp_path: Path, shares_
     found = site.verdict()
     assert found.violations == 0, found.nearest_m
     assert found.landed == set(site.config.ids)
+
+
+@contextmanager
+def bad_handshakes(site: SiteProcesses, name: str, kind: str) -> Iterator[None]:
+    """Have a host without a key connect to one station 1,000 times a second, until the block ends."""
+    endpoint = next(station.endpoint for station in site.config.stations if station.name == name)
+    words = (kind, "127.0.0.9", endpoint.host, str(endpoint.port), "1000", "3600")
+    command = ["nice", "-n", "19", sys.executable, "-m", "tests.support.bad_handshakes", *words]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL) as stranger:
+        try:
+            yield
+        finally:
+            stranger.kill()
+
+
+@pytest.mark.soak
+@pytest.mark.parametrize("kind", ["junk", "hello"])
+def test_bad_handshakes_delay_no_tick_and_no_station(tmp_path: Path, kind: str) -> None:
+    """South is under fire, which the others but west connect to. One of them is killed, and returns."""
+    make_site_keys(tmp_path / "keys", {name: ["127.0.0.1"] for name in NAMES})
+    with running_site(tmp_path, shares_memory=False, keys=tmp_path / "keys") as site, Pauses() as machine:
+        site.start_show()
+        usual = watched(site, NAMES, WATCHED_S)
+        with bad_handshakes(site, "south", kind):
+            began_s = time.monotonic()
+            wait_until("named", SOON_S, lambda: names_the_stranger(site, "south"))
+            during = watched(site, NAMES, WATCHED_S)
+            paused_s = len(NAMES) * machine.stalled_s(began_s, time.monotonic())
+            keep_time(usual, during, site.config.tick_rate_hz, paused_s)
+            assert site.all_show("running")
+            assert all(one.received for one in site.stations("south").values())
+            site.processes["north"].kill()
+            site.processes["north"].wait()
+            site.start_station("north")
+            wait_until("received again", SOON_S, lambda: site.receives("south", "north"))
+
+
+def names_the_stranger(site: SiteProcesses, name: str) -> bool:
+    """Whether a station has the alarm that its bus is flooded."""
+    alarms = site.at(name, lambda client: client.alarms().alarms)
+    return any("failed handshakes a second from 127.0.0.9" in one.text for one in alarms)
