@@ -126,7 +126,9 @@ class SignatureFilter:
         has_signature = (data[begin] == MAGIC_2) & (data[begin + 2] & SIGNED != 0)
         refused = self._is_ours[frames[:, SYSTEM]] & ~has_signature
         if refused.any():
-            counted = np.flatnonzero(refused & ~np.isin(frames[:, MESSAGE], (RADIO_STATUS, RADIO)))  # radios have no key
+            counted = np.flatnonzero(
+                refused & ~np.isin(frames[:, MESSAGE], (RADIO_STATUS, RADIO))
+            )  # radios have no key
             self.counters.unsigned += len(counted)
             systems, firsts = np.unique(frames[counted, SYSTEM], return_index=True)
             for system_id, at in zip(systems.tolist(), counted[firsts].tolist(), strict=True):
