@@ -16,6 +16,19 @@ _HEADERS_BYTES: Final = 28
 """Of IPv4 and UDP: an empty datagram costs something as well."""
 
 
+ONE_BY_ONE_MAX: Final = 12
+"""Status texts, and values of parameters, that Python reads of one vehicle in one read."""
+
+
+def newest_of_each(rows: Whole) -> Mask:
+    """(k,) which of a read's messages are read one by one: the newest of each row, in order of arrival."""
+    order = np.argsort(rows, kind="stable")
+    place = np.empty_like(order)
+    place[order] = np.arange(len(rows))
+    newest: Mask = np.searchsorted(rows[order], rows, side="right") - place <= ONE_BY_ONE_MAX
+    return newest
+
+
 class LinkIntake(Intake):
     """Admits datagrams before they are searched for frames, and frames before Python judges them one by one.
 

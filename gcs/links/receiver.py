@@ -11,7 +11,7 @@ from gcs.links.endpoints.cut_streams import CutStreams
 from gcs.links.endpoints.ports import Datagrams
 from gcs.links.fair_shares import fair_shares
 from gcs.links.link import Counters, Direction, Observer, ParameterValue
-from gcs.links.link_intake import LinkIntake
+from gcs.links.link_intake import LinkIntake, newest_of_each
 from gcs.links.odd_frames import odd_frames
 from gcs.links.signing import SignatureFilter
 from gcs.links.stream_requests import StreamRequests, count_messages
@@ -106,6 +106,7 @@ class Inbox:
             self.streams.take_acks(rows[acks], ack_records)
             self.take_acks(rows[acks], ack_records)
         if len(values):
+            values = values[newest_of_each(rows[values])]
             value_records = codec.decode(PARAM_VALUE, data, frames[values])
             for row, reported in zip(rows[values].tolist(), value_records, strict=True):
                 raw = np.array([reported["param_value"]], np.float32)

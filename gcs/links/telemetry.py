@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.links.autopilots import DEFAULT, Autopilot, title_of
+from gcs.links.link_intake import newest_of_each
 from gcs.links.status_texts import StatusTexts
 from gcs.mavlink import framing
 from gcs.mavlink.batteries import Packs
@@ -169,7 +170,7 @@ class FleetTelemetry:
                 if event is not None:
                     event.set()
         if len(texts):
-            for at in texts.tolist():
+            for at in texts[newest_of_each(rows[texts])].tolist():
                 text = framing.status_text(frame(data, frames[at].tolist()))
                 self.texts[rows[at]].take(text, float(time_s[at]))
             self._texts_reported = tuple(each.texts for each in self.texts)

@@ -1,4 +1,4 @@
-"""Links that are late by a constant time, of which nobody told the service: it measures them and rests."""
+"""Links that are late by a constant time, unknown to the service: it measures them and rests."""
 
 from itertools import pairwise
 from typing import NamedTuple

@@ -15,7 +15,7 @@ ALL = np.ones(4, np.bool_)
 )
 def test_delay_of_the_fleet_is_rounded_up_in_steps(delay_s: float, counted_s: float) -> None:
     assert fleet_delay_s(np.full(4, delay_s), ALL) == pytest.approx(counted_s)
-    assert fleet_delay_s(np.full(4, delay_s), ~ALL) == 0.0, "nobody flies"
+    assert fleet_delay_s(np.full(4, delay_s), ~ALL) == 0.0, "none flies"
 
 
 def test_step_is_left_by_more_than_a_little() -> None:
@@ -30,8 +30,8 @@ def test_step_is_left_by_more_than_a_little() -> None:
 
 def test_told_and_measured_delays_have_the_same_effect() -> None:
     plain = ControlSettings()
-    told = plain.model_copy(update={"safety": plain.safety.model_copy(update={"link_delay_s": 0.3})})
-    assert for_late_links(told, 0.0) == for_late_links(plain, 0.3) == for_late_links(told, 0.2)
+    given = plain.model_copy(update={"safety": plain.safety.model_copy(update={"link_delay_s": 0.3})})
+    assert for_late_links(given, 0.0) == for_late_links(plain, 0.3) == for_late_links(given, 0.2)
     assert for_late_links(plain, 0.0) is plain
 
 

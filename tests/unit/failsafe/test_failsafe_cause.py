@@ -153,8 +153,8 @@ def test_hold_before_an_action_is_no_loss_of_setpoints() -> None:
     text = described("d1", cause_of(held), held)
     assert text == "d1 holds for a few seconds first by a failsafe of its own. Take control to fly it again."
     assert not lost_on_the_way(cause_of(held), held), "it is not flown on by itself"
-    told = replace(held, mode=Mode.RETURN, texts=(*held.texts, "Connection to ground station lost"))
-    assert cause_of(told) is FailsafeCause.DATA_LINK_LOSS
+    caused = replace(held, mode=Mode.RETURN, texts=(*held.texts, "Connection to ground station lost"))
+    assert cause_of(caused) is FailsafeCause.DATA_LINK_LOSS
 
 
 def test_blind_vehicle_is_left_alone_in_words_and_deeds() -> None:

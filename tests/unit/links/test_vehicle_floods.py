@@ -12,6 +12,7 @@ from pymavlink.dialects.v20 import common as dialect
 
 from gcs.links.endpoints.ports import Datagrams, Ports, host_number, source_of
 from gcs.links.intake import TURN_S, of_vehicles
+from gcs.links.link_intake import ONE_BY_ONE_MAX, newest_of_each
 from gcs.links.native.link import NativeLink
 from gcs.links.settings import Listen
 from gcs.links.signing import Signing
@@ -190,6 +191,11 @@ def test_a_flood_of_a_signed_link_costs_little(kind: str, source: int, signing: 
         assert flooded.received()[1:] == [True] * (COUNT - 1)
     assert lines / TICKS < LINES_MEAN
     assert flooded.named()
+
+
+def test_the_newest_messages_of_each_vehicle_are_read_one_by_one() -> None:
+    rows = np.array([1, 0, *[1] * ONE_BY_ONE_MAX, 0])
+    assert newest_of_each(rows).tolist() == [False, True, *[True] * ONE_BY_ONE_MAX, True]
 
 
 def test_as_many_senders_as_datagrams_starve_no_vehicle() -> None:
