@@ -11,7 +11,7 @@ import pytest
 
 from gcs.client import Client
 from gcs.config.schema import Config
-from tests.support.floods import ROWS
+from tests.support.input_floods import ROWS
 from tests.support.machine import Pauses, free_ports
 from tests.support.processes import (
     SOON_S,
@@ -106,7 +106,7 @@ def test_flooded_input_makes_no_tick_late(flying: Flying, row: str) -> None:
     far = ("far",) if name == "station" else ()
     usual = flying.watched(FLOOD_S)
     words = (row, str(flying.ports[name]), str(FLOOD_S), *far)
-    command = [sys.executable, "-m", "tests.support.floods", *words]
+    command = [sys.executable, "-m", "tests.support.input_floods", *words]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as flood:
         assert flood.stdout is not None
         flood.stdout.readline()

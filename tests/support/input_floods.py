@@ -1,4 +1,4 @@
-"""Ten times what an input of docs/invariants.md may take: `python -m tests.support.floods`, see `main`.
+"""Ten times what an input of docs/invariants.md may take: `python -m tests.support.input_floods`, see `main`.
 
 Each row of `ROWS` is a function that makes what is sent, and how often a second.
 """
