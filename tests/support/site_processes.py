@@ -9,7 +9,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass
 from functools import partial
 from math import ceil, sqrt
@@ -281,6 +281,8 @@ class SiteProcesses:
                 self.at(at or self.names[0], lambda client: client.start())
             except (LinkError, RefusedError) as error:
                 refused = str(error)
+                with suppress(LinkError):  # it may have been accepted after the client gave up
+                    return self.show(at or self.names[0]) not in {"idle", "landed"}
                 return False
             return True
 
