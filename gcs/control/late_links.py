@@ -81,7 +81,7 @@ def for_late_links(control: ControlSettings, delay_s: float) -> ControlSettings:
     """Settings of the tick at this delay or the configured one, of telemetry and setpoints alike.
 
     The filter keeps the floor if it knows the delay. Beyond `LOOP_S` the inner loop on the measured velocity
-    is off: it oscillates when its own effect is measured late. Decisions 0004, 0024 and 0061.
+    is off: it oscillates when its own effect is measured late. Decisions 0004, 0024 and 0060.
     """
     late_s = max(delay_s, control.safety.link_delay_s)
     changes: dict[str, object] = {}
