@@ -33,10 +33,7 @@ COUNTS = (6, 50)
 SHORT = ("native", 6, "rtk-preambles")
 """Flight and row of `make test`; all others are for `make soak`."""
 
-UNBOUNDED = frozenset({"vehicles"})
-"""Inputs without a bound for strangers: these rows wait for one."""
-
-NAMES = {"rtk": "rtk", "timecode": "timecode", "station": "forward"}
+NAMES = {"rtk": "rtk", "timecode": "timecode", "station": "forward", "vehicles": "link"}
 """How the alarm names the input."""
 
 
@@ -79,7 +76,7 @@ def config_of(transport: str, count: int, base: int, ports: dict[str, int]) -> C
 def flying(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Flying]:
     transport, count = request.param
     folder, base = tmp_path_factory.mktemp("flooded"), free_ports(count)
-    ports = dict(zip(NAMES, range(free_ports(3), 1 << 16), strict=False))
+    ports = dict(zip(NAMES, range(free_ports(len(NAMES)), 1 << 16), strict=False))
     config, square = close_together(config_of(transport, count, base, ports))
     with ExitStack() as stack:
         stack.enter_context(vehicles(count, base, folder, "--telemetry-hz", "10", *square, *proper(config)))
@@ -95,9 +92,8 @@ def rows() -> Iterator[object]:
     for transport in TRANSPORTS:
         for count in COUNTS:
             for row in ROWS:
-                if row.partition("-")[0] not in UNBOUNDED:
-                    marks = () if (transport, count, row) == SHORT else pytest.mark.soak
-                    yield pytest.param((transport, count), row, marks=marks, id=f"{transport}-{count}-{row}")
+                marks = () if (transport, count, row) == SHORT else pytest.mark.soak
+                yield pytest.param((transport, count), row, marks=marks, id=f"{transport}-{count}-{row}")
 
 
 @pytest.mark.parametrize(("flying", "row"), list(rows()), indirect=["flying"])
