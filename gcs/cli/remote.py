@@ -64,6 +64,10 @@ def _method(call: Call) -> Callable[..., Any]:
     return found
 
 
+ANSWER_S, SHOWS_S = 5.0, 30.0
+"""The service answers at once, unless it first reads, places or fits a drawing."""
+
+
 def add_connection(parser: argparse.ArgumentParser) -> None:
     environment = os.environ
     url, token = environment.get("GCS_URL", URL), environment.get("GCS_TOKEN")
@@ -74,7 +78,7 @@ def add_connection(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--ca-file", default=ca_file, help="PEM that signed its certificate (GCS_CA_FILE)")
 
 
-def connected(arguments: argparse.Namespace, timeout_s: float = 5.0) -> Client:
+def connected(arguments: argparse.Namespace, timeout_s: float = ANSWER_S) -> Client:
     """Make the client that the arguments describe. Raises: ConfigError."""
     ca_file = None if arguments.ca_file is None else Path(arguments.ca_file)
     return Client(
@@ -140,7 +144,8 @@ def _run(call: Call, names: Sequence[str], arguments: argparse.Namespace) -> int
     given: Mapping[str, Any] = {
         name: value for name in names if (value := getattr(arguments, name)) not in (None, [])
     }
-    with connected(arguments) as client:
+    within_s = SHOWS_S if call.method.startswith("shows.") else ANSWER_S
+    with connected(arguments, within_s) as client:
         answer = attrgetter(call.method)(client)(**given)
         if isinstance(answer, service.CommandRecord):
             return _reported(client, [answer], arguments)

@@ -310,6 +310,7 @@ def station(
     heading_deg: float = 0.0,
     control: int | None = None,
     silence_s: float = 5.0,
+    noise: float = 1.0,
     failsafes: dict[str, dict[str, Any]] | None = None,
     sections: dict[str, dict[str, Any]] | None = None,
     **formation: Any,
@@ -317,7 +318,8 @@ def station(
     """Run the service over fake vehicles that take off to `takeoff_m`; `ground` is the section `map`.
 
     The vehicles receive faults on UDP port `control`; None: they receive none. Of `sections` each replaces
-    those keys of the configuration. The vehicles' true states are in `folder`/truth.jsonl.
+    those keys of the configuration. `noise` scales the errors of the vehicles' positions. Their true states
+    are in `folder`/truth.jsonl.
     """
     port = free_ports(count)
     raw = flying_config(count, port, silence_s=silence_s, takeoff_height_m=takeoff_m).model_dump()
@@ -336,7 +338,7 @@ def station(
     config = configuration.Config.model_validate(raw)
     faults = () if control is None else ("--control", str(control))
     with (
-        vehicles(count, port, folder, *proper(config), *faults) as fleet,
+        vehicles(count, port, folder, *proper(config), *faults, "--noise", str(noise)) as fleet,
         service(config, folder / "service") as (client, process),
     ):
         yield Station(
