@@ -165,7 +165,7 @@ def falls_silent(show: Show) -> None:
     [
         (does_not_arm, "d2: its autopilot does not yet pass its own arming checks"),
         (does_not_climb, "d2 is standby now"),
-        (falls_silent, "d2: no position for 1."),
+        (falls_silent, "d2: no position for 2."),
     ],
 )
 def test_failed_climb_is_reported_and_the_others_fly(fault: Callable[[Show], Any], says: str) -> None:
