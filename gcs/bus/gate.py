@@ -77,7 +77,7 @@ def host_of(address: str) -> Host:
 
 
 def is_hello(data: bytes | bytearray) -> bool | None:
-    """Whether these bytes are a ClientHello in one record; None: more of them will tell."""
+    """Whether these bytes are a ClientHello in one record; None: more of them are needed."""
     if len(data) < _RECORD.size:
         return None if b"\x16\x03".startswith(data[:2]) else False
     kind, major, _, length, message, high, low = _RECORD.unpack_from(data)

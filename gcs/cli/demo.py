@@ -67,7 +67,7 @@ def run_demo(arguments: argparse.Namespace) -> int:
     set_up_log(logging.INFO if arguments.verbose else logging.ERROR)
     config, loaded = make_config(arguments), demo_show.loaded_for(arguments)
     say = lines(arguments)
-    say("getting_ready", "getting ready (the first time the law is compiled, for up to half a minute)")
+    say("getting_ready", "getting ready (the first time the law is compiled, for a minute or two)")
     warm_up()
     try:
         with tempfile.TemporaryDirectory(prefix="gcs-demo-") as temporary:

@@ -1,4 +1,4 @@
-"""How a vehicle comes down whose height may be wrong: from where slowly, and when it has met something. Pure.
+"""Descent of a vehicle with a height that may be wrong: where it is slow, when it has met the ground. Pure.
 
 A barometer, and a receiver without corrections, drift by metres within a flight. A vehicle that is lower than
 its estimate says meets the ground before its height shows it.

@@ -130,7 +130,7 @@ class AccuracyAlarms:
         return f"its receiver reports {sideways_m:.1f} m sideways, {up_m:.1f} m up"
 
     def of_heights(self) -> Iterator[Condition]:
-        """Yield vehicles whose heights differ from their receivers', or from the ground under them."""
+        """Yield vehicles with heights that differ from their receivers', or from the ground under them."""
         flight, found = self.flight, self.flight.heights.found
         for row in np.flatnonzero(found.named).tolist() if found.named.any() else ():
             vehicle = flight.at_row(row)

@@ -39,7 +39,7 @@ EARLY_S = 0.05
 """Two take-offs may be closer than the stagger by this time: their timers are not exact."""
 
 UNREADY_S = 10.0
-"""A vehicle whose turn it is may need so long to be ready again; then it stays on the ground."""
+"""Longest wait for a vehicle to be ready again at its turn to take off; then it stays on the ground."""
 
 _LOOKS_S = 0.2
 SETPOINTS_FIRST_S = 0.3

@@ -1,4 +1,4 @@
-"""Who sends: addresses of the configured systems, their components, duplicates, unknown systems.
+"""Senders: addresses of the configured systems, their components, duplicates, unknown systems.
 
 No I/O but the log.
 """

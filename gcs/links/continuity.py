@@ -1,7 +1,7 @@
 """How the frames of an autopilot follow each other: by its boot clock and its sequence numbers. Pure.
 
-An autopilot whose address changes in flight goes on counting both. Another one with the same system id does
-not, unless chance or an attacker who reads the frames helps it.
+An autopilot goes on counting both when its address changes in flight. Another one with the same system id
+does not, unless by chance or by an attacker that reads the frames.
 """
 
 from typing import Final, NamedTuple

@@ -47,7 +47,7 @@ class Address(NamedTuple):
 
 
 class Absent(NamedTuple):
-    """A vehicle whose other components are received, but not its autopilot."""
+    """A vehicle of which other components are received, but not the autopilot."""
 
     problem: str
     to_do: str

@@ -57,7 +57,7 @@ class Commands:
     system_ids: Whole
     autopilots: Sequence[Autopilot]  # (n,)
     send: Callable[[int, Records, Whole], object]
-    station_id: int = codec.SYSTEM_ID  # the sender, whose answers count; and so its component
+    station_id: int = codec.SYSTEM_ID  # of the sender: answers to it count, as to its component
     component_id: int = codec.COMPONENT_ID
 
     def __post_init__(self) -> None:
@@ -107,7 +107,7 @@ class Commands:
         )
         desired = value if isinstance(value, int) else float(np.float32(value))
         reported = (await self._request((row, name), PARAM_SET, message, may_leave)).value
-        if reported != desired:  # a PARAM_VALUE does not say whom it answers: it may be another station's
+        if reported != desired:  # a PARAM_VALUE names no receiver: it may answer another station
             with suppress(CommandError):
                 reported = (await self._request((row, name), PARAM_SET, message, may_leave)).value
         if reported != desired:

@@ -33,7 +33,7 @@ ANY, AUTOPILOTS = 0, 1
 class Parts(NamedTuple):
     """Further components of n systems that were received, at whatever address; written in place.
 
-    The first column is any of them, the second one whose heartbeat is an autopilot's.
+    The first column is any of them, the second one with an autopilot's heartbeat.
     """
 
     component: Whole  # (n, 2) the newest

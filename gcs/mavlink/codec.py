@@ -217,7 +217,7 @@ def addressed(message_id: int, system_ids: Whole, **fields: ArrayLike) -> Record
 
 
 def answers(acks: Records, system_id: int, component_id: int) -> NDArray[np.bool_]:
-    """(k,) which COMMAND_ACKs may answer a command of this component; 0 where they do not say whom."""
+    """(k,) which COMMAND_ACKs may answer a command of this component; 0 where they name no receiver."""
     to = acks["target_system"], acks["target_component"]
     ours: NDArray[np.bool_] = np.isin(to[0], (system_id, 0)) & np.isin(to[1], (component_id, 0))
     return ours

@@ -117,7 +117,7 @@ def _message_id(data: Bytes, start: Number) -> np.int64:
 
 @kernel_within
 def _reach(data: Bytes, start: Number, end: Number) -> Number:
-    """End of the frame whose header begins at `start`, after `end` where it is not whole; 0: none begins."""
+    """End of the frame with its header at `start`, after `end` where it is not whole; 0: none begins."""
     room = end - start
     if data[start] == MAGIC_1:
         return start + 8 + np.int64(data[start + 1]) if room > 1 else end + 1
@@ -137,7 +137,7 @@ def _behind(
 ) -> Number:
     """End of the frame that begins at `start`; 0 when there is none, whole and with the right checksum.
 
-    Negative: end of a possible frame of an unknown message, whose checksum cannot be verified. The datagram
+    Negative: end of a possible frame of an unknown message: its checksum cannot be verified. The datagram
     is from `begin` to `end`; `sums` as of `_checksum_within`.
     """
     reach = _reach(data, start, end)

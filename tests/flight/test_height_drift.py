@@ -1,4 +1,4 @@
-"""Vehicles whose heights drift in flight touch down as slowly as the others, and are named."""
+"""Vehicles with heights that drift in flight touch down as slowly as the others, and are named."""
 
 from collections.abc import Callable
 from typing import NamedTuple

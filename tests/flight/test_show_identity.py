@@ -1,4 +1,4 @@
-"""Who a vehicle is: its port changes in flight, other components use its name, its autopilot is absent."""
+"""Identity of a vehicle: its port changes in flight, other components use its id, its autopilot is absent."""
 
 import asyncio
 from collections.abc import Iterator

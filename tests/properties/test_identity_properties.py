@@ -1,4 +1,4 @@
-"""Whatever is lost: another vehicle takes no address, and a vehicle whose port changes keeps its own."""
+"""Whatever is lost: no vehicle takes the address of another, and each is followed to its new port."""
 
 from hypothesis import given
 from hypothesis import strategies as st

@@ -129,12 +129,12 @@ def test_bytes_pass_both_ways_and_so_do_ends() -> None:
         assert there.recv(1) == b""
 
 
-@pytest.mark.parametrize("whose", ["inner", "outer"])
-def test_an_end_of_one_side_ends_the_other(whose: str) -> None:
+@pytest.mark.parametrize("side", ["inner", "outer"])
+def test_an_end_of_one_side_ends_the_other(side: str) -> None:
     with gate() as inner, inner.connect(STATION, HELLO) as one:
         inner.takes(1)
         there = inner.accepted[0]
-        ends, other = (there, one) if whose == "inner" else (one, there)
+        ends, other = (there, one) if side == "inner" else (one, there)
         assert not is_closed(one)
         there.recv(len(HELLO))
         ends.close()
@@ -154,7 +154,8 @@ def test_few_handshakes_at_a_time_are_passed_on() -> None:
             stack.enter_context(inner.connect(STATION, HELLO))
         inner.takes(2 * AT_ONCE)
         inner.accepted[0].close()
-        until("the next", lambda: len(inner.accepted) == 2 * AT_ONCE + 1)
+        inner.takes(2 * AT_ONCE + 1)
+        assert len(inner.accepted) == 2 * AT_ONCE + 1, "the next one, and no more"
 
 
 def test_a_further_connection_takes_the_place_of_the_oldest() -> None:

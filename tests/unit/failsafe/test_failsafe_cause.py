@@ -147,7 +147,7 @@ def test_battery_failsafe_that_holds_first_is_left_to_land() -> None:
 
 
 def test_hold_before_an_action_is_no_loss_of_setpoints() -> None:
-    """The cause is said when it acts."""
+    """The cause follows when it acts."""
     held = replace(INPUTS, texts=("Failsafe activated: entering Hold for 5 seconds",))
     assert cause_of(held) is FailsafeCause.OTHER
     text = described("d1", cause_of(held), held)
