@@ -18,6 +18,9 @@ SAVED_S: Final = 0.25
 OVER_S: Final = 2.0
 """An input counts as flooded until nothing was dropped for so long."""
 
+SENDER_KEPT_S: Final = 1.0
+"""Of several senders one is named until nothing of it was dropped for so long."""
+
 Sender: TypeAlias = tuple[str, int] | str
 
 
@@ -75,6 +78,8 @@ class Intake:
     _time_s: float = field(default=-inf, init=False)
     _over_s: float = field(default=-inf, init=False)
     _sender: Sender = field(default="", init=False)
+    _named: Sender = field(default="", init=False)
+    _named_s: float = field(default=-inf, init=False)  # when something of the named one was dropped last
 
     def admit(self, arrived: Sequence[Arrived], now_s: float) -> list[Arrived]:
         """The newest messages that fit, in their order."""
@@ -99,7 +104,9 @@ class Intake:
         """What arrives beyond the bound and from where, in words; empty: nothing was dropped lately."""
         if now_s - self._over_s > OVER_S:
             return ""
-        sender = self._sender
+        if now_s - self._named_s > SENDER_KEPT_S:
+            self._named, self._named_s = self._sender, self._over_s
+        sender = self._named
         place = sender if isinstance(sender, str) else f"{sender[0]}:{sender[1]}"
         limit = f"{self.bound.bytes_per_s / 1000:g} kB"
         if self.bound.messages_per_s < inf:
@@ -127,3 +134,5 @@ class Intake:
         self.dropped += count
         self.dropped_bytes += size
         self._over_s, self._sender = now_s, sender
+        if sender == self._named:
+            self._named_s = now_s

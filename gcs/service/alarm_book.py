@@ -33,7 +33,10 @@ KEPT_UNTIL_ACKNOWLEDGED: Final = frozenset({AlarmSeverity.EMERGENCY, AlarmSeveri
 ENDED_MAX: Final = 200
 """At most this many ended alarms are kept; the oldest is dropped first."""
 
-_NUMBER: Final = re.compile(r"\d+(\.\d+)?")
+_NUMBER: Final = re.compile(r"(?<![\w.:])\d+(\.\d+)?(?![.:]?\d)")
+"""A measured value. Digits of a vehicle's name, an address or a time of day are none: with others the text
+says something else.
+"""
 
 
 class ChangeKind(StrEnum):

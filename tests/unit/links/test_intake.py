@@ -60,6 +60,18 @@ def test_what_is_over_the_bound_is_dropped_and_named() -> None:
     assert len(intake.admit(arrived(100), 0.5)) == 10
 
 
+def test_of_two_senders_one_is_named_while_it_sends_too_much() -> None:
+    """Else the alarm's text would change in every tick; of one that follows, it does within a second."""
+    intake, other = Intake("rtk", Bound(1000.0, 40.0)), ("192.0.2.7", 4711)
+    for step in range(40):
+        sender = STRANGER if step % 2 == 0 else other
+        intake.admit([Arrived(b"x", sender)] * 100, step * TURN_S)
+        assert intake.why_over(step * TURN_S).endswith("from 192.0.2.9:4711")
+    for step in range(40, 62):
+        intake.admit([Arrived(b"x", other)] * 100, step * TURN_S)
+    assert intake.why_over(61 * TURN_S).endswith("from 192.0.2.7:4711")
+
+
 def test_bytes_are_bounded_as_messages_are() -> None:
     intake = Intake("rtk", Bound(1000.0))
     assert len(intake.admit(arrived(100, 50), 0.0)) == 5

@@ -178,6 +178,20 @@ def test_changed_numbers_update_the_text_at_intervals(story: Story) -> None:
     assert story.reported == [(ChangeKind.BEGUN, AlarmCause.LOW_BATTERY)]
 
 
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        ("1000 messages a second from 192.0.2.9:4711", "1000 messages a second from 192.0.2.9:4712"),
+        ("from 192.0.2.9:4711", "from 192.0.2.8:4711"),
+        ("3.1 m from d2 of west", "3.1 m from d7 of west"),
+    ],
+)
+def test_another_address_or_name_is_no_changed_number(story: Story, before: str, after: str) -> None:
+    story.holds(Condition(AlarmCause.INPUT_FLOODED, before, about="rtk"))
+    (alarm,) = story.holds(Condition(AlarmCause.INPUT_FLOODED, after, about="rtk"))
+    assert after in alarm.text
+
+
 def test_alarm_with_changed_text_is_rewritten_at_once(story: Story) -> None:
     story.holds(Condition(AlarmCause.VEHICLE_LOST, "no telemetry for 2.0 s", ("d3",)))
     (alarm,) = story.holds(lost("d3"))
