@@ -13,6 +13,7 @@ from gcs.cli.demo_report import Commanded
 from gcs.client import Client
 from gcs.model.errors import GcsError
 from gcs.model.plan import Obstacle
+from gcs.model.state import Array
 from gcs.service import CommandRecord
 from tests.sitl.sitl_service import Service, ServiceError
 from tests.sitl.sitl_simulators import Simulators
@@ -42,6 +43,10 @@ class Pace:
 
 QUICK = Pace(ready_s=300.0, up_s=300.0, formed_s=300.0, home_s=600.0, steady_s=5.0, orbit_s=4.0)
 """Of tests, which other work may delay. ArduCopter swings round its place for some seconds."""
+
+
+Place = tuple[float, float, float]
+"""Show frame."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +84,8 @@ class Account:
     not_flown: dict[str, str] = field(default_factory=dict)  # chapters, with the reason
     failures: list[str] = field(default_factory=list)
     rows: list[tuple[float, ...]] = field(default_factory=list)  # see Commanded
+    reported: list[dict[str, Place]] = field(default_factory=list)  # by each vehicle, row by row
+    autopilots: dict[str, str] = field(default_factory=dict)  # of each vehicle
 
     def commanded(self) -> Commanded | None:
         """What the service commanded, as arrays; None: no formation flew."""
@@ -86,6 +93,21 @@ class Account:
             return None
         table = np.array(self.rows, dtype=np.float64)
         return Commanded(table[:, 0], table[:, 1:4], table[:, 4], table[:, 5:7])
+
+    def reported_m(self, vehicle: str, window: "Window") -> Array:
+        """(3,) mean of what a vehicle reported in that time, show frame; NaN: nothing."""
+        reported_m = [
+            known[vehicle]
+            for row, known in zip(self.rows, self.reported, strict=True)
+            if window.start_s <= row[0] <= window.end_s and vehicle in known
+        ]
+        return np.mean(reported_m, axis=0) if reported_m else np.full(3, np.nan)
+
+
+def _place(vehicle: schemas.Vehicle) -> Place | None:
+    if vehicle.x_m is None or vehicle.y_m is None or vehicle.height_m is None:
+        return None
+    return vehicle.x_m, vehicle.y_m, -vehicle.height_m
 
 
 class SitlFlight:
@@ -305,3 +327,7 @@ class SitlFlight:
         center = (at.x_m or 0.0, at.y_m or 0.0, -(at.height_m or 0.0))
         target = (fleet.target.x_m or 0.0, fleet.target.y_m or 0.0)
         self.account.rows.append((fleet.time_s, *center, radius_m, *target))
+        self.account.reported.append(
+            {vehicle.id: place for vehicle in fleet.vehicles if (place := _place(vehicle))}
+        )
+        self.account.autopilots = {vehicle.id: vehicle.autopilot for vehicle in fleet.vehicles}
