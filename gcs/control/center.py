@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from gcs.control.detour import Scene, follow_detour
+from gcs.control.detour import follow_detour
 from gcs.control.inputs import FormationState, Task, TickInputs
 from gcs.control.memory import Detour, Memory
+from gcs.control.scene import Scene
 from gcs.formation.law import desired_center_velocity
 from gcs.formation.obstacles import Outlines
 from gcs.formation.orbit import (

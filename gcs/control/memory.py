@@ -19,6 +19,7 @@ class Searching:
     begun_s: float
     goals: tuple[Goal, ...]  # as they were then, best first
     tried: int = 0  # searches done, of those for each goal
+    widened: bool = False  # the goals have the places that can be had instead of the first
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,6 +37,15 @@ class Detour:
     gained_s: float = 0.0  # when
     held_by: str = ""  # the obstacle, once the centre has made no headway for the configured time
     searching: Searching | None = None  # this detour is followed until the search ends
+
+    @property
+    def evades(self) -> bool:
+        """Whether it leads to a place instead of the one where the plan leads."""
+        return self.active and self.reaches and bool(self.goal.beside)
+
+    def goal_now(self, time_s: float) -> Goal:
+        """The goal as it has moved on."""
+        return self.goal.later(time_s - self.planned_s)
 
 
 CORNERS = 16

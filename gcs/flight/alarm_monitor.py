@@ -325,10 +325,17 @@ class AlarmMonitor:
 
 def _of_the_centre(tick: Tick) -> Iterator[Condition]:
     detour = tick.memory.detour
-    if detour is not None and detour.held_by:
-        waits = "no way leads to the target" if not detour.reaches else "the way round it makes no headway"
-        consequence = "The formation keeps clear of it, and goes on as soon as a way is free."
-        yield Condition(AlarmCause.NO_HEADWAY, waits, consequence=consequence, about=detour.held_by)
+    if detour is None or not detour.held_by:
+        return
+    waits = "the way round it makes no headway" if detour.reaches else "no way leads to the target"
+    consequence = "The formation keeps clear of it, and goes on as soon as a way is free."
+    if detour.goal.flees:
+        waits = "it comes towards the formation, and no way leads to the target"
+        consequence = "The formation goes to open ground, and to the target as soon as a way is free."
+    elif detour.goal.beside:
+        waits = "the whole formation has no room at the target"
+        consequence = "The formation follows the target from the nearest place that has room."
+    yield Condition(AlarmCause.NO_HEADWAY, waits, consequence=consequence, about=detour.held_by)
 
 
 def of_routes(tick: Tick, ids: Sequence[str]) -> Iterator[Condition]:

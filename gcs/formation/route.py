@@ -35,6 +35,9 @@ from gcs.model.state import Array, Mask
 SPARE_M = 0.3
 """Corners of a route lie this far outside the grown boxes."""
 
+SIDE_PLACES, MOST_PLACES = 9, 1_000
+"""Places looked at on each side of a grown box, and on all of them: a bound of the work."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Boxes:
@@ -91,6 +94,34 @@ class Boxes:
         outside_m: Array = (np.abs(away_m @ facing.T) - self.half_m).max(axis=2)
         return np.asarray((outside_m < 0.0).any(axis=1))
 
+    def free_places(self, near_m: Array, velocity_m_s: Array, reach_m: float) -> tuple[Array, Array]:
+        """Places outside all grown boxes, along their sides: (k, 2), and the velocity (k, 2) of each.
+
+        From the nearest to a point at (2,) to the farthest. The boxes count as they lie now; a place goes on
+        along its side as the point goes with (2,). No place is farther than `reach_m` from the show's origin.
+        """
+        ends_m, boxes = self.corners[:, :2].reshape(-1, CORNERS, 2), len(self.place)
+        begin_m = np.roll(ends_m, 1, axis=1).reshape(-1, 1, 2)
+        along_m = ends_m.reshape(-1, 1, 2) - begin_m
+        length_m = np.maximum(np.linalg.norm(along_m, axis=2, keepdims=True), 1e-9)
+        beside = ((near_m - begin_m) * along_m).sum(axis=2, keepdims=True) / length_m**2
+        shares = np.broadcast_to(
+            np.linspace(0.0, 1.0, SIDE_PLACES)[None, :, None], (len(begin_m), SIDE_PLACES, 1)
+        )
+        shares = np.concatenate([shares, np.clip(beside, 0.0, 1.0)], axis=1)
+        places_m = (begin_m + shares * along_m).reshape(-1, 2)
+        of_box = np.repeat(np.arange(boxes), CORNERS * (SIDE_PLACES + 1))
+        side = np.repeat((along_m / length_m)[:, 0], SIDE_PLACES + 1, axis=0)
+        box_m_s = self.place[of_box, 2:]
+        slides_m_s = ((velocity_m_s - box_m_s) * side).sum(axis=1, keepdims=True)
+        inner = (shares > 0.0) & (shares < 1.0)
+        goes_m_s = box_m_s + np.where(inner.reshape(-1, 1), slides_m_s, 0.0) * side
+        inside = np.hypot(*places_m.T) <= reach_m
+        order = np.argsort(np.hypot(*(places_m - near_m).T), kind="stable")
+        order = order[inside[order]][:MOST_PLACES]
+        order = order[~self.hold(places_m[order], np.zeros(len(order)))]
+        return places_m[order], goes_m_s[order]
+
     def later(self, by_s: float, center_m: Array) -> "Boxes":
         """The boxes after `by_s`, as a centre at (2,) sees them."""
         place, corners = self.place.copy(), self.corners.copy()
@@ -106,6 +137,8 @@ class Goal:
     place_m: Array  # (2,) now
     velocity_m_s: Array  # (2,)
     stay_s: float = HORIZON_S  # time for which it must stay free after the arrival
+    beside: str = ""  # the obstacle because of which it is not where the plan leads, but in its reach
+    flees: bool = False  # from obstacles that move
 
     def later(self, by_s: float) -> "Goal":
         """The goal after `by_s`."""
@@ -219,6 +252,11 @@ def stays_free(boxes: Boxes, center_m: Array, for_s: float) -> bool:
     """Whether no grown box comes over a centre that stays at (2,)."""
     here = (*_pair(center_m), 0.0, 0.0)
     return bool(alone_until_s(boxes.place, boxes.first_m, here, 0.0) >= for_s)
+
+
+def free_until_s(boxes: Boxes, place_m: Array) -> float:
+    """For how long no grown box comes over a place (2,); infinity for ever."""
+    return float(alone_until_s(boxes.place, boxes.half_m, (*_pair(place_m), 0.0, 0.0), 0.0))
 
 
 def _to_goal(

@@ -539,7 +539,7 @@ class FormationRun(SimulatedFlight):
     def finished(self) -> bool:
         """Whether all have landed; among random boxes, whether the last approach was `AFTER_BOXES_S` ago."""
         random = self.flight.random_obstacles
-        if random is not None and random.kind not in {"closing", "closed"}:
+        if random is not None and random.kind not in {"closing", "closed", "held"}:
             return self._past_all_boxes()
         return self._ended and not (self.record.in_air[-1] & ~self.losses.known).any()
 

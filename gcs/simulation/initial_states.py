@@ -1,6 +1,6 @@
 """Start positions, goals and random obstacles. Pure; random only through the given generator."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil, cos, pi, sin, sqrt
 
 import numpy as np
@@ -168,7 +168,7 @@ def draw_world(
     random: np.random.Generator, settings: RandomObstacles, avoidance: AvoidanceSettings, sphere_m: float
 ) -> ObstacleWorld:
     worlds = {"one": _one_in_the_way, "on-orbit": _one_on_the_orbit, "many": _many}
-    worlds |= {"closing": _closing, "walls": _walled, "closed": _walled}
+    worlds |= {"closing": _closing, "walls": _walled, "closed": _walled, "held": _held}
     return worlds[settings.kind](_Draw(random, settings, avoidance, sphere_m))
 
 
@@ -309,6 +309,34 @@ def _walls(corner_m: Array, turns: str, lengths_m: list[float], thick_m: float) 
         walls.append((ends_m.min(axis=0) - thick_m / 2.0, ends_m.max(axis=0) + thick_m / 2.0))
         here_m = there_m
     return walls
+
+
+def _held(draw: _Draw) -> ObstacleWorld:
+    """A target inside a box, or in a ring that the sphere does not fit into; boxes may overlap."""
+    random, settings, sphere_m = draw.random, draw.settings, draw.sphere_m
+    ahead, aside = draw.course()
+    height_m, boxes = random.uniform(35.0, 60.0), list[Obstacle]()
+    if random.random() < 0.5:
+        halls = [random.uniform(4.0, 15.0, 2) for _ in range(int(random.integers(1, 4)))]
+        places_m = [np.zeros(2), *(random.uniform(-1.0, 1.0, 2) * halls[0] for _ in halls[1:])]
+        boxes += [_box(f"hall {k + 1}", places_m[k], half_m, height_m) for k, half_m in enumerate(halls)]
+        inside_m = random.uniform(-0.9, 0.9, 2) * halls[0]
+    else:
+        thick_m, width_m = random.uniform(2.0, 5.0), random.uniform(0.5, 1.8) * sphere_m
+        corner_m, door_m = (
+            -np.ones(2) * width_m / 2.0,
+            random.choice([0.0, random.uniform(1.0, 0.8 * width_m)]),
+        )
+        for low_m, high_m in _walls(corner_m, "NESW", [width_m] * 3 + [width_m - door_m], thick_m):
+            boxes.append(
+                _box(f"wall {len(boxes) + 1}", (low_m + high_m) / 2.0, (high_m - low_m) / 2.0, height_m)
+            )
+        inside_m = random.uniform(-0.4, 0.4, 2) * (width_m - thick_m)
+    widest_m = max(float(np.hypot(box.half_length_x_m, box.half_length_y_m)) for box in boxes)
+    far_m = 3.0 * widest_m + sphere_m + settings.stopping_m + random.uniform(0.0, 20.0)
+    place_m = far_m * ahead + random.uniform(-10.0, 10.0) * aside
+    moved = [replace(box, x_m=box.x_m + place_m[0], y_m=box.y_m + place_m[1]) for box in boxes]
+    return ObstacleWorld(_pair(place_m + inside_m), draw.speed_m_s(), tuple(moved), (0.0,) * len(moved))
 
 
 def _pair(vector: Array) -> tuple[float, float]:

@@ -112,7 +112,7 @@ class Box(StandingBox):
 class RandomObstacles(Settings):
     """Random boxes for every seed, in the way of a formation that starts at once."""
 
-    kind: Literal["one", "many", "on-orbit", "closing", "walls", "closed"]
+    kind: Literal["one", "many", "on-orbit", "closing", "walls", "closed", "held"]
     half_length_min_m: Positive = 1.5
     half_length_max_m: Positive = 8.0
     height_min_m: Positive = 8.0

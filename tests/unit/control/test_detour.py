@@ -7,6 +7,7 @@ import pytest
 
 from gcs.control import ControlSettings, Memory, Tasks, detour, tick
 from gcs.control.memory import Detour
+from gcs.control.scene import ALOFT_M
 from gcs.formation.route import Boxes, Goal, Route, find_route
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array, FleetState, Traits
@@ -101,7 +102,7 @@ def test_closed_ring_is_stood_in_and_named() -> None:
 def test_low_ring_is_climbed_over_only_inside_the_fence() -> None:
     over = Run(ring(18.0)).fly(2.0)
     assert over.reaches
-    assert over.height_m == pytest.approx(18.0 + 3.0 + RADIUS_M + detour.ALOFT_M)  # with the headroom
+    assert over.height_m == pytest.approx(18.0 + 3.0 + RADIUS_M + ALOFT_M)  # with the headroom
     assert Run(ring(18.0), height_max_m=35.0).fly(2.0).height_m is None
 
 
@@ -113,9 +114,15 @@ def test_pillars_are_passed_with_a_part_of_the_sphere() -> None:
 
 def test_gap_that_ellipses_close_is_not_flown_through() -> None:
     run = Run(row(spacing_m=80.0, half_m=32.0))  # gaps of 16 m
-    assert not run.fly(8.0).reaches
-    assert run.memory.detour is not None
-    assert run.memory.detour.held_by
+    plan = run.fly(8.0)
+    assert plan.held_by
+    assert plan.goal.beside == plan.held_by  # no way leads to the target: it goes to a place before the row
+    assert plan.goal.place_m[0] < 45.0 - 2.0 - RADIUS_M
+    run.fly(20.0)
+    before_m = run.center_m.copy()
+    assert before_m[0] < 45.0 - 2.0 - RADIUS_M
+    run.fly(2.0)
+    assert run.center_m == pytest.approx(before_m, abs=0.05)
 
 
 def test_removed_obstacle_ends_its_detour_at_once() -> None:

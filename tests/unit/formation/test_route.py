@@ -4,7 +4,19 @@ import numpy as np
 import pytest
 
 from gcs.formation.obstacles import Ellipse, Outlines
-from gcs.formation.route import Boxes, Goal, Route, find_route, in_the_way, leaves_now, next_leg, timed
+from gcs.formation.route import (
+    MOST_PLACES,
+    SPARE_M,
+    Boxes,
+    Goal,
+    Route,
+    find_route,
+    free_until_s,
+    in_the_way,
+    leaves_now,
+    next_leg,
+    timed,
+)
 from gcs.formation.route_search import CORNERS
 from gcs.model.state import Array
 
@@ -122,3 +134,53 @@ def test_corners_are_passed_over_once_the_next_is_in_sight() -> None:
     leg = next_leg(scene(*U, here_m=here_m), here_m, route.corners, goal(60.0, 3.0), SPEED_M_S, reaches=True)
     assert leg is not None
     assert leg[0] == route.corners[-1:]
+
+
+STILL = np.zeros(2)
+
+
+def test_places_beside_a_box_begin_with_the_nearest_and_lie_outside() -> None:
+    boxes = scene(box(10.0, 0.0, 5.0, 20.0))
+    places_m, goes_m_s = boxes.free_places(np.array([8.0, 1.0]), STILL, REACH_M)
+    assert places_m[0] == pytest.approx((5.0 - SPARE_M, 1.0))
+    away_m = np.hypot(*(places_m - (8.0, 1.0)).T)
+    assert (np.diff(away_m) >= 0.0).all()
+    assert not boxes.hold(places_m, np.zeros(len(places_m))).any()
+    assert not goes_m_s.any()
+
+
+def test_where_boxes_overlap_no_place_lies_in_the_other() -> None:
+    boxes = scene(box(10.0, 0.0, 5.0, 20.0), box(10.0, 0.0, 20.0, 5.0))
+    places_m, _ = boxes.free_places(np.array([10.0, 0.0]), STILL, REACH_M)
+    assert not boxes.hold(places_m, np.zeros(len(places_m))).any()
+    assert np.hypot(*(places_m[0] - (10.0, 0.0))) == pytest.approx(5.0 * np.sqrt(2.0), abs=2.0)
+
+
+def test_a_place_slides_along_its_side_with_the_target() -> None:
+    boxes = scene(box(10.0, 0.0, 5.0, 20.0))
+    _, goes_m_s = boxes.free_places(np.array([6.0, 1.0]), np.array([0.3, 1.0]), REACH_M)
+    assert goes_m_s[0] == pytest.approx((0.0, 1.0))
+
+
+def test_a_place_moves_with_a_box_that_carries_the_target() -> None:
+    boxes = scene(box(10.0, 0.0, 5.0, 20.0, 0.5, 0.0))
+    _, goes_m_s = boxes.free_places(np.array([6.0, 1.0]), np.array([0.5, 0.0]), REACH_M)
+    assert goes_m_s[0] == pytest.approx((0.5, 0.0))
+
+
+def test_no_place_is_beyond_the_reach() -> None:
+    places_m, _ = scene(box(10.0, 0.0, 5.0, 20.0)).free_places(np.array([12.0, 0.0]), STILL, 12.0)
+    assert len(places_m) > 0
+    assert (np.hypot(*places_m.T) <= 12.0).all()
+
+
+def test_places_are_bounded_in_number_and_may_be_none() -> None:
+    many = [box(10.0 * k, 40.0, 4.0, 4.0) for k in range(60)]
+    assert len(scene(*many).free_places(np.array([300.0, 40.0]), STILL, 1000.0)[0]) <= MOST_PLACES
+    assert len(scene().free_places(HERE, STILL, REACH_M)[0]) == 0
+
+
+def test_a_place_is_free_until_a_box_comes_over_it() -> None:
+    boxes = scene(box(30.0, 0.0, 5.0, 5.0, -1.0, 0.0))
+    assert free_until_s(boxes, HERE) == pytest.approx(25.0)
+    assert free_until_s(boxes, np.array([0.0, 20.0])) == np.inf
