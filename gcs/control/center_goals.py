@@ -129,7 +129,8 @@ def _refuses(scene: Scene, target_m: Array, target_m_s: Array) -> str:
     gap_m = gaps_m(outlines.center_m, half_m, target_m) - near_m
     if not target_m_s.any():
         surrounded = (gap_m > 0.0) & (np.hypot(*(off_m + half_m).T) + near_m < scene.sphere_m)
-        room_m = outlines.nearest_m(target_m[None]) - scene.clearance_m(outlines, level_m)
+        slots_m = scene.clearance_m(outlines, level_m) - near_m
+        room_m = outlines.nearest_m(target_m[None]) - slots_m
         gap_m = np.where(surrounded, gap_m, np.minimum(gap_m, room_m))
     passes_m_s = np.hypot(*(outlines.velocity_m_s - target_m_s).T)
     gap_m[~outlines.stand & (passes_m_s > CARRIED_M_S)] = np.inf
