@@ -57,13 +57,13 @@ def goals_of(scene: Scene, before: Detour | None) -> Iterator[Goal]:
     )
     if plan.orbit.radius_m == 0.0:
         stay_s = PASSING_S if target_m_s.any() else HORIZON_S
-        held_by = _refuses(scene, target_m, target_m_s)
+        held_by = _kept_off_by(scene, target_m, target_m_s)
         if held_by:
             yield from instead_of(scene, target_m, target_m_s, before, held_by)
         else:
             yield Goal(target_m, target_m_s, stay_s)
         return
-    if before is not None and before.reaches:
+    if before is not None and before.reaches and not before.goal.held_by:
         goal = before.goal_now(time_s)
         off_m = abs(hypot(*(goal.place_m - target_m)) - plan.orbit.radius_m)
         if off_m < AT_GOAL_M and hypot(*(goal.place_m - scene.place_m)) > AT_GOAL_M:
@@ -117,7 +117,7 @@ def _orbit_ahead(scene: Scene, target_m: Array, target_m_s: Array) -> Array:
     return np.array(places_m)
 
 
-def _refuses(scene: Scene, target_m: Array, target_m_s: Array) -> str:
+def _kept_off_by(scene: Scene, target_m: Array, target_m_s: Array) -> str:
     """The obstacle that keeps the sphere from a target at (2,) with (2,), and stays there; "" for none.
 
     A target is in it, or within its margin. One that stands is refused, too, where slots would lie in the
@@ -146,14 +146,14 @@ def instead_of(
     as near as the nearest is kept.
     """
     kept_m = scene.place_m
-    if before is not None and before.goal.beside:
+    if before is not None and before.goal.held_by:
         kept_m = before.goal_now(scene.now.fleet.time_s).place_m
     found = [
         *_beside(scene, target_m, target_m_s, held_by, kept_m),
         *_open_ground(scene, target_m, held_by),
     ]
     if held_by and not found:  # it stands: no place is in its reach
-        found = [Goal(target_m, np.zeros(2), beside=held_by)]
+        found = [Goal(target_m, np.zeros(2), held_by=held_by)]
     yield from found[:INSTEAD]
 
 

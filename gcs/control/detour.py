@@ -2,8 +2,9 @@
 
 While the law's own way is free, the law leads. Else a route (`gcs.formation.route`) leads round the boxes
 with the whole sphere, or over them where the fence allows it, or with a part of the sphere: the vehicles
-then pass on both sides by their own tangents. Where nothing leads to the goal, the centre stands beside the
-boxes. A plan is made over several ticks, with at most one search in each.
+then pass on both sides by their own tangents. Where nothing leads to the goal, the centre goes to another
+place (`gcs.control.center_goals`); where nothing leads there either, it stands. A plan is made over several
+ticks, with at most one search in each.
 """
 
 from collections.abc import Iterator
@@ -80,17 +81,15 @@ def _followed(scene: Scene, desired_m_s: Array, detour: Detour) -> Array | None:
         if scene.height_m < detour.height_m - ALOFT_M / 2:
             led_m_s[:2] = 0.0
             return led_m_s
-    corners = tuple(
-        CORNERS * boxes.names.index(name) + k for name, k in detour.corners if name in boxes.names
-    )
-    speed_m_s = scene.speed_to(goal)
+    corners = boxes.numbers(detour.corners)
+    speed_m_s = scene.speed_to_m_s(goal)
     leg = next_leg(boxes, scene.place_m, corners, goal, speed_m_s, reaches=detour.reaches)
     if leg is None:
         return None
     left, along_m_s = leg
     if not left:
-        if detour.reaches and goal.beside:
-            along_m_s = scene.towards(goal)[:2]
+        if detour.goes_instead:
+            along_m_s = scene.towards(goal)
         elif detour.reaches and scene.now.tasks.center_moves and not scene.on_orbit:
             along_m_s = desired_m_s[:2]
         led_m_s[:2] = along_m_s
@@ -128,7 +127,7 @@ def _planned(scene: Scene, before: Detour) -> Detour:
     if not goals:
         return Detour(time_s, Goal(scene.place_m, np.zeros(2)))
     searching = Searching(time_s, goals)
-    if not goals[0].beside:
+    if not goals[0].held_by:
         boxes = scene.boxes(1.0, None, goals[0].place_m)
         if not scene.on_orbit and leaves_now(boxes, scene.place_m, goals[0], scene.speed_m_s):
             return Detour(time_s, goals[0])
@@ -145,14 +144,14 @@ def _searched(scene: Scene, before: Detour, searching: Searching) -> Detour:
     nth, clear, height_m = tries[min(searching.tried, len(tries) - 1)]
     goal = searching.goals[nth].later(after_s)
     boxes = scene.boxes(clear, height_m, goal.place_m)
-    route = find_route(boxes, scene.place_m, goal, scene.speed_to(goal), scene.fence_m)
+    route = find_route(boxes, scene.place_m, goal, scene.speed_to_m_s(goal), scene.fence_m)
     led_to = _led_to(searching, time_s, before)
     kept = None if led_to is None else _kept(scene, searching.goals[led_to].later(after_s), before)
     if route.reaches and _climbs_in_time(scene, height_m):
         if kept is not None and nth == led_to and route.arrival_s[-1] > (1.0 - KEPT_SHARE) * kept[1] - KEPT_S:
             return kept[0]
         return _detour(scene, goal, boxes, route, clear, height_m, before)
-    if searching.tried == 0 and kept is None and not before.evades:
+    if searching.tried == 0 and kept is None and not before.goes_instead:
         before = _detour(scene, goal, boxes, route, clear, height_m, before)  # as near as it can, for now
     left = tries[searching.tried + 1 :]
     if not left and kept is None and not searching.widened:
@@ -169,7 +168,7 @@ def _widened(scene: Scene, searching: Searching, after_s: float, before: Detour)
     """The search with the places that can be had instead of the goals so far, none of which can."""
     first = searching.goals[0]
     found: tuple[Goal, ...] = ()
-    if not first.beside:
+    if not first.held_by:
         place_m = first.later(after_s).place_m
         found = tuple(instead_of(scene, place_m, first.velocity_m_s, before if before.active else None))
     goals = (*searching.goals, *(goal.later(-after_s) for goal in found))
@@ -179,13 +178,14 @@ def _widened(scene: Scene, searching: Searching, after_s: float, before: Detour)
 def _tries(scene: Scene, goals: tuple[Goal, ...]) -> list[tuple[int, float, float | None]]:
     """What is searched for, best first: number of the goal, share of the sphere, height.
 
-    To a place instead of the target the whole sphere goes, at the plan's height.
+    Of the places instead of a target only the first is also looked for over boxes, and with a part of the
+    sphere.
     """
     choices = list(_choices(scene))
     return [
         (nth, *choice)
         for nth, goal in enumerate(goals)
-        for choice in (choices[:1] if goal.beside and nth else choices)
+        for choice in (choices[:1] if goal.held_by and nth else choices)
     ]
 
 
@@ -194,10 +194,10 @@ def _led_to(searching: Searching, time_s: float, before: Detour) -> int | None:
     goals, place_m = searching.goals, before.goal_now(time_s).place_m
     if not before.active or not before.reaches:
         return None
-    if not before.goal.beside:
-        return None if goals[0].beside else 0
+    if not before.goal.held_by:
+        return None if goals[0].held_by else 0
     now = [goal.later(time_s - searching.begun_s) for goal in goals]
-    off_m = [hypot(*(goal.place_m - place_m)) if goal.beside else np.inf for goal in now]
+    off_m = [hypot(*(goal.place_m - place_m)) if goal.held_by else np.inf for goal in now]
     return int(np.argmin(off_m)) if min(off_m) < AT_GOAL_M else None
 
 
@@ -222,10 +222,10 @@ def _kept(scene: Scene, goal: Goal, before: Detour) -> tuple[Detour, float] | No
     corners = boxes.numbers(before.corners)
     if len(corners) < len(before.corners):
         return None
-    leg = next_leg(boxes, scene.place_m, corners, goal, scene.speed_to(goal), reaches=True)
+    leg = next_leg(boxes, scene.place_m, corners, goal, scene.speed_to_m_s(goal), reaches=True)
     if leg is None:
         return None
-    route = timed(boxes, scene.place_m, leg[0], goal, scene.speed_to(goal))
+    route = timed(boxes, scene.place_m, leg[0], goal, scene.speed_to_m_s(goal))
     if route is None:
         return None
     detour = _detour(scene, goal, boxes, route, before.clear, before.height_m, before)
@@ -277,21 +277,14 @@ def _headway(scene: Scene, detour: Detour) -> Detour:
     """The detour with its headway; `held_by` names an obstacle after the configured time without any."""
     time_s = scene.now.fleet.time_s
     goal = detour.goal_now(time_s)
+    if detour.goes_instead:
+        return replace(detour, best_m=np.inf, gained_s=time_s, held_by=goal.held_by)
     moving = bool(goal.velocity_m_s.any())
-    if (
-        not detour.active
-        or not scene.now.tasks.center_moves
-        or (moving and detour.reaches and not goal.beside)
-    ):
+    if not detour.active or not scene.now.tasks.center_moves or (moving and detour.reaches):
         return replace(detour, best_m=np.inf, gained_s=time_s, held_by="")
-    if goal.beside and detour.reaches:
-        return replace(detour, best_m=np.inf, gained_s=time_s, held_by=goal.beside)
     boxes = scene.boxes(detour.clear, detour.height_m, goal.place_m)
     if detour.reaches:
-        corners = tuple(
-            CORNERS * boxes.names.index(name) + k for name, k in detour.corners if name in boxes.names
-        )
-        left_m = _length_m(boxes, scene.place_m, corners, goal)
+        left_m = _length_m(boxes, scene.place_m, boxes.numbers(detour.corners), goal)
         if detour.height_m is not None:
             left_m += abs(detour.height_m - scene.height_m)
         if left_m < detour.best_m - GAINED_M:

@@ -39,9 +39,9 @@ class Detour:
     searching: Searching | None = None  # this detour is followed until the search ends
 
     @property
-    def evades(self) -> bool:
+    def goes_instead(self) -> bool:
         """Whether it leads to a place instead of the one where the plan leads."""
-        return self.active and self.reaches and bool(self.goal.beside)
+        return self.active and self.reaches and bool(self.goal.held_by)
 
     def goal_now(self, time_s: float) -> Goal:
         """The goal as it has moved on."""

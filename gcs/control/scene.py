@@ -5,9 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gcs.control.inputs import TickInputs
-from gcs.formation.law import approach_velocity
 from gcs.formation.obstacles import Outlines
-from gcs.formation.orbit import CLEAR_OF_FENCE_M, Center
+from gcs.formation.orbit import CLEAR_OF_FENCE_M, Center, orbit_velocity, within_ground_speed
 from gcs.formation.route import Boxes, Goal
 from gcs.formation.route_search import gaps_m
 from gcs.model.state import Array
@@ -58,7 +57,7 @@ class Scene:
         """The lower of the centre's height and the plan's."""
         return min(self.plan_height_m, self.height_m)
 
-    def speed_to(self, goal: Goal) -> float:
+    def speed_to_m_s(self, goal: Goal) -> float:
         """Speed on the way to that goal: all that the centre has where it flees."""
         return self.now.settings.law.center_speed_max_m_s if goal.flees else self.speed_m_s
 
@@ -73,11 +72,16 @@ class Scene:
         return self.now.settings.safety.fence.distance_max_m - self.sphere_m - CLEAR_OF_FENCE_M / 2
 
     def towards(self, goal: Goal) -> Array:
-        """(3,) velocity with which the law leads the centre to that place, and to the plan's height."""
-        now, later = self.now, goal.later(self.now.dt_s)
-        speed_m_s = self.speed_to(goal) if goal.flees else now.plan.orbit.speed_m_s
-        there = later.place_m, goal.velocity_m_s, speed_m_s
-        return approach_velocity(self.center.later(now.dt_s), now.plan, *there, now.settings.law)
+        """(2,) velocity with which the law leads the centre to a goal, as to a target without an orbit."""
+        plan, law, dt_s = self.now.plan, self.now.settings.law, self.now.dt_s
+        relative_m_s = orbit_velocity(
+            self.center.later(dt_s).position_m[:2] - goal.later(dt_s).place_m,
+            radius_m=0.0,
+            speed_m_s=self.speed_to_m_s(goal) if goal.flees else plan.orbit.speed_m_s,
+            direction=plan.orbit.direction,
+            braking_m_s2=law.center_acceleration_max_m_s2 / 2,
+        )
+        return within_ground_speed(goal.velocity_m_s, relative_m_s, law.center_speed_max_m_s)
 
     def boxes(self, clear: float, height_m: float | None, goal_m: Array | None) -> Boxes:
         """The boxes in the way at that height, grown by that share of the sphere, but not over the goal.
@@ -92,7 +96,7 @@ class Scene:
         return self.known[key]
 
     def outlines_at(self, level_m: float) -> Outlines:
-        """The obstacles that are as high as the lowest point of a sphere whose centre is at that height."""
+        """The obstacles as high as the lowest point of the sphere, with its centre at that height."""
         return self.outlines.only(level_m - self.sphere_m < self.outlines.top_height_m)
 
     def room(self, outlines: Outlines) -> Boxes:

@@ -332,7 +332,7 @@ def _of_the_centre(tick: Tick) -> Iterator[Condition]:
     if detour.goal.flees:
         waits = "it comes towards the formation, and no way leads to the target"
         consequence = "The formation goes to open ground, and to the target as soon as a way is free."
-    elif detour.goal.beside:
+    elif detour.goal.held_by:
         waits = "the whole formation has no room at the target"
         consequence = "The formation follows the target from the nearest place that has room."
     yield Condition(AlarmCause.NO_HEADWAY, waits, consequence=consequence, about=detour.held_by)

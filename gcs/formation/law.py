@@ -105,33 +105,10 @@ def desired_center_velocity(
     target_m, target_velocity = followed_target(
         np.array(plan.target.position_m(time_s)), np.array(plan.target.velocity_m_s), reach_m
     )
-    orbit = plan.orbit.radius_m, plan.orbit.speed_m_s
-    return _led(center, plan, target_m, target_velocity, orbit, settings, pace)
-
-
-def approach_velocity(
-    center: Center, plan: Plan, place_m: Array, velocity_m_s: Array, speed_m_s: float, settings: LawSettings
-) -> Array:
-    """(3,) velocity that takes the centre to a place (2,) moving with (2,), and to its height: no orbit.
-
-    `speed_m_s` is that relative to the place.
-    """
-    return _led(center, plan, place_m, velocity_m_s, (0.0, speed_m_s), settings, 1.0)
-
-
-def _led(
-    center: Center,
-    plan: Plan,
-    target_m: Array,
-    target_velocity: Array,
-    orbit: tuple[float, float],
-    settings: LawSettings,
-    pace: float,
-) -> Array:
     relative = orbit_velocity(
         center.position_m[:2] - target_m,
-        radius_m=orbit[0],
-        speed_m_s=orbit[1],
+        radius_m=plan.orbit.radius_m,
+        speed_m_s=plan.orbit.speed_m_s,
         direction=plan.orbit.direction,
         braking_m_s2=settings.center_acceleration_max_m_s2 / 2,
     )

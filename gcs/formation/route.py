@@ -137,7 +137,7 @@ class Goal:
     place_m: Array  # (2,) now
     velocity_m_s: Array  # (2,)
     stay_s: float = HORIZON_S  # time for which it must stay free after the arrival
-    beside: str = ""  # the obstacle because of which it is not where the plan leads, but in its reach
+    held_by: str = ""  # the obstacle that keeps the sphere from where the plan leads: this is instead of it
     flees: bool = False  # from obstacles that move
 
     def later(self, by_s: float) -> "Goal":

@@ -36,8 +36,8 @@ from gcs.safety.separation import Floor, pairs_that_count, scaled_distance_m
 from gcs.simulation import initial_states as layout
 from gcs.simulation.article import fly_article
 from gcs.simulation.autopilots import responses
-from gcs.simulation.initial_states import draw_world
 from gcs.simulation.loss import FAR_M, Losses, ServiceFailsafes
+from gcs.simulation.obstacle_worlds import draw_world
 from gcs.simulation.record import NOWHERE, THROUGH_M, Record, approaching, closest_m
 from gcs.simulation.scenario import (
     ArticleFlight,
@@ -539,7 +539,7 @@ class FormationRun(SimulatedFlight):
     def finished(self) -> bool:
         """Whether all have landed; among random boxes, whether the last approach was `AFTER_BOXES_S` ago."""
         random = self.flight.random_obstacles
-        if random is not None and random.kind not in {"closing", "closed", "held"}:
+        if random is not None and random.arrives:
             return self._past_all_boxes()
         return self._ended and not (self.record.in_air[-1] & ~self.losses.known).any()
 

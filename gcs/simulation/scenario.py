@@ -131,6 +131,11 @@ class RandomObstacles(Settings):
     closing_from_m: Positive = 60.0  # from where boxes drive at a standing formation
     closing_max_m_s: Positive = 1.5
 
+    @property
+    def arrives(self) -> bool:
+        """Whether the formation is to arrive somewhere, where the flight ends."""
+        return self.kind not in {"closing", "closed", "held"}
+
 
 class Radio(Settings):
     """Messages between neighbours carry the law `neighbours`: their positions and estimates of the centre."""

@@ -102,10 +102,9 @@ def _shape(
     off_m = reported_off_m(account, window, flown, [ids[row] for row in rows])
     lower_m = by_autopilot(-off_m[:, 2], [account.autopilots[ids[row]] for row in rows])
     shape = report.shape(_moved(flown, lower_m[:, None] * UP), commanded)
-    believed = report.shape(_moved(flown, off_m), commanded)["nearest_ratio"]
     apart_m, worst_m = float(np.ptp(lower_m)), float(np.nanmax(np.linalg.norm(off_m, axis=1), initial=0.0))
     wrong = []
-    if shape["energy_ratio"] > ENERGY_MAX or believed < NEAREST_MIN:
+    if shape["energy_ratio"] > ENERGY_MAX or shape["nearest_ratio"] < NEAREST_MIN:
         wrong.append("the shape was not reached")
     if shape["center_error_m"] > CENTER_MAX_M:
         wrong.append(f"the formation was {shape['center_error_m']:.1f} m beside its centre")
@@ -113,8 +112,7 @@ def _shape(
         wrong.append(f"the autopilots' heights were {apart_m:.1f} m apart")
     if worst_m > ERROR_MAX_M:
         wrong.append(f"a vehicle was {worst_m:.1f} m from where it reported")
-    own = {"believed_nearest_ratio": believed, "heights_apart_m": apart_m, "position_error_m": worst_m}
-    return shape | own, wrong
+    return shape | {"heights_apart_m": apart_m, "position_error_m": worst_m}, wrong
 
 
 def reported_off_m(account: Account, window: Window, truth: report.GroundTruth, ids: list[str]) -> Array:

@@ -1,4 +1,4 @@
-"""The judge of `make sitl` tells what receivers and barometers err from an error of the shape."""
+"""The judge of `make sitl` tells an autopilot's height error from an error of the shape."""
 
 import numpy as np
 import pytest

@@ -7,7 +7,7 @@ from gcs.formation.obstacles import AvoidanceSettings
 from gcs.model.errors import ConfigError
 from gcs.model.state import Array
 from gcs.simulation import initial_states as layout
-from gcs.simulation.initial_states import draw_world
+from gcs.simulation.obstacle_worlds import draw_world
 from gcs.simulation.scenario import FormationFlight, GoalFlight, RandomObstacles
 
 
