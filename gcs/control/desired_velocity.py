@@ -253,8 +253,12 @@ def desired_velocity(
     columns = now.columns if len(now.tasks.segments_m) and len(now.rows) + len(drawn) else {}
     if lead.center is not None and len(now.rows) and (now.ellipses or columns):
         along_m_s = hypot(lead.center.velocity_m_s[0], lead.center.velocity_m_s[1])
+        off_m = _to_slot_m(now, slot_m)
+        until_m = None if places.spin_rad_s or along_m_s > STANDS_M_S else off_m
         sliding_m_s = np.full(len(own_m_s), along_m_s)
-        until_m = None if places.spin_rad_s or along_m_s > STANDS_M_S else _to_slot_m(now, slot_m)
+        if along_m_s <= STANDS_M_S:
+            left = _left_behind(now, slot_m, off_m)
+            sliding_m_s[left] = 0.5 * np.hypot(*own_m_s[left, :2].T)
         own_m_s = _avoiding(now, now.rows, own_m_s, lead.sides, sliding_m_s, columns, until_m)
     desired_m_s = now.for_all(own_m_s, 0.0)
     if len(aiming):
@@ -275,6 +279,18 @@ def _to_slot_m(now: TickInputs, slot_m: Array) -> Array:
     """(m,) distances to the slots (m, 3), sideways; inf by a law without slots."""
     off_m = slot_m - now.of_formed(now.position_m)
     return np.nan_to_num(np.hypot(off_m[:, 0], off_m[:, 1]), nan=np.inf)
+
+
+def _left_behind(now: TickInputs, slot_m: Array, off_m: Array) -> NDArray[np.intp]:
+    """The vehicles farther than the lookahead from slots (m, 3) that no obstacle covers.
+
+    Such a vehicle goes round an obstacle also while the centre stands. One with a covered slot waits there.
+    `off_m` (m,) is the distance to the slots, sideways.
+    """
+    left = np.flatnonzero(np.isfinite(off_m) & (off_m > now.settings.law.avoidance.lookahead_m))
+    for ellipse in now.ellipses.values():
+        left = left[ellipse.distance_m(slot_m[left]) > 0.0]
+    return left
 
 
 def _stopping_inside(now: TickInputs, desired_m_s: Array) -> Array:

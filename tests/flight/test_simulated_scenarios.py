@@ -137,3 +137,13 @@ def test_both_autopilots_fly_the_story_as_one(seed: int, capsys: pytest.CaptureF
     assert figures["separation"]["violations"] == 0
     assert figures["arrival"]["arrived"] == 8
     assert figures["obstacles"]["penetrations"] == 0
+
+
+@pytest.mark.parametrize("scenario", ["target-in-hall", "target-held"])
+def test_target_that_cannot_be_had_is_followed_from_beside_it(
+    scenario: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    code, (figures,) = flown(capsys, scenario, "--seed", "6000", "--vehicles", "8")
+    assert code == 0
+    assert figures["formation"]["radius_error_m"] <= 0.5
+    assert figures["obstacles"]["penetrations"] == 0
