@@ -75,7 +75,7 @@ FAILSAFES: Final[dict[str, dict[str, Any]]] = {
         "action": "pause",
         "then_return_after_s": None,
         "speed_error_m_s": 0.8,  # also of a fleet that is paused, and steers against the wind
-        "for_s": 1.5,  # a machine that stands still for a moment is no wind
+        "for_s": 4.0,  # fakes that fall behind their setpoints on a busy machine are no wind
         "share": 0.05,
     },
     "links_late": {"late_s": 5.0, "arrive_min": 0.2},  # a busy machine is no late link

@@ -1,6 +1,7 @@
 """Fixtures of the browser tests: a service over fake vehicles and a Chromium that shows its page."""
 
 import json
+import os
 import re
 import socket
 from collections.abc import Callable, Iterator
@@ -28,6 +29,9 @@ FLAGS: Final = (
     *("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
 )
 """Draws without a graphics card, and asks nothing of the internet."""
+
+QUIET: Final = Path(__file__).with_name("quiet_chromium")
+"""Starts Chromium below the flights that it shows."""
 
 SOON_MS: Final = 60_000
 FLIGHT_MS: Final = 180_000
@@ -106,7 +110,10 @@ requestAnimationFrame(drawn);
 def browser() -> Iterator[Browser]:
     """Debian's Chromium, without a window."""
     with sync_playwright() as playwright:
-        started = playwright.chromium.launch(executable_path=chromium(), args=list(FLAGS))
+        found = chromium()
+        assert found is not None
+        environment = {**os.environ, "CHROMIUM": found}
+        started = playwright.chromium.launch(executable_path=QUIET, args=list(FLAGS), env=environment)
         try:
             yield started
         finally:

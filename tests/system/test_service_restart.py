@@ -12,6 +12,7 @@ from pymavlink import mavutil
 
 from gcs.client import Client
 from gcs.config.schema import Config
+from gcs.formation.repulsion import nearest_m
 from gcs.model.errors import RefusedError
 from gcs.recording.audit_reader import last_known
 from gcs.recording.mcap_reader import FlightData
@@ -31,6 +32,12 @@ from tests.support.processes import (
 IDS = ("d1", "d2", "d3")
 AT_REST_M_S = 0.3
 IN_PLACE_M = 0.5
+FORMED_M = 7.0
+"""Between the closest two of three on a sphere of 5 m, 8.7 m when formed.
+
+Where they still pass each other, they meet as they fly on without a service; this station then parts them.
+"""
+
 LEFT_ALONE_S = PATIENT_S + 2.0
 """Long enough for the vehicles' own failsafe to hold them."""
 
@@ -83,6 +90,7 @@ def test_airborne_vehicles_are_recovered_on_request_only(tmp_path: Path) -> None
             client.start()
             wait_until("running", SOON_S, reached(client, "running"))
             wait_until("recorded", SOON_S, lambda: is_recorded(tmp_path / "first"))
+            wait_until("formed", SOON_S, lambda: nearest_m(places_m(tmp_path)) > FORMED_M)
             process.kill()
             process.wait()
         the_record_holds_every_vehicle(tmp_path / "first", base)

@@ -241,6 +241,15 @@ def test_grounded_neighbour_counts_as_too_close() -> None:
     assert (check.state, check.value) == (State.FAIL, 2.5)
 
 
+def test_pads_that_were_far_enough_may_wander_together() -> None:
+    """Of a passed check a start does not fail because two receivers report less apart than a moment ago."""
+    nearer = {"east_m": (0.0, 2.6, 8.0)}
+    assert [vehicle for vehicle, _ in failed(known(**nearer))] == ["a"]
+    assert failed(known(**nearer, spaced=frozenset("abc"))) == []
+    moved = known(east_m=(0.0, 2.4, 8.0), spaced=frozenset("abc"))
+    assert [vehicle for vehicle, _ in failed(moved)] == ["a"]
+
+
 def test_pad_distance_depends_on_the_reported_accuracies() -> None:
     worse = replace(GOOD, horizontal_accuracy_m=np.array([0.45, 0.45, 0.05]))  # times 4 each
     found = failed(known(worse))
