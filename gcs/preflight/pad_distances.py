@@ -16,6 +16,11 @@ ROOM_TOLERANCE_M, ROOM_HYSTERESIS_M = 0.5, 0.15
 
 PLANNED_TOLERANCE_M = 0.01
 
+TO_THE_NEXT = "distance to the next"
+
+SEEN_TOLERANCE_M = 0.5
+"""Of pads that were far enough apart: two 3D fixes that stand wander by 0.27 m (1 sigma) to each other."""
+
 
 def room_to_wander(
     inputs: PreflightInputs, vehicles: Sequence[VehicleId], pattern: Pattern | None
@@ -71,7 +76,8 @@ def _nearest(place_m: Array, index: int) -> tuple[int, float]:
 def spacing(inputs: PreflightInputs, vehicles: Sequence[VehicleId]) -> dict[VehicleId, list[Check]]:
     """Check for vehicles too close to another one, flying or not, to climb beside it.
 
-    A pair that both fly is reported once, with the first of them: the second has no such check then.
+    A pair that both fly is reported once, with the first of them: the second has no such check then. One that
+    passed fails only if more is missing than receivers wander.
     """
     floor, ids = inputs.floor, list(inputs.fleet.ids)
     place_m, kept_m = inputs.fleet.position_m[:, :2], floor.kept_m(0.0)[0]
@@ -90,7 +96,8 @@ def spacing(inputs: PreflightInputs, vehicles: Sequence[VehicleId]) -> dict[Vehi
         away_m[row] = np.inf
         near_m = np.where(np.isfinite(away_m), away_m, np.inf)
         least_m = kept_m + floor.reserve_m(uncertainty_m, uncertainty_m[row])
-        too_close = np.flatnonzero(near_m < least_m).tolist()
+        slack_m = SEEN_TOLERANCE_M if name in inputs.spaced else 0.0
+        too_close = np.flatnonzero(near_m < least_m - slack_m).tolist()
         for other in too_close:
             if (other, row) in reported:
                 continue
@@ -100,11 +107,11 @@ def spacing(inputs: PreflightInputs, vehicles: Sequence[VehicleId]) -> dict[Vehi
             because, instead = _by_receiver(inputs, least_certain, float(least_m[other]))
             problem = f"stands {value_m:.1f} m from {ids[other]}, {limit} is needed{because}"
             to_do = f"move it {rounded_up(least_m[other] - value_m):.1f} m away from {ids[other]}{instead}"
-            found[name].append(Check("distance to the next", State.FAIL, value_m, "m", limit, problem, to_do))
+            found[name].append(Check(TO_THE_NEXT, State.FAIL, value_m, "m", limit, problem, to_do))
         if not too_close and np.isfinite(near_m).any():
             nearest = int(near_m.argmin())
             limit, value_m = f"at least {rounded_up(least_m[nearest]):.1f} m", float(near_m[nearest])
-            found[name].append(Check("distance to the next", State.PASS, value_m, "m", limit))
+            found[name].append(Check(TO_THE_NEXT, State.PASS, value_m, "m", limit))
     return found
 
 

@@ -40,6 +40,7 @@ class PreflightInputs:
     positioning: Positioning  # limits of reported accuracy
     settings: PreflightSettings
     roomy: frozenset[VehicleId] = frozenset()  # vehicles with enough room to wander at the last check
+    spaced: frozenset[VehicleId] = frozenset()  # vehicles far enough from the next to climb at the last check
     pads_within_m: float = np.inf  # of the origin; the autopilots' own fences are wide enough for no others
     battery_need: float | None = 0.0  # of a selected show, share of a full battery; None: not known
     speed_need_m_s: float = 0.0  # of a selected show, sideways
