@@ -4,10 +4,12 @@ Beside every vehicle a laggard is computed, which does so just fast enough:
 
     f' = (allowed - f) / late_s              the allowed velocity, late
     g' = towards f, |g'| <= LAGGARD a        a: the acceleration that the profile names
-    behind = the less of |f - measured| - |f - g| and |allowed - measured| - |allowed - g|
+    behind = the least of |f - measured| - |f - g|, |allowed - measured| - |allowed - g|,
+             and |newly - measured|: newly is the nearest of what was allowed within the last late_s
 
-So a vehicle is behind if it is farther than its laggard from both: one that answers sooner than f is nearer
-to the allowed velocity, one that answers later over its link is nearer to f.
+So a vehicle is behind if it is farther than its laggard from both, and flies nothing that was allowed lately.
+One that answers sooner than f is nearer to the allowed velocity, one that answers later over its link is
+nearer to f; and where velocities go to and fro, f has smoothed them and a vehicle that is only late has not.
 """
 
 from dataclasses import dataclass
@@ -27,6 +29,9 @@ LAGGARD, UNNAMED_M_S2 = 0.7, 3.0
 BEHIND_M_S, BEHIND_OF_ALL = 1.0, 2.0
 """Behind by more than this, and this many times the common lack of all (wind), a vehicle is too slow."""
 
+NEWLY, SPACING_S = 16, 0.1
+"""Velocities that were allowed lately, and the time from one to the next."""
+
 COUNTS_S, KEPT_S = 1.0, 30.0
 """After this time it counts, and then for that long."""
 
@@ -38,16 +43,19 @@ class Answers:
     late_m_s: Array  # (n, 3) allowed velocity that a laggard follows, NaN: not commanded
     laggard_m_s: Array  # (n, 3) its velocity, NaN: not commanded
     behind_s: Array  # (n,) how long the vehicle has been behind; from COUNTS_S on what is left of KEPT_S
+    newly_m_s: Array  # (n, NEWLY, 3) velocities allowed lately, the newest first, NaN: none
+    since_s: float = 0.0  # of the last one but the newest
 
     @staticmethod
     def none(count: int) -> "Answers":
         """Nothing is commanded yet."""
         nothing = np.full((count, 3), np.nan)
-        return Answers(nothing, nothing, np.zeros(count))
+        return Answers(nothing, nothing, np.zeros(count), np.full((count, NEWLY, 3), np.nan))
 
     def first(self, count: int) -> "Answers":
         """Of the first `count` vehicles."""
-        return Answers(self.late_m_s[:count], self.laggard_m_s[:count], self.behind_s[:count])
+        rows = self.late_m_s[:count], self.laggard_m_s[:count], self.behind_s[:count], self.newly_m_s[:count]
+        return Answers(*rows, self.since_s)
 
     @property
     def slow(self) -> Mask:
@@ -83,24 +91,31 @@ def compared(
         dt_s: since the previous tick.
         link_delay_s: one way: answers may be later by a round trip.
     """
+    late_s, since_s = LATE_S + 2.0 * link_delay_s, before.since_s + dt_s
+    newly_m_s = np.array(before.newly_m_s)
+    if since_s > SPACING_S - TINY:
+        newly_m_s[:, 1:], since_s = before.newly_m_s[:, :-1], 0.0
+    newly_m_s[:, 0] = allowed_m_s
     return Answers(
         *_compared(
             (np.array(before.late_m_s), np.array(before.laggard_m_s), np.array(before.behind_s)),
-            np.array(allowed_m_s),
+            newly_m_s,
             velocity_m_s,
             commanded,
             lack_m_s,
             slowest_m_s2(response),
             dt_s,
-            LATE_S + 2.0 * link_delay_s,
-        )
+            late_s,
+        ),
+        newly_m_s,
+        since_s,
     )
 
 
 @kernel
 def _compared(
     state: tuple[Array, Array, Array],
-    allowed_m_s: Array,
+    newly_m_s: Array,
     velocity_m_s: Array,
     commanded: Mask,
     lack_m_s: Array,
@@ -110,6 +125,7 @@ def _compared(
 ) -> tuple[Array, Array, Array]:
     """As `compared`; the arrays of the state are changed. `ramp_m_s2` (n,) is that of the laggards."""
     late_m_s, laggard_m_s, behind_s = state
+    allowed_m_s = newly_m_s[:, 0]
     common_m_s, many = np.zeros(3), 0
     for i in range(len(commanded)):
         if commanded[i]:
@@ -134,7 +150,8 @@ def _compared(
             laggard_m_s[i, k] += share * (late_m_s[i, k] - laggard_m_s[i, k])
         late_over_m_s = _apart(i, late_m_s, velocity_m_s) - (1.0 - share) * left_m_s
         over_m_s = _apart(i, allowed_m_s, velocity_m_s) - _apart(i, allowed_m_s, laggard_m_s)
-        over_m_s = min(over_m_s, late_over_m_s)
+        newly_over_m_s = _nearest(i, newly_m_s, velocity_m_s, int(late_s / SPACING_S) + 2)
+        over_m_s = min(over_m_s, late_over_m_s, newly_over_m_s)
         behind_s[i] = _next(behind_s[i], over_m_s > behind_m_s, dt_s)
     return late_m_s, laggard_m_s, behind_s
 
@@ -149,6 +166,16 @@ def _length(x: float, y: float, z: float) -> float:
 def _apart(i: int, one: Array, other: Array) -> float:
     """Distance of the rows i of (n, 3) and (n, 3)."""
     return _length(one[i, 0] - other[i, 0], one[i, 1] - other[i, 1], one[i, 2] - other[i, 2])
+
+
+@kernel
+def _nearest(i: int, newly_m_s: Array, velocity_m_s: Array, count: int) -> float:
+    """Distance of row i of (n, 3) from the nearest of the first `count` of row i of (n, k, 3)."""
+    nearest_m_s = np.inf
+    for at in range(min(count, newly_m_s.shape[1])):
+        if np.isfinite(newly_m_s[i, at, 0]):
+            nearest_m_s = min(nearest_m_s, _apart(i, newly_m_s[:, at], velocity_m_s))
+    return nearest_m_s
 
 
 @kernel

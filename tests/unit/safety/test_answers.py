@@ -69,6 +69,21 @@ def test_vehicle_that_is_faster_than_asked_is_not_slow(
     assert not known.slow.any()
 
 
+@pytest.mark.parametrize("delay_s", [0.2, 0.3, 0.4])
+@pytest.mark.parametrize("period_s", [4.0, 5.0, 7.0])
+def test_vehicle_that_is_only_late_is_not_slow_at_any_turn(delay_s: float, period_s: float) -> None:
+    """To and fro by 2.5 m/s, answered by a little more, as late as the link and the autopilot make it."""
+    known, late_s = Answers.none(1), 0.35 + 2.0 * delay_s
+    for index in range(round(40.0 / TICK_S)):
+        now_s = index * TICK_S
+        asked, flown = (
+            np.array([[size_m_s * np.sin(2.0 * np.pi * at_s / period_s), 0.0, 0.0]])
+            for size_m_s, at_s in ((2.5, now_s), (2.9, now_s - late_s))
+        )
+        known = _next(known, asked, flown, [RAMPED], np.zeros((1, 3)), delay_s)
+        assert not known.slow.any()
+
+
 def test_one_whose_parameters_say_so_is_as_expected() -> None:
     assert not after_steps([1.0], [Response(acceleration_m_s2=1.0)]).slow.any()
 
