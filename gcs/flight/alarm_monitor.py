@@ -37,6 +37,9 @@ BEFORE_ASSEMBLING: Final = frozenset({ShowPhase.COUNTDOWN, ShowPhase.PREFLIGHT, 
 POOR_LINK: Final = Limit(on=0.7, off=0.85)
 """Share of the requested position messages that arrive."""
 
+WITHIN: Final = 0.5
+"""Share of an obstacle's margins: farther inside them is too near."""
+
 CLOSE: Final = Limit(on=1.0, off=1.05)
 """Distance as a share of the minimum, in the metric in which the ellipsoid is a sphere."""
 
@@ -178,6 +181,7 @@ class AlarmMonitor:
         conditions = [
             *self._of_vehicles(findings.failsafes),
             *self._of_distances(tick),
+            *self._of_obstacles(),
             *_of_the_centre(tick),
             *of_routes(tick, self._ids(tick)),
             *self._accuracy.of_positions(findings.failsafes),
@@ -269,6 +273,24 @@ class AlarmMonitor:
         least = f"at least {floor.horizontal_m:g} m sideways or {floor.vertical_m:g} m up and down"
         for one, other, apart_m in pairs.look(tick.position_m, tick.airborne, floor):
             yield Condition(AlarmCause.TOO_CLOSE, f"{apart_m:.1f} m apart, {least}", (ids[one], ids[other]))
+
+    def _of_obstacles(self) -> Iterator[Condition]:
+        """Yield vehicles inside the margins of boxes: an operator may place these where vehicles are."""
+        flight = self.flight
+        avoidance, now_s = flight.control.law.avoidance, flight.fleet.time_s
+        if not flight.plan.obstacles or not flight.airborne:
+            return
+        ids, position_m = flight.fleet.ids, flight.fleet.position_m
+        rows = [vehicle.row for vehicle in flight.airborne]
+        consequence = "[It is|They are] led out the nearest way."
+        for box in flight.plan.obstacles:
+            half_m = np.array([box.half_length_x_m, box.half_length_y_m]) + WITHIN * avoidance.margin_m
+            away_m = np.abs(position_m[rows, :2] - box.position_m(now_s))
+            low = -position_m[rows, 2] < box.height_m + WITHIN * avoidance.headroom_m
+            for at in np.flatnonzero((away_m < half_m).all(axis=1) & low).tolist():
+                because = f"inside its margin of {avoidance.margin_m:g} m"
+                about = (ids[rows[at]],)
+                yield Condition(AlarmCause.OBSTACLE_NEAR, because, about, consequence, about=box.id)
 
     def _ids(self, tick: Tick) -> tuple[VehicleId, ...]:
         return self.flight.fleet.ids + tick.elsewhere

@@ -148,9 +148,9 @@ class CollectiveReturn:
         self._leave_closed_places()
 
     def _leave_closed_places(self) -> None:
-        """Take vehicles out of the plan when a vehicle lost meanwhile has closed their landing place."""
+        """Take vehicles out of the plan whose landing place was closed meanwhile."""
         closing, flight = self._flight.closing(), self._flight
-        if closing != self._closing:
+        if closing != self._closing or flight.plan.obstacles:
             self._closing = closing
             closed = closed_to(flight, self._places, self._home_m[: len(self._places)])
             self._left.update(flight.fleet.ids[self._places[at]] for at in np.flatnonzero(closed).tolist())

@@ -102,9 +102,6 @@ class Elsewhere(Protocol):
     def airborne_m(self) -> dict[VehicleId, tuple[Array, Array]]:
         """(3,) position and velocity of those in the air, show frame."""
 
-    def pads_m(self) -> dict[VehicleId, Array]:
-        """(3,) pads of all that have one."""
-
     def placed(self) -> Placed:
         """Those that only other stations receive, for the distances between pads."""
 

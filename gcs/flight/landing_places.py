@@ -11,7 +11,7 @@ from gcs.flight.fleet import Fleet
 from gcs.flight.vehicle import Vehicle
 from gcs.model.lifecycle import AIRBORNE, Phase
 from gcs.model.state import Array, Mask, VehicleId
-from gcs.planning.landing_sites import distinct_sites_m
+from gcs.planning.landing_sites import are_covered, distinct_sites_m
 from gcs.planning.return_paths.planner import closed_places, return_places_m
 
 
@@ -30,7 +30,7 @@ def landing_sites_m(flight: Fleet, vehicles: Sequence[Vehicle]) -> dict[VehicleI
 
 
 def homes_m(flight: Fleet, vehicles: Sequence[Vehicle]) -> Array:
-    """(n, 3) Where returning vehicles land: their pads, or the nearest places clear of lost vehicles.
+    """(n, 3) Where returning vehicles land: their pads, or the nearest clear of lost vehicles and obstacles.
 
     Every vehicle has a `home_m`. Where pads are closed this takes up to tens of milliseconds for each.
     """
@@ -67,10 +67,19 @@ def homes_of(
 
 
 def closed_to(flight: Fleet, rows: Sequence[int], place_m: Array) -> Mask:
-    """(n,) At which landing places (n, 3) of these own vehicles the space of a lost one lies by now."""
+    """(n,) At which landing places (n, 3) of these own vehicles a lost one or an obstacle is by now."""
     uncertainty_m, floor = flight.traits.uncertainty_m[list(rows)], flight.control.safety.floor
     over_m = flight.config.operation.takeoff_height_m
-    return closed_places(place_m, over_m, floor, uncertainty_m, flight.closed())
+    closed = closed_places(place_m, over_m, floor, uncertainty_m, flight.closed())
+    return closed | are_covered(place_m, ellipses_of(flight.plan, flight.control, flight.fleet.time_s))
+
+
+def is_covered(flight: Fleet, place_m: Array) -> bool:
+    """Whether an obstacle keeps a vehicle from landing at a place (3,)."""
+    if not flight.plan.obstacles:
+        return False
+    ellipses = ellipses_of(flight.plan, flight.control, flight.fleet.time_s)
+    return bool(are_covered(place_m[None], ellipses)[0])
 
 
 def is_taken(flight: Fleet, vehicle: Vehicle, place_m: Array) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 from gcs.flight.collective_return import CollectiveReturn
 from gcs.flight.descent import SLOW_S, Descent
 from gcs.flight.fleet import Fleet
-from gcs.flight.landing_places import homes_m, is_taken
+from gcs.flight.landing_places import homes_m, is_covered, is_taken, landing_sites_m
 from gcs.flight.vehicle import Vehicle
 from gcs.links import Command, Verb
 from gcs.model.errors import CommandError, RefusedError
@@ -48,6 +48,9 @@ ENGAGE_TRIES = 3
 NO_PROGRESS_S = 30.0
 """A return or landing that takes longer than this is logged for the operator."""
 
+SEARCH_AGAIN_S = 2.0
+"""While no place to land is free of obstacles, the next search is so much later."""
+
 WAY_S = 90.0
 """The same limit for returns along planned paths, on which some vehicles wait for others."""
 
@@ -57,7 +60,11 @@ def comes_down(place_m: Array, home_m: Array) -> str:
     if (place_m == home_m).all():
         return "above its start, comes down"
     away_m = float(np.hypot(*(place_m - home_m)[:2]))
-    return f"comes down {away_m:.0f} m beside its start: a lost vehicle may come down there"
+    return f"comes down {away_m:.0f} m beside its start: a lost vehicle or an obstacle is there"
+
+
+def _has_passed(time_s: float) -> bool:
+    return asyncio.get_running_loop().time() >= time_s
 
 
 class Maneuvers:
@@ -206,26 +213,40 @@ class Maneuvers:
             return
         if not await self._under_control(vehicle, Event.COME_HOME, "on its way home"):
             return
-        place_m = await self._fly_above_place(vehicle)
+        place_m = await self._fly_above_place(vehicle, self._home_m)
         vehicle.apply(Event.DESCEND, comes_down(place_m, home_m))
-        await self._descend_slowly(vehicle, place_m)
+        await self._descend_slowly(vehicle, place_m, self._home_m)
 
-    async def _fly_above_place(self, vehicle: Vehicle) -> Array:
-        """Lead a vehicle above its pad or the nearest open place, and above another when that is closed.
+    def _home_m(self, vehicle: Vehicle) -> Array:
+        """(3,) Its pad or the nearest open place, show frame."""
+        return np.asarray(homes_m(self._flight, [vehicle])[0])
+
+    def _near_m(self, vehicle: Vehicle) -> Array:
+        """(3,) The nearest open place to where it is, show frame."""
+        return landing_sites_m(self._flight, [vehicle])[vehicle.id]
+
+    async def _fly_above_place(self, vehicle: Vehicle, chosen_m: Callable[[Vehicle], Array]) -> Array:
+        """Lead a vehicle above the place that `chosen_m` returns, and above another when that is closed.
 
         Returns: (3,) that place, show frame.
         """
         flight, least_m = self._flight, self._settings.takeoff_height_m
+        loop = asyncio.get_running_loop()
         vehicle.follows_planned_path = False
         while True:
             if flight.closing():
                 await self._until(vehicle, self._may_search)
-            closing, place_m = flight.closing(), np.asarray(homes_m(flight, [vehicle])[0])
+            closing, place_m = flight.closing(), chosen_m(vehicle)
+            if self._is_covered(vehicle, place_m):
+                vehicle.goal_m = flight.position_m(vehicle).copy()
+                vehicle.reason = "waits in the air: no place to land is free of obstacles"
+                await self._until(vehicle, partial(_has_passed, loop.time() + SEARCH_AGAIN_S))
+                continue
             # sideways at its own height, but not lower than the take-off height of all
             vehicle.goal_m = above_place_m(flight.position_m(vehicle)[None], place_m[None], least_m)[0]
             ended = partial(self._above_or_closed, vehicle, place_m, closing)
             await self._until(vehicle, ended)
-            if self._above(vehicle, place_m) and not is_taken(flight, vehicle, place_m):
+            if self._above(vehicle, place_m) and not self._is_closed(vehicle, place_m):
                 return place_m
 
     def _may_search(self) -> bool:
@@ -237,8 +258,16 @@ class Maneuvers:
 
     def _above_or_closed(self, vehicle: Vehicle, place_m: Array, closing: frozenset[VehicleId]) -> bool:
         """Whether it is above its place, or that is to be chosen again: not while its position is unknown."""
-        changed = self._flight.closing() != closing or is_taken(self._flight, vehicle, place_m)
+        changed = self._flight.closing() != closing or self._is_closed(vehicle, place_m)
         return self._above(vehicle, place_m) or (changed and self._is_received(vehicle))
+
+    def _is_closed(self, vehicle: Vehicle, place_m: Array) -> bool:
+        """Whether another station's vehicle or an obstacle has come to a place (3,) since it was chosen."""
+        return is_taken(self._flight, vehicle, place_m) or is_covered(self._flight, place_m)
+
+    def _is_covered(self, vehicle: Vehicle, place_m: Array) -> bool:
+        """Whether an obstacle closes a place (3,), and another can be chosen now."""
+        return is_covered(self._flight, place_m) and self._is_received(vehicle)
 
     def _is_received(self, vehicle: Vehicle) -> bool:
         return bool(np.isfinite(self._flight.position_m(vehicle)).all())
@@ -266,7 +295,7 @@ class Maneuvers:
                 return
             place_m = collective_return.place_m(vehicle)
             vehicle.apply(Event.DESCEND, comes_down(place_m, home_m))
-            await self._descend_slowly(vehicle, place_m)
+            await self._descend_slowly(vehicle, place_m, self._home_m)
 
         return maneuver
 
@@ -290,9 +319,13 @@ class Maneuvers:
             vehicle.goal_m = np.array([place_m[0], place_m[1], self._flight.position_m(vehicle)[2]])
             await self._flight.ticked()  # until then all vehicles commanded together have begun, and count
             await self._until(
-                vehicle, lambda: self._above(vehicle, place_m) and self._flight.may_descend(vehicle)
+                vehicle,
+                lambda: (
+                    (self._above(vehicle, place_m) and self._flight.may_descend(vehicle))
+                    or self._is_covered(vehicle, place_m)
+                ),
             )
-            await self._descend_slowly(vehicle, place_m)
+            await self._descend_slowly(vehicle, place_m, self._near_m)
 
         return maneuver
 
@@ -418,11 +451,29 @@ class Maneuvers:
         vehicle.goal_m = here_m
         return True
 
-    async def _descend_slowly(self, vehicle: Vehicle, place_m: Array) -> None:
-        """Descend through the safety filter to just above the place, then have the autopilot touch down."""
-        descent = Descent(self._flight, vehicle, place_m)
-        await self._until(vehicle, descent.advance, patience_s=NO_PROGRESS_S + SLOW_S)
+    async def _descend_slowly(
+        self, vehicle: Vehicle, place_m: Array, chosen_m: Callable[[Vehicle], Array]
+    ) -> None:
+        """Descend through the safety filter to just above the place, then have the autopilot touch down.
+
+        When an obstacle comes there, it goes on to the place that `chosen_m` returns then.
+        """
+        while not await self._comes_down(vehicle, place_m):
+            log.warning("landing_place_closed", extra={"vehicle": vehicle.id})
+            place_m = await self._fly_above_place(vehicle, chosen_m)
         await self._touch_down(vehicle)
+
+    async def _comes_down(self, vehicle: Vehicle, place_m: Array) -> bool:
+        """Whether it has come down to just above the place; False: an obstacle has come there first."""
+        descent, is_low = Descent(self._flight, vehicle, place_m), False
+
+        def ended() -> bool:
+            nonlocal is_low
+            is_low = descent.advance()
+            return is_low or self._is_covered(vehicle, place_m)
+
+        await self._until(vehicle, ended, patience_s=NO_PROGRESS_S + SLOW_S)
+        return is_low
 
     async def _touch_down(self, vehicle: Vehicle) -> None:
         while vehicle.phase is Phase.LANDING:

@@ -108,16 +108,9 @@ class PlanEditor:
             raise UnknownError(f"there is no obstacle {obstacle_id}; there are {', '.join(known) or 'none'}")
 
     def _place_obstacle(self, obstacle: Obstacle) -> None:
-        flight = self.flight
-        obstacle = replace(obstacle, time_s=self.now_s())
-        comes_down_m = {} if flight.site is None else flight.site.pads_m()
-        for vehicle in self._taking_part():
-            place_m = vehicle.goal_m if vehicle.phase is Phase.LANDING else vehicle.home_m
-            if place_m is not None:
-                comes_down_m[vehicle.id] = place_m
-        self.show_player.check_obstacle(obstacle, comes_down_m)
-        others = [known for known in flight.plan.obstacles if known.id != obstacle.id]
-        self._set_obstacles([*others, obstacle])
+        """An obstacle that is there is a fact, whoever is near: it is never refused."""
+        others = [known for known in self.flight.plan.obstacles if known.id != obstacle.id]
+        self._set_obstacles([*others, replace(obstacle, time_s=self.now_s())])
 
     def _set_obstacles(self, obstacles: Sequence[Obstacle]) -> None:
         self.flight.plan = replace(self.flight.plan, obstacles=tuple(obstacles))

@@ -1,7 +1,7 @@
 """Selects shows, and updates the plan from the selected show every tick."""
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import nan
 from typing import Final
@@ -16,7 +16,7 @@ from gcs.model.errors import RefusedError
 from gcs.model.interrupted_flight import Written
 from gcs.model.lifecycle import ON_THE_GROUND, Phase, ShowPhase
 from gcs.model.plan import MAX_OBSTACLES, Obstacle, Plan, Target
-from gcs.model.state import Array, VehicleId
+from gcs.model.state import VehicleId
 from gcs.planning.feasibility import check_obstacle, check_target
 from gcs.service import SelectedShow
 from gcs.shows import Flaw, Show, ShowClock, Timeline
@@ -310,27 +310,21 @@ class ShowPlayer:
             },
         )
 
-    def check_obstacle(self, box: Obstacle, comes_down_m: Mapping[VehicleId, Array]) -> None:
-        """Check that an obstacle can stand now, clear of airborne vehicles and of places (3,) to land at.
-
-        Those of other stations count as the own. Raises: RefusedError.
-        """
+    def _in_the_way(self, box: Obstacle) -> str:
+        """Why an obstacle of the show cannot stand yet: airborne vehicles, those of other stations too."""
         flight = self.flight
         moving = {} if flight.site is None else flight.site.airborne_m()
         for vehicle in flight.airborne:
             moving[vehicle.id] = flight.position_m(vehicle), flight.fleet.velocity_m_s[vehicle.row]
-        check_obstacle(
-            box,
-            flight.control.law.avoidance,
-            {name: position_m for name, (position_m, _) in moving.items()},
-            comes_down_m,
-            velocities_m_s={name: velocity_m_s for name, (_, velocity_m_s) in moving.items()},
-            braking=flight.control.safety.braking.of_slowest(flight.traits.response),
-        )
-
-    def _in_the_way(self, box: Obstacle) -> str:
         try:
-            self.check_obstacle(box, {})
+            check_obstacle(
+                box,
+                flight.control.law.avoidance,
+                {name: position_m for name, (position_m, _) in moving.items()},
+                {},
+                velocities_m_s={name: velocity_m_s for name, (_, velocity_m_s) in moving.items()},
+                braking=flight.control.safety.braking.of_slowest(flight.traits.response),
+            )
         except RefusedError as error:
             return f"{error}; it waits"
         return ""

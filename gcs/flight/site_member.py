@@ -314,12 +314,6 @@ class SiteMember:
         rows = np.flatnonzero(others.airborne).tolist()
         return {others.ids[row]: (others.position_m[row], others.velocity_m_s[row]) for row in rows}
 
-    def pads_m(self) -> dict[VehicleId, Array]:
-        """(3,) pads of all that have one."""
-        home_m = self.site.home_m
-        rows = np.flatnonzero(np.isfinite(home_m).all(axis=1)).tolist()
-        return {self.site.ids[row]: home_m[row] for row in rows}
-
     def landing_m(self) -> Array:
         """(j, 2) where they stand on the ground, or come down."""
         if self._landing_m is None:

@@ -98,6 +98,12 @@ def open_places_m(
     return place_m
 
 
+def are_covered(place_m: Array, ellipses: Mapping[str, Ellipse]) -> Mask:
+    """(n,) At which landing places (n, 2 or 3) an obstacle keeps vehicles from landing."""
+    nearest_m = _Walls.of(ellipses).distance_m(place_m[:, :2]).min(axis=1, initial=np.inf)
+    return np.asarray(nearest_m < CLEAR_M - TINY)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Walls:
     """All ellipses at once: `Ellipse.distance_m` and `Ellipse.outward` for k of them."""

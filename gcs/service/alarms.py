@@ -56,6 +56,7 @@ class AlarmCause(StrEnum):
     STATION_LOST = "station-lost"
     RETURN_UNPLANNED = "return-unplanned"
     TARGET_STALE = "target-stale"
+    OBSTACLE_NEAR = "obstacle-near"
     OBSTACLE_WAITS = "obstacle-waits"
     NO_HEADWAY = "no-headway"
     NO_WAY = "no-way"
@@ -195,6 +196,12 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         off_after_s=0.0,
     ),
     AlarmCause.TARGET_STALE: CauseRow(C, "Live target not renewed", "Check what sends the target."),
+    AlarmCause.OBSTACLE_NEAR: CauseRow(
+        W,
+        "{vehicles} too near obstacle {about}",
+        "Check where the obstacle is. Pause the show if [it stays|they stay] there.",
+        on_after_s=0.3,
+    ),
     AlarmCause.OBSTACLE_WAITS: CauseRow(
         C, "Obstacle of the show does not stand yet", "Keep vehicles clear of it, or pause the show."
     ),

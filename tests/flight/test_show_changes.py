@@ -37,8 +37,6 @@ async def refusals(show: Show) -> dict[str, Refusal]:
     """Everything that must be turned down while four fly."""
     service, at = show.service, show.true_m[1]
     over = Obstacle("over", float(at[0]), float(at[1]), 0.5, 0.5, 30.0)
-    home_m = show.track.samples[0].true_m[2]
-    pad = Obstacle("pad", float(home_m[0]), float(home_m[1]), 0.5, 0.5, 1.0)
     requests = {
         "too small": lambda: service.plan.set_formation(Formation(2.0, HEIGHT_M)),
         "too low": lambda: service.plan.set_formation(Formation(LARGER_M, 10.0)),
@@ -47,10 +45,7 @@ async def refusals(show: Show) -> dict[str, Refusal]:
         "orbit too tight": lambda: service.plan.set_orbit(Orbit(1.0, 3.0)),
         "target too fast": lambda: service.plan.set_target(Target(0.0, 0.0, 9.0, 0.0)),
         "target too far": lambda: service.plan.set_target(Target(400.0, 0.0)),
-        "on a vehicle": lambda: service.plan.add_obstacle(over),
-        "on a pad": lambda: service.plan.add_obstacle(pad),
         "taken id": lambda: service.plan.add_obstacle(BOX),
-        "moved onto a pad": lambda: service.plan.change_obstacle(Obstacle("mast", pad.x_m, pad.y_m, 1, 1, 1)),
         "no such obstacle": lambda: service.plan.remove_obstacle("tree"),
         "changed, not there": lambda: service.plan.change_obstacle(over),
         "resume": lambda: service.commands.command_show(ShowAction.RESUME),
@@ -212,10 +207,7 @@ def test_true_separation_keeps_the_floor_during_changes(flight: Flight) -> None:
         ("orbit too tight", InvalidError, "at least 9.0 m"),
         ("target too fast", InvalidError, "at most 4 m/s"),
         ("target too far", InvalidError, "within"),
-        ("on a vehicle", RefusedError, "d2"),
-        ("on a pad", RefusedError, "landing place of"),
         ("taken id", RefusedError, "there is an obstacle mast already"),
-        ("moved onto a pad", RefusedError, "landing place of"),
         ("no such obstacle", UnknownError, "there are mast"),
         ("changed, not there", UnknownError, "no obstacle over"),
         ("resume", RefusedError, "it is from paused"),

@@ -7,7 +7,6 @@ import numpy as np
 from gcs.links import Verb
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
-from gcs.model.plan import Obstacle
 from gcs.model.state import Mode
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.vehicle.px4 import Mode as PilotMode
@@ -209,21 +208,3 @@ def test_vehicle_is_checked_again_at_its_turn_to_take_off() -> None:
     assert record.outcomes["d1"].outcome is Outcome.DONE
     assert record.outcomes["d2"].outcome is Outcome.FAILED
     assert "no position for" in record.outcomes["d2"].reason
-
-
-async def obstacle_on_a_landing_place(show: Show) -> tuple[str, int]:
-    """While all come down where they are, somebody adds a box under one of them."""
-    record = show.service.commands.command_show(ShowAction.ABORT)
-    await show.wait(2.0)
-    goal_m = show.service._flight.vehicles["d1"].goal_m
-    assert goal_m is not None
-    box = Obstacle("box", float(goal_m[0]), float(goal_m[1]), 0.5, 0.5, 1.0)
-    turned_down = await refused(show, lambda: show.service.plan.add_obstacle(box))
-    await show.settled(record, 120.0)
-    return turned_down.text, show.floor_violations()
-
-
-def test_no_obstacle_is_accepted_where_a_vehicle_lands() -> None:
-    text, violations = fly(obstacle_on_a_landing_place, show_config(2), after=running)
-    assert "would stand on the landing place of d1" in text
-    assert violations == 0

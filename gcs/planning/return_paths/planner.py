@@ -10,7 +10,7 @@ from gcs.model.errors import ShapeError
 from gcs.model.plan import Plan
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array, Mask
-from gcs.planning.landing_sites import CLEAR_M, open_places_m
+from gcs.planning.landing_sites import CLEAR_M, are_covered, open_places_m
 from gcs.planning.return_paths.candidates import (
     EACH,
     SPEED_SHARE,
@@ -326,7 +326,9 @@ def return_places_m(
     uncertainty_m: Array,
     lost: tuple[Array, Array],
 ) -> Array:
-    """Return where returning vehicles land: at home, or if a lost vehicle closes that, at the nearest place.
+    """Return where returning vehicles land: at home, or if that is closed, at the nearest place.
+
+    A lost vehicle closes a place, or an obstacle that stands on it or beside it.
 
     Args:
         home_m: (n, 3) their pads, show frame.
@@ -342,7 +344,8 @@ def return_places_m(
     Returns: (n, 3) show frame; where no place is open, home.
     """
     floor = control.safety.floor
-    closed = closed_places(home_m, over_m, floor, uncertainty_m, lost)
+    ellipses = ellipses_of(plan, control, time_s)
+    closed = closed_places(home_m, over_m, floor, uncertainty_m, lost) | are_covered(home_m, ellipses)
     if not closed.any():
         return np.array(home_m)
     space, are_free = _closed(floor, uncertainty_m, *lost), _are_free(control, plan, time_s)
@@ -352,7 +355,7 @@ def return_places_m(
         apart_m = _way_down_apart_m(place_m, over_m, space)
         return np.asarray((apart_m >= 0.0) & are_free(place_m) & are_free(above_m))
 
-    return open_places_m(home_m, closed, taken_m, spacing_m, ellipses_of(plan, control, time_s), are_open)
+    return open_places_m(home_m, closed, taken_m, spacing_m, ellipses, are_open)
 
 
 def closed_places(

@@ -1388,7 +1388,7 @@ export interface components {
          * @description Cause of an alarm.
          * @enum {string}
          */
-        AlarmCause: "killed" | "terminated" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "land-now" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "obstacle-waits" | "no-headway" | "no-way" | "radius-small" | "uncertain-position" | "little-authority" | "slow-vehicle" | "slow-answers" | "height-differs" | "corrections-stopped" | "timecode" | "clock-doubtful" | "poor-link" | "no-heartbeat" | "input-flooded" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
+        AlarmCause: "killed" | "terminated" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "land-now" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "obstacle-near" | "obstacle-waits" | "no-headway" | "no-way" | "radius-small" | "uncertain-position" | "little-authority" | "slow-vehicle" | "slow-answers" | "height-differs" | "corrections-stopped" | "timecode" | "clock-doubtful" | "poor-link" | "no-heartbeat" | "input-flooded" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
         /**
          * AlarmList
          * @description All alarms, and the overall severity.
