@@ -345,7 +345,7 @@ export interface paths {
         put?: never;
         /**
          * Add an obstacle
-         * @description Refused if its id is taken, or if it would contain an airborne vehicle or be too close ahead of one.
+         * @description Refused if its id is taken; never because vehicles are near: these are led out of its margin.
          */
         post: operations["add_obstacle"];
         delete?: never;
@@ -368,7 +368,7 @@ export interface paths {
         get: operations["get_obstacle"];
         /**
          * Move or resize an obstacle
-         * @description Replaces the box of this id. Refused when it would contain a vehicle or be too close ahead of one.
+         * @description Replaces the box of this id; never refused because vehicles are near: these are led out of its margin.
          */
         put: operations["change_obstacle"];
         post?: never;
