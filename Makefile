@@ -44,7 +44,7 @@ FLOWN := -o cache_dir=.pytest_cache/flown -m "realtime and not soak" \
 # the second run at once. docs/testing.md
 flown: .venv/ready console
 	@rm -rf .pytest_cache/flown
-	$(BIN)/pytest $(FLOWN) -n 3 --no-loadscope-reorder || { [ $$? = 1 ] && echo "Again, one by one:" && \
+	$(BIN)/pytest $(FLOWN) -n 2 --no-loadscope-reorder || { [ $$? = 1 ] && echo "Again, one by one:" && \
 	  $(BIN)/pytest $(FLOWN) -n 0 --again --exitfirst; }
 
 soak: ready compiled  ## what only endurance shows: twenty kills, long floods, the whole demo, ten times the examples
