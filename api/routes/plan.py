@@ -107,7 +107,7 @@ async def get_obstacle(obstacle_id: ObstacleId, context: ContextDep) -> Obstacle
     "/obstacles", tags=["obstacles"], summary="Add an obstacle", **command(status=HTTPStatus.CREATED)
 )
 async def add_obstacle(body: requests.ObstaclePost, context: ContextDep, response: Response) -> Obstacle:
-    """Refused if its id is taken; never because vehicles are near: these are led out of its margin."""
+    """Refused if its id is taken; never because vehicles are near: they are led out of it."""
     box = convert.obstacle_desired(body, body.id or context.new_obstacle_id(), context.now_s())
     context.service.plan.add_obstacle(box)
     response.headers["Location"] = f"/api/v1/obstacles/{box.id}"
@@ -120,7 +120,7 @@ async def add_obstacle(body: requests.ObstaclePost, context: ContextDep, respons
 async def change_obstacle(
     obstacle_id: ObstacleId, body: requests.ObstaclePut, context: ContextDep
 ) -> Obstacle:
-    """Replaces the box of this id; never refused because vehicles are near: these are led out of its margin."""
+    """Replaces the box of this id; never refused because vehicles are near: they are led out of it."""
     if body.id and body.id != obstacle_id:
         raise InvalidError("id", body.id, f"{obstacle_id!r}, as in the path, or absent")
     box = convert.obstacle_desired(body, obstacle_id, context.now_s())

@@ -157,6 +157,7 @@ class PreflightGate:
         checks = self._alone(self._inputs(), [vehicle_id])[vehicle_id]
         if text := describe((vehicle_id, check) for check in checks):
             raise RefusedError(text)
+        self._check_obstacles([vehicle_id])  # one may have come to its pad since the start
 
     def _need_show(
         self, chosen: Sequence[VehicleId], show_hash: str | None, desired: Sequence[VehicleId] | None

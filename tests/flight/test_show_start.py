@@ -9,7 +9,7 @@ import pytest
 from gcs.model.errors import GcsError, InvalidError, RefusedError, UnknownError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Obstacle
-from gcs.model.state import Mode
+from gcs.model.state import Array, Mode
 from gcs.planning.landing_sites import column_m, overlapping
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.vehicle.px4 import Quirks
@@ -219,7 +219,6 @@ def test_show_in_which_no_vehicle_climbs_is_over() -> None:
 
 class Arming(NamedTuple):
     too_small: Refusal
-    on_a_pad: Refusal
     held: CommandRecord
     phase: Phase
 
@@ -229,12 +228,9 @@ async def changes_on_the_way_up(show: Show) -> Arming:
     await show.standby()
     show.service.commands.command_show(ShowAction.START)
     await show.phase("d1", Phase.TAKEOFF)
-    pad_m = show.true_m[3]
-    crate = Obstacle("crate", float(pad_m[0]), float(pad_m[1]), 0.5, 0.5, 1.0)
     too_small = await refused(show, lambda: show.service.plan.set_formation(Formation(2.0, 14.0)))
-    on_a_pad = await refused(show, lambda: show.service.plan.add_obstacle(crate))
     held = await show.command("d1", VehicleAction.HOLD)
-    return Arming(too_small, on_a_pad, held, show.vehicle("d1").phase)
+    return Arming(too_small, held, show.vehicle("d1").phase)
 
 
 @pytest.fixture(scope="module")
@@ -247,14 +243,28 @@ def test_waiting_vehicles_count_for_the_smallest_radius(arming: Arming) -> None:
     assert "for 4 vehicles" in arming.too_small.text
 
 
-def test_pad_of_a_waiting_vehicle_is_kept_free(arming: Arming) -> None:
-    assert arming.on_a_pad.kind is RefusedError
-    assert "d4" in arming.on_a_pad.text
-
-
 def test_a_climb_can_be_stopped_in_hold(arming: Arming) -> None:
     assert arming.held.outcome is Outcome.DONE
     assert arming.phase is Phase.HOLD
+
+
+async def crate_on_a_waiting_pad(show: Show) -> tuple[CommandRecord, Array]:
+    """It comes while the first climbs, beside the third's pad and onto that of the last."""
+    await show.standby()
+    record = show.service.commands.command_show(ShowAction.START)
+    await show.phase("d1", Phase.TAKEOFF)
+    pad_m = show.true_m[3]
+    show.service.plan.add_obstacle(Obstacle("crate", float(pad_m[0]), float(pad_m[1]), 0.5, 0.5, 1.0))
+    await show.reach(ShowPhase.RUNNING, 90.0)
+    return show.service.command_log.get(record.id), show.true_m
+
+
+def test_vehicle_under_an_obstacle_does_not_take_off() -> None:
+    record, true_m = fly(crate_on_a_waiting_pad, show_config(4))
+    assert record.outcomes["d4"].outcome is Outcome.FAILED
+    assert "obstacle crate would stand on the landing place of d4" in record.outcomes["d4"].reason
+    assert [record.outcomes[name].outcome for name in ("d1", "d2")] == [Outcome.DONE] * 2
+    assert -true_m[3, 2] < 0.5
 
 
 async def above_each_other(show: Show) -> tuple[str, int, list[str]]:

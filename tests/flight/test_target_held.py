@@ -55,10 +55,10 @@ async def story(show: Show) -> Flight:
     await show.until(lambda: float(np.hypot(*(center_m(show)[:2] - TARGET_M))) < 1.0, 60.0)
     await show.wait(3.0)
     back_off_m = float(np.hypot(*(center_m(show)[:2] - TARGET_M)))
-    wanted_m = show.view.plan.formation.radius_m
-    error_m = float(np.abs(radius_m - wanted_m).max())
+    desired_m = show.view.plan.formation.radius_m
+    error_m = float(np.abs(radius_m - desired_m).max())
     went_m = along_m, back_off_m
-    shape_m = wanted_m, error_m
+    shape_m = desired_m, error_m
     return Flight(named_after_s, reported, there_m, speed_m_s, *shape_m, *went_m, show.floor_violations())
 
 

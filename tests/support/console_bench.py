@@ -112,7 +112,7 @@ def browser() -> Iterator[Browser]:
     with sync_playwright() as playwright:
         found = chromium()
         assert found is not None
-        environment = {**os.environ, "CHROMIUM": found}
+        environment: dict[str, str | float | bool] = {**os.environ, "CHROMIUM": found}
         started = playwright.chromium.launch(executable_path=QUIET, args=list(FLAGS), env=environment)
         try:
             yield started

@@ -32,7 +32,7 @@ def test_what_a_vehicle_errs_is_that_of_the_window() -> None:
     assert reported_off_m(account, WINDOW, truth, IDS) == pytest.approx(OFF_M)
 
 
-def test_a_vehicle_that_reported_nothing_has_the_height_of_its_kind() -> None:
+def test_a_vehicle_that_reported_nothing_has_its_kinds_height() -> None:
     account, truth = flown()
     for known in account.reported:
         del known["d1"]

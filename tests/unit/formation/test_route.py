@@ -139,7 +139,7 @@ def test_corners_are_passed_over_once_the_next_is_in_sight() -> None:
 STILL = np.zeros(2)
 
 
-def test_places_beside_a_box_begin_with_the_nearest_and_lie_outside() -> None:
+def test_places_beside_a_box_lie_outside_the_nearest_first() -> None:
     boxes = scene(box(10.0, 0.0, 5.0, 20.0))
     places_m, goes_m_s = boxes.free_places(np.array([8.0, 1.0]), STILL, REACH_M)
     assert places_m[0] == pytest.approx((5.0 - SPARE_M, 1.0))

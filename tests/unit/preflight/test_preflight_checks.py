@@ -243,10 +243,10 @@ def test_grounded_neighbour_counts_as_too_close() -> None:
 
 def test_pads_that_were_far_enough_may_wander_together() -> None:
     """Of a passed check a start does not fail because two receivers report less apart than a moment ago."""
-    nearer = {"east_m": (0.0, 2.6, 8.0)}
-    assert [vehicle for vehicle, _ in failed(known(**nearer))] == ["a"]
-    assert failed(known(**nearer, spaced=frozenset("abc"))) == []
-    moved = known(east_m=(0.0, 2.4, 8.0), spaced=frozenset("abc"))
+    nearer_m, spaced = (0.0, 2.6, 8.0), frozenset("abc")
+    assert [vehicle for vehicle, _ in failed(known(east_m=nearer_m))] == ["a"]
+    assert failed(known(east_m=nearer_m, spaced=spaced)) == []
+    moved = known(east_m=(0.0, 2.4, 8.0), spaced=spaced)
     assert [vehicle for vehicle, _ in failed(moved)] == ["a"]
 
 

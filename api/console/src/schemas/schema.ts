@@ -345,7 +345,7 @@ export interface paths {
         put?: never;
         /**
          * Add an obstacle
-         * @description Refused if its id is taken; never because vehicles are near: these are led out of its margin.
+         * @description Refused if its id is taken; never because vehicles are near: they are led out of it.
          */
         post: operations["add_obstacle"];
         delete?: never;
@@ -368,7 +368,7 @@ export interface paths {
         get: operations["get_obstacle"];
         /**
          * Move or resize an obstacle
-         * @description Replaces the box of this id; never refused because vehicles are near: these are led out of its margin.
+         * @description Replaces the box of this id; never refused because vehicles are near: they are led out of it.
          */
         put: operations["change_obstacle"];
         post?: never;
