@@ -12,7 +12,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from gcs.model.errors import GcsError, RefusedError
+from gcs.model.errors import GcsError
 from gcs.model.plan import LawName, Obstacle
 from gcs.shows.formats import write_drawing
 from tests.sitl.sitl_flight import SitlFlight
@@ -27,6 +27,9 @@ STALL_S = 4.0
 STALLS_S = (1.0, 2.0, 4.0, 10.0)
 NAMED_WITHIN_S = 15.0
 """PX4 holds for COM_FAIL_ACT_T, 5 s, before most of its failsafes."""
+
+AHEAD_M = 32.0
+"""Of the centre: far enough for the vehicles in front to stop before the mast."""
 
 DRAWN_S, DRAWN_SPACING_M, CHECKED_S = 60.0, 3.5, 180.0
 
@@ -56,16 +59,29 @@ def radius(flight: SitlFlight) -> None:
     flight.judge_steady("radius")
 
 
-def laws(flight: SitlFlight) -> None:
-    """Each law in turn, then the first one again."""
-    first = flight.client.formation().law
-    for law in (*(each for each in LawName if each != first), first):
-        flight.client.change_formation(law=law)
-        flight.say(f"law {law}")
-        flight.reach("running", flight.pace.formed_s)
-        if law != first:
-            time.sleep(flight.pace.steady_s)  # the article's law takes longer to its shape
-            flight.judge_steady(f"law_{law}")
+def law_slots(flight: SitlFlight) -> None:
+    """Start under the law of the configurations."""
+    _under(flight, LawName.SLOTS)
+
+
+def law_article(flight: SitlFlight) -> None:
+    """Start under the law as the article prints it."""
+    _under(flight, LawName.ARTICLE)
+
+
+def law_neighbours(flight: SitlFlight) -> None:
+    """Start under the law that knows the neighbours only."""
+    _under(flight, LawName.NEIGHBOURS)
+
+
+def _under(flight: SitlFlight, law: LawName) -> None:
+    """Choose the law, which only the ground allows, start, and judge the shape."""
+    flight.client.change_formation(law=law)
+    flight.say(f"law {law}")
+    flight.started()
+    _in_formation(flight)
+    time.sleep(flight.pace.steady_s)  # the article's law takes longer to its shape
+    flight.judge_steady(f"law_{law}")
 
 
 def orbit(flight: SitlFlight) -> None:
@@ -84,26 +100,19 @@ def obstacle(flight: SitlFlight) -> None:
     course = np.array([center.vx_m_s, center.vy_m_s], dtype=np.float64)
     course /= max(float(np.linalg.norm(course)), 1e-3)
     here_m = np.array([center.x_m, center.y_m], dtype=np.float64)
-    for ahead_m in (28.0, 32.0, 36.0, 40.0):
-        x_m, y_m = (here_m + ahead_m * course).round(1).tolist()
-        box = Obstacle("mast", x_m, y_m, 1.5, 1.5, 45.0)
-        try:
-            flight.client.add_obstacle(
-                x_m=x_m,
-                y_m=y_m,
-                half_length_x_m=box.half_length_x_m,
-                half_length_y_m=box.half_length_y_m,
-                height_m=box.height_m,
-                obstacle_id=box.id,
-            )
-        except RefusedError as refusal:
-            flight.say(f"obstacle: {refusal}")
-            continue
-        flight.account.obstacle, flight.account.obstacle_s = box, (time.monotonic(), np.inf)
-        flight.say(f"a mast stands at ({x_m:g}, {y_m:g}) m")
-        time.sleep(flight.pace.orbit_s)
-        return
-    raise ServiceError("no place for the obstacle was accepted")
+    x_m, y_m = (here_m + AHEAD_M * course).round(1).tolist()
+    box = Obstacle("mast", x_m, y_m, 1.5, 1.5, 45.0)
+    flight.client.add_obstacle(
+        x_m=x_m,
+        y_m=y_m,
+        half_length_x_m=box.half_length_x_m,
+        half_length_y_m=box.half_length_y_m,
+        height_m=box.height_m,
+        obstacle_id=box.id,
+    )
+    flight.account.obstacle, flight.account.obstacle_s = box, (time.monotonic(), np.inf)
+    flight.say(f"a mast stands at ({x_m:g}, {y_m:g}) m")
+    time.sleep(flight.pace.orbit_s)
 
 
 def paused(flight: SitlFlight) -> None:
@@ -265,9 +274,11 @@ STORIES: dict[str, Story] = {
     "whole": [[assembled, radius, orbit, obstacle, paused, vehicle_killed, stall, service_killed]],
     "long": [
         [assembled, radius, orbit, obstacle, paused, vehicle_killed, stall, service_killed],
-        [vehicle_restarted, started_under_stall, laws, stalls, estimator_reset, returned_under_stall],
+        [vehicle_restarted, started_under_stall, stalls, estimator_reset, returned_under_stall],
+        [law_article],
+        [law_neighbours],
         [drawn],
-        [assembled, gps_lost, battery_low],
+        [law_slots, gps_lost, battery_low],
     ],
 }
 TWO_STATIONS: Story = [[assembled, radius, lead_killed]]

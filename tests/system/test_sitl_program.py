@@ -122,12 +122,14 @@ def test_a_tree_that_looks_like_ardupilots_passes(
 
 @pytest.mark.soak
 def test_the_long_story_names_what_is_not_flown(tmp_path: Path) -> None:
-    """Everything that the fake fleet can do, over four sorties."""
+    """Everything that the fake fleet can do, over six sorties."""
     options = ["--fake", "--vehicles", "6", "--story", "long", "--keep", str(tmp_path)]
     code, figures, printed = flown(*options, *ports({}))
     assert code == 0, printed
     assert figures["not_flown"] == {}
-    assert {"laws", "stalls", "drawn", "gps_lost", "battery_low", "estimator_reset"} <= set(figures["flown"])
+    laws = {"law_slots", "law_article", "law_neighbours"}
+    faults = {"stalls", "gps_lost", "battery_low", "estimator_reset"}
+    assert {"drawn", *laws, *faults} <= set(figures["flown"])
     assert (figures["landed"], figures["lost"]) == (6, [])
 
 
