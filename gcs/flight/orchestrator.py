@@ -140,7 +140,8 @@ class Orchestrator:
         self.replaying = None
         self.audit: Audit = NoAudit() if record is None else record.audit
         self.events = EventLog()
-        self.shows = ShowLibrary(None if config.shows is None else config.shows.folder)
+        take_off = config.operation.takeoff_height_m, config.operation.takeoff_stagger_s
+        self.shows = ShowLibrary(None if config.shows is None else config.shows.folder, take_off)
         reading = reading or self._planning
         player = None if member is None else SiteShowPlayer(flight, self.shows, member, reading)
         self.player = player or ShowPlayer(flight, self.shows)

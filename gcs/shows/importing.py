@@ -81,6 +81,12 @@ def show_text(
     return "\n".join(lines) + "\n"
 
 
+def with_take_off(text: bytes, height_m: float, stagger_s: float) -> bytes:
+    """Return a show file of `show_text` with a station's own take-off: a drawing has none to be flown."""
+    own = f"\nfleet:\n  takeoff_height_m: {height_m:g}\n  takeoff_stagger_s: {stagger_s:g}\n"
+    return text.replace(b"\nfleet:\n", own.encode(), 1)
+
+
 def _cut(drawing: DrawnShow) -> list[tuple[float, str]]:
     """Return times of the drawing with the name of what begins then; at the last one it ends."""
     from_s, to_s = flown_s(drawing)

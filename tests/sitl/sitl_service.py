@@ -34,7 +34,10 @@ class Service:
         self.config = config
         self.folder = folder
         self._file = folder / "sitl.yaml"
-        raw = config.model_dump(mode="json") | {"record": {"folder": str(folder)}}
+        shows = folder / "shows"
+        shows.mkdir(exist_ok=True)
+        kept = {"record": {"folder": str(folder)}, "shows": {"folder": str(shows)}}
+        raw = config.model_dump(mode="json") | kept
         self._file.write_text(yaml.safe_dump(raw), encoding="utf-8")
         self.stations = [station.name for station in config.stations] or [""]
         self._processes: dict[str, subprocess.Popen[str]] = {}

@@ -15,6 +15,7 @@ from gcs.shows import stored_drawings
 from gcs.shows.formats import parse_drawing
 from gcs.shows.importing import show_text
 from gcs.shows.library import ShowLibrary
+from gcs.shows.loading import load
 
 GIVEN = shipped_folder() / "shows" / "drawn-30.skyc"
 
@@ -62,6 +63,14 @@ def test_a_drawn_show_is_kept_and_listed(library: ShowLibrary, tmp_path: Path) -
     assert done(library.list_shows()) == [stored]
     assert (tmp_path / "shows" / "night.skyc").read_bytes() == GIVEN.read_bytes()
     assert done(library.drawn_file("night")) == tmp_path / "shows" / "night.yaml"
+
+
+def test_a_drawing_gets_the_take_off_of_the_station(tmp_path: Path) -> None:
+    """An imported drawing was refused by stations that do not take off at 5 m, one a second."""
+    library = ShowLibrary(tmp_path / "shows", (8.0, 2.5))
+    done(library.store_drawn("night", TEXT, GIVEN))
+    fleet = load(tmp_path / "shows" / "night.yaml").show.fleet
+    assert (fleet.takeoff_height_m, fleet.takeoff_stagger_s) == (8.0, 2.5)
 
 
 def test_a_drawing_goes_with_the_last_show_of_it(library: ShowLibrary, tmp_path: Path) -> None:
