@@ -14,6 +14,7 @@ class Knot:
 
 
 def test_cycles_made_in_a_tick_are_freed_after_it_and_not_before() -> None:
+    gc.enable()  # a flight that another test has led somewhere, and that stands still, keeps it disabled
     with garbage_between_ticks() as collect:
         collect(0.0)
         knots = [weakref.ref(Knot()) for _ in range(gc.get_threshold()[0] * 2)]
