@@ -52,6 +52,9 @@ CONFIG = "px4-sitl"
 PADS_M = PAD_SPACING_M
 """What the shipped configuration for PX4 SITL is made for."""
 
+LONG_PADS_M = PAD_SPACING_M + 1.0
+"""With a 3D fix vehicles land up to a metre beside their pads, and the long story starts them from there."""
+
 VEHICLES_MAX = 10
 """From instance 10 on every PX4 sends to port 14549."""
 
@@ -86,7 +89,8 @@ def _parser() -> argparse.ArgumentParser:
     add("--transport", choices=transports, default="mavsdk", help="of the service; mavsdk")
     add("--stations", type=int, choices=(1, 2), default=1, help="2: their own story")
     add("--story", choices=tuple(sitl_chapters.STORIES), default="whole", help="what is flown; whole")
-    add("--spacing", type=float, default=PADS_M, metavar="M", help=f"between pads; {PADS_M:g}")
+    spacing = f"between pads; {PADS_M:g}, with --story long {LONG_PADS_M:g}"
+    add("--spacing", type=float, metavar="M", help=spacing)
     add("--quick", action="store_true", help="shorter steady windows")
     add("--any-machine", action="store_true", help="failsafes against a slow machine are off, as with --fake")
     add("--port-base", type=int, default=STATION_PORT, metavar="P", help="PX4 itself sends to the default")
@@ -102,7 +106,7 @@ def _run(given: argparse.Namespace, folder: Path) -> int:
     lost = given.vehicles - 1
     frame = configuration.load(configuration.find(CONFIG)).frame
     try:
-        simulators = _simulators(given, Pads(frame, given.vehicles, given.spacing), folder, lost)
+        simulators = _simulators(given, Pads(frame, given.vehicles, _spacing_m(given)), folder, lost)
         config = make_config(given, simulators.kinds)
         if isinstance(simulators, FakeFleet):
             simulators.kept = parameter_options(settings_of(config, given.version))
@@ -192,6 +196,12 @@ def _alone(kind: str, raw: dict[str, Any]) -> WithoutSetpoints:
     return AUTOPILOTS[kind].without_setpoints(
         operation["setpoint_loss_action"], operation["setpoint_loss_s"], {}
     )
+
+
+def _spacing_m(given: argparse.Namespace) -> float:
+    if given.spacing is not None:
+        return float(given.spacing)
+    return LONG_PADS_M if given.story == "long" else PADS_M
 
 
 def _simulators(given: argparse.Namespace, pads: Pads, folder: Path, lost: int) -> Simulators:
