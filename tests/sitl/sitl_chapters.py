@@ -273,11 +273,11 @@ STORIES: dict[str, Story] = {
     "short": [[assembled]],
     "whole": [[assembled, radius, orbit, obstacle, paused, vehicle_killed, stall, service_killed]],
     "long": [
-        [drawn],
         [assembled, radius, orbit, obstacle, paused, vehicle_killed, stall, service_killed],
         [vehicle_restarted, started_under_stall, stalls, estimator_reset, returned_under_stall],
         [law_article],
         [law_neighbours],
+        [drawn],  # after the restart: it may exchange pads, and a restarted instance stands on its own
         [law_slots, gps_lost, battery_low],
     ],
 }
