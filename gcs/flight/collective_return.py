@@ -148,7 +148,7 @@ class CollectiveReturn:
         self._leave_closed_places()
 
     def _leave_closed_places(self) -> None:
-        """Take vehicles out of the plan whose landing place was closed meanwhile."""
+        """Take vehicles out of the plan when their landing place was closed meanwhile."""
         closing, flight = self._flight.closing(), self._flight
         if closing != self._closing or flight.plan.obstacles:
             self._closing = closing

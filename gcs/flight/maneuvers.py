@@ -33,7 +33,7 @@ UP_SHARE, ENDED_SHARE = 0.85, 0.6
 """Share of the commanded height: sufficient in any case; enough once the autopilot has ended its climb."""
 
 SEARCHES_A_TICK = 2
-"""Landing places that are chosen in one tick while lost vehicles close some: each takes up to 20 ms."""
+"""Landing places that are chosen in one tick while some are closed: each takes up to 20 ms."""
 
 EARLY_S = 0.05
 """Two take-offs may be closer than the stagger by this time: their timers are not exact."""
@@ -48,11 +48,11 @@ ENGAGE_TRIES = 3
 NO_PROGRESS_S = 30.0
 """A return or landing that takes longer than this is logged for the operator."""
 
-SEARCH_AGAIN_S = 2.0
-"""While no place to land is free of obstacles, the next search is so much later."""
-
 WAY_S = 90.0
 """The same limit for returns along planned paths, on which some vehicles wait for others."""
+
+SEARCH_AGAIN_S = 2.0
+"""While no place to land is free of obstacles, the next search is so much later."""
 
 
 def comes_down(place_m: Array, home_m: Array) -> str:
@@ -234,7 +234,7 @@ class Maneuvers:
         loop = asyncio.get_running_loop()
         vehicle.follows_planned_path = False
         while True:
-            if flight.closing():
+            if flight.closing() or (vehicle.home_m is not None and is_covered(flight, vehicle.home_m)):
                 await self._until(vehicle, self._may_search)
             closing, place_m = flight.closing(), chosen_m(vehicle)
             if self._is_covered(vehicle, place_m):

@@ -22,7 +22,7 @@ from gcs.planning.landing_sites import column_m, describe_columns, most_overlapp
 from gcs.planning.loss_times import APART_MAX_S, check_loss_times
 from gcs.planning.setpoint_loss import PREDICTED_MAX, check_setpoint_loss, formation_m
 from gcs.preflight.fleet import Pattern, Stand, standing
-from gcs.preflight.pad_distances import TO_THE_NEXT, room_to_wander, spacing
+from gcs.preflight.pad_distances import room_to_wander, spacing
 from gcs.preflight.vehicles import PreflightInputs, fix_words, own_checks
 from gcs.service import CALLER, CommandRecord
 
@@ -68,8 +68,7 @@ class PreflightGate:
     parameter_reader: ParameterReader
     show_player: ShowPlayer
     _last: tuple[float, Question, PreflightReport] | None = None  # the newest report, and its time
-    _roomy: frozenset[VehicleId] = frozenset()  # see `gcs.preflight.room_to_wander`
-    _spaced: frozenset[VehicleId] = frozenset()  # see `gcs.preflight.pad_distances.spacing`
+    _passed: frozenset[tuple[VehicleId, str]] = frozenset()  # vehicles and checks, of the newest report
 
     @with_alternative
     def report(self, vehicles: Sequence[VehicleId] | None = None) -> PreflightReport:
@@ -170,20 +169,16 @@ class PreflightGate:
         """Inspect the vehicles that are to fly together, and each of all vehicles alone."""
         inputs = self._inputs()
         alone = self._alone(inputs, list(self.flight.vehicles))
-        apart = {
-            name: [each for each in checks if each.name == TO_THE_NEXT] for name, checks in alone.items()
-        }
-        self._spaced = frozenset(
-            name for name, found in apart.items() if found and all(c.passes for c in found)
-        )
         pattern = self._pattern()
         stand = standing(inputs, chosen, pattern)
         room = room_to_wander(inputs, chosen, pattern)
-        self._roomy = frozenset(name for name, check in room.items() if check.passes)
         for name, check in room.items():
             alone[name].append(check)
         for name, checks in stand.of.items():
             alone[name] += checks
+        self._passed = frozenset(
+            (name, each.name) for name, checks in alone.items() for each in checks if each.passes
+        )
         operation, settings = self.flight.config.operation, self.flight.config.preflight
         unlooked = {
             "parameters, speed limits, own fence: operation.require_parameters is false": (
@@ -231,8 +226,7 @@ class PreflightGate:
             fence=flight.control.safety.fence,
             positioning=flight.config.positioning,
             settings=flight.config.preflight,
-            roomy=self._roomy,
-            spaced=self._spaced,
+            passed=self._passed,
             pads_within_m=operation.pads_within_m if operation.require_parameters else np.inf,
             battery_need=0.0 if show is None else None if found is None else found.battery_need,
             speed_need_m_s=0.0 if found is None else found.speed_max_m_s,

@@ -16,10 +16,12 @@ ROOM_TOLERANCE_M, ROOM_HYSTERESIS_M = 0.5, 0.15
 
 PLANNED_TOLERANCE_M = 0.01
 
-TO_THE_NEXT = "distance to the next"
+WANDER_TOLERANCE_M = 0.5
+"""Two 3D fixes that stand wander by 0.27 m (1 sigma, east) to each other. A distance that has passed fails
+only when more is missing.
+"""
 
-SEEN_TOLERANCE_M = 0.5
-"""Of pads that were far enough apart: two 3D fixes that stand wander by 0.27 m (1 sigma) to each other."""
+TO_THE_NEXT, ROOM = "distance to the next", "room to wander"
 
 
 def room_to_wander(
@@ -37,7 +39,7 @@ def room_to_wander(
     measured_m, planned_m = inputs.fleet.position_m[at, :2], _planned_m(vehicles, pattern)
     needed_m, found = least_m + 2.0 * wander_m, {}
     for index, name in enumerate(vehicles):
-        slack_m = ROOM_TOLERANCE_M + (ROOM_HYSTERESIS_M if name in inputs.roomy else 0.0)
+        slack_m = ROOM_TOLERANCE_M + (ROOM_HYSTERESIS_M if (name, ROOM) in inputs.passed else 0.0)
         nearest, apart_m = _nearest(measured_m, index)
         beside = f"stands {apart_m:.1f} m from {vehicles[nearest]}"
         good, (next_m, pads_m) = apart_m >= needed_m - slack_m, _nearest(planned_m, index)
@@ -51,7 +53,7 @@ def room_to_wander(
         may_be = f"while their autopilots climb and hold, each may be {wander_m:g} m off its place"
         to_do = f"set the pads at least {needed_m:g} m apart; preflight.wander_m says how far they wander"
         problem = f"{beside}: {may_be}, {left}"
-        found[name] = judged("room to wander", apart_m, "m", limit, problem, to_do, good=good)
+        found[name] = judged(ROOM, apart_m, "m", limit, problem, to_do, good=good)
     return found
 
 
@@ -96,7 +98,7 @@ def spacing(inputs: PreflightInputs, vehicles: Sequence[VehicleId]) -> dict[Vehi
         away_m[row] = np.inf
         near_m = np.where(np.isfinite(away_m), away_m, np.inf)
         least_m = kept_m + floor.reserve_m(uncertainty_m, uncertainty_m[row])
-        slack_m = SEEN_TOLERANCE_M if name in inputs.spaced else 0.0
+        slack_m = WANDER_TOLERANCE_M if (name, TO_THE_NEXT) in inputs.passed else 0.0
         too_close = np.flatnonzero(near_m < least_m - slack_m).tolist()
         for other in too_close:
             if (other, row) in reported:

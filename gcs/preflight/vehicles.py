@@ -39,8 +39,7 @@ class PreflightInputs:
     fence: Fence  # pads beyond its distance are not at the show's site
     positioning: Positioning  # limits of reported accuracy
     settings: PreflightSettings
-    roomy: frozenset[VehicleId] = frozenset()  # vehicles with enough room to wander at the last check
-    spaced: frozenset[VehicleId] = frozenset()  # vehicles far enough from the next to climb at the last check
+    passed: frozenset[tuple[VehicleId, str]] = frozenset()  # vehicles, and checks that they passed before
     pads_within_m: float = np.inf  # of the origin; the autopilots' own fences are wide enough for no others
     battery_need: float | None = 0.0  # of a selected show, share of a full battery; None: not known
     speed_need_m_s: float = 0.0  # of a selected show, sideways

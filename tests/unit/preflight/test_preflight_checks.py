@@ -12,7 +12,7 @@ from gcs.estimation.positioning import Positioning
 from gcs.model.preflight_report import Check, State, describe
 from gcs.model.state import Array, FleetState, Landed, Mode, Telemetry
 from gcs.preflight.fleet import Pattern, standing
-from gcs.preflight.pad_distances import spacing
+from gcs.preflight.pad_distances import TO_THE_NEXT, spacing
 from gcs.preflight.vehicles import PAD_HEIGHT_MAX_M, PreflightInputs, own_checks
 from gcs.safety.separation import Floor
 from gcs.safety.walls import Fence
@@ -243,10 +243,10 @@ def test_grounded_neighbour_counts_as_too_close() -> None:
 
 def test_pads_that_were_far_enough_may_wander_together() -> None:
     """Of a passed check a start does not fail because two receivers report less apart than a moment ago."""
-    nearer_m, spaced = (0.0, 2.6, 8.0), frozenset("abc")
+    nearer_m, passed = (0.0, 2.6, 8.0), frozenset((name, TO_THE_NEXT) for name in "abc")
     assert [vehicle for vehicle, _ in failed(known(east_m=nearer_m))] == ["a"]
-    assert failed(known(east_m=nearer_m, spaced=spaced)) == []
-    moved = known(east_m=(0.0, 2.4, 8.0), spaced=spaced)
+    assert failed(known(east_m=nearer_m, passed=passed)) == []
+    moved = known(east_m=(0.0, 2.4, 8.0), passed=passed)
     assert [vehicle for vehicle, _ in failed(moved)] == ["a"]
 
 
