@@ -17,12 +17,11 @@ from gcs.failsafe.policy import Action, Cause
 from gcs.failsafe.triggers import OF_THE_SHOW
 from gcs.flight.accuracy_alarms import BLIND, AccuracyAlarms
 from gcs.flight.fleet import FLIES, Fleet
+from gcs.flight.space_alarms import SpaceAlarms, of_routes, of_the_centre
 from gcs.flight.vehicle import Vehicle
 from gcs.model.interrupted_flight import InterruptedFlight
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.model.state import Array, Mask, StatusText, VehicleId
-from gcs.safety.neighbours import near_pairs
-from gcs.safety.separation import Floor
+from gcs.model.state import StatusText
 from gcs.service import CALLER, ActiveFailsafe, Outcome
 from gcs.service.alarm_book import AlarmBook, Change, ChangeKind
 from gcs.service.alarms import Alarm, AlarmCause, AlarmSeverity, Condition, Limit, beyond
@@ -36,12 +35,6 @@ BEFORE_ASSEMBLING: Final = frozenset({ShowPhase.COUNTDOWN, ShowPhase.PREFLIGHT, 
 
 POOR_LINK: Final = Limit(on=0.7, off=0.85)
 """Share of the requested position messages that arrive."""
-
-WITHIN: Final = 0.5
-"""Share of an obstacle's margins: farther inside them is too near."""
-
-CLOSE: Final = Limit(on=1.0, off=1.05)
-"""Distance as a share of the minimum, in the metric in which the ellipsoid is a sphere."""
 
 LEVEL: Final = {
     AlarmSeverity.EMERGENCY: logging.ERROR,
@@ -113,46 +106,6 @@ class Findings:
     notes: Sequence[str] = ()  # notices for as long as this service runs
 
 
-class ClosePairs:
-    """Finds close pairs, and remembers them for the hysteresis."""
-
-    def __init__(self) -> None:
-        self._close: frozenset[tuple[int, int]] = frozenset()
-
-    @property
-    def any(self) -> bool:
-        return bool(self._close)
-
-    @staticmethod
-    def reach_m(floor: Floor) -> float:
-        """Distance above which a pair cannot count, provided that no pair was close before."""
-        return CLOSE.off * max(floor.horizontal_m, floor.vertical_m)
-
-    def look(self, position_m: Array, airborne: Mask, floor: Floor) -> list[tuple[int, int, float]]:
-        """Return all pairs that are too close, by their rows, and their true distances; nearest first.
-
-        Args:
-            position_m: (n, 3) show frame, NaN where not known.
-            airborne: (n,) a pair counts if at least one is airborne and not both are below the pad height.
-            floor: the minimum-separation ellipsoid.
-        """
-        known: Mask = np.asarray(np.isfinite(position_m).all(axis=1))
-        reach_m = np.full(len(position_m), CLOSE.off * floor.horizontal_m / 2.0)
-        first, second = np.sort(near_pairs(known, position_m * floor.scale, known, reach_m), axis=0)
-        is_low: Mask = np.asarray(-position_m[:, 2] < floor.pad_height_m)
-        counts = (airborne[first] | airborne[second]) & ~(is_low[first] & is_low[second])
-        first, second = first[counts], second[counts]
-        offset_m = position_m[first] - position_m[second]
-        share = np.linalg.norm(offset_m * floor.scale, axis=1) / floor.horizontal_m
-        rows = list(zip(first.tolist(), second.tolist(), strict=True))
-        was_close = np.array([pair in self._close for pair in rows], np.bool_)
-        close = beyond(was_close, share, CLOSE)
-        self._close = frozenset(pair for pair, is_close in zip(rows, close, strict=True) if is_close)
-        apart_m = np.linalg.norm(offset_m, axis=1)
-        nearest_first = np.argsort(share).tolist()
-        return [(*rows[at], float(apart_m[at])) for at in nearest_first if close[at]]
-
-
 @dataclass(eq=False)
 class AlarmMonitor:
     """Maintains the alarms of one flight, on the event loop only. Implements `gcs.service.Alarms`."""
@@ -163,7 +116,7 @@ class AlarmMonitor:
         self._alarm_book = AlarmBook()
         self._due_s = -np.inf
         self._poor = np.zeros(len(self.flight.vehicles), np.bool_)
-        self._pairs = ClosePairs()
+        self._space = SpaceAlarms(self.flight)
         self._accuracy = AccuracyAlarms(self.flight)
         self._texts: Sequence[Sequence[StatusText]] = ()  # as of the last round, and the urgent ones of these
         self._urgent: list[tuple[int, StatusText]] = []
@@ -180,10 +133,10 @@ class AlarmMonitor:
         self._due_s = now_s + PERIOD_S
         conditions = [
             *self._of_vehicles(findings.failsafes),
-            *self._of_distances(tick),
-            *self._of_obstacles(),
-            *_of_the_centre(tick),
-            *of_routes(tick, self._ids(tick)),
+            *self._space.of_distances(tick),
+            *self._space.of_obstacles(),
+            *of_the_centre(tick),
+            *of_routes(tick, self.flight.fleet.ids + tick.elsewhere),
             *self._accuracy.of_positions(findings.failsafes),
             *self._accuracy.of_the_radius(),
             *self._accuracy.of_authority(tick),
@@ -265,36 +218,6 @@ class AlarmMonitor:
                 words = text.text.rstrip(".")
                 yield Condition(AlarmCause.LAND_NOW, f'"{words}"', (vehicle.id,), about=words)
 
-    def _of_distances(self, tick: Tick) -> Iterator[Condition]:
-        floor, pairs = tick.floor, self._pairs
-        if not pairs.any and not tick.minimum_separation_m < pairs.reach_m(floor):
-            return
-        ids = self._ids(tick)
-        least = f"at least {floor.horizontal_m:g} m sideways or {floor.vertical_m:g} m up and down"
-        for one, other, apart_m in pairs.look(tick.position_m, tick.airborne, floor):
-            yield Condition(AlarmCause.TOO_CLOSE, f"{apart_m:.1f} m apart, {least}", (ids[one], ids[other]))
-
-    def _of_obstacles(self) -> Iterator[Condition]:
-        """Yield vehicles inside the margins of boxes: an operator may place these where vehicles are."""
-        flight = self.flight
-        avoidance, now_s = flight.control.law.avoidance, flight.fleet.time_s
-        if not flight.plan.obstacles or not flight.airborne:
-            return
-        ids, position_m = flight.fleet.ids, flight.fleet.position_m
-        rows = [vehicle.row for vehicle in flight.airborne]
-        consequence = "[It is|They are] led out the nearest way."
-        for box in flight.plan.obstacles:
-            half_m = np.array([box.half_length_x_m, box.half_length_y_m]) + WITHIN * avoidance.margin_m
-            away_m = np.abs(position_m[rows, :2] - box.position_m(now_s))
-            low = -position_m[rows, 2] < box.height_m + WITHIN * avoidance.headroom_m
-            for at in np.flatnonzero((away_m < half_m).all(axis=1) & low).tolist():
-                because = f"inside its margin of {avoidance.margin_m:g} m"
-                about = (ids[rows[at]],)
-                yield Condition(AlarmCause.OBSTACLE_NEAR, because, about, consequence, about=box.id)
-
-    def _ids(self, tick: Tick) -> tuple[VehicleId, ...]:
-        return self.flight.fleet.ids + tick.elsewhere
-
     def _of_timecode(self) -> Iterator[Condition]:
         flight, show_run = self.flight, self.flight.show_run
         if show_run is None or flight.show not in {ShowPhase.ASSEMBLING, ShowPhase.RUNNING}:
@@ -343,30 +266,6 @@ class AlarmMonitor:
             yield Condition(AlarmCause.NOT_FLYING, because, (vehicle_id,), severity=severity)
         if flight.columns and flight.show in BEFORE_ASSEMBLING:
             yield Condition(AlarmCause.STACKED, flight.columns)
-
-
-def _of_the_centre(tick: Tick) -> Iterator[Condition]:
-    detour = tick.memory.detour
-    if detour is None or not detour.held_by:
-        return
-    waits = "the way round it makes no headway" if detour.reaches else "no way leads to the target"
-    consequence = "The formation keeps clear of it, and goes on as soon as a way is free."
-    if detour.goal.flees:
-        waits = "it comes towards the formation, and no way leads to the target"
-        consequence = "The formation goes to open ground, and to the target as soon as a way is free."
-    elif detour.goal.held_by:
-        waits = "the whole formation has no room at the target"
-        consequence = "The formation follows the target from the nearest place that has room."
-    yield Condition(AlarmCause.NO_HEADWAY, waits, consequence=consequence, about=detour.held_by)
-
-
-def of_routes(tick: Tick, ids: Sequence[str]) -> Iterator[Condition]:
-    """Yield vehicles that no route leads past the closed paths of lost vehicles."""
-    routes = tick.memory.routes
-    for row in [] if routes is None else np.flatnonzero(routes.no_way).tolist():
-        because = "none keeps the minimum separation from them"
-        consequence = "[It stays|They stay] clear of the paths, and [looks|look] for a way again."
-        yield Condition(AlarmCause.NO_WAY, because, (ids[row],), consequence)
 
 
 def _of_failsafes(failsafes: Sequence[ActiveFailsafe]) -> Iterator[Condition]:
