@@ -163,11 +163,11 @@ class Commander(VehicleCommands):
 
         def begin(vehicle: Vehicle, sites_m: Mapping[VehicleId, Array]) -> None:
             if together is not None and vehicle.home_m is not None:
-                maneuver = maneuvers.come_home_together(together, self._stops_m(vehicle))
+                maneuver = maneuvers.landings.come_home_together(together, self._stops_m(vehicle))
             elif together is None and vehicle.comes_down_alone:
                 maneuver = maneuvers.autopilot_land
             else:
-                maneuver = maneuvers.descend(sites_m[vehicle.id])
+                maneuver = maneuvers.landings.descend(sites_m[vehicle.id])
             maneuvers.start(vehicle, maneuvers.take_control_first(maneuver), self._closer(record, vehicle))
 
         def reached(vehicle: Vehicle) -> None:

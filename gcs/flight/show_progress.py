@@ -69,9 +69,9 @@ class ShowProgress:
             flight.move_show(goes_on, reason)
         show = flight.show
         if show is ShowPhase.RETURNING and vehicle.home_m is not None:
-            await self.maneuvers.come_home(vehicle)
+            await self.maneuvers.landings.come_home(vehicle)
         elif show in {ShowPhase.RETURNING, ShowPhase.ABORTING}:
-            await self.maneuvers.descend(landing_sites_m(flight, [vehicle])[vehicle.id])(vehicle)
+            await self.maneuvers.landings.descend(landing_sites_m(flight, [vehicle])[vehicle.id])(vehicle)
         elif rejoins and show in REJOINED:
             await self._rejoin(vehicle)
 

@@ -12,7 +12,8 @@ import numpy as np
 from gcs.estimation.link_health import BEATS_LACK_MAX_S, BEATS_MAY_LACK_S, lacking, signs_of_life
 from gcs.failsafe.autopilot_failsafe import FailsafeInputs, cause_of, described, lost_on_the_way
 from gcs.flight.fleet import Fleet
-from gcs.flight.maneuvers import Maneuver, Maneuvers
+from gcs.flight.maneuver_steps import Maneuver
+from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.vehicle import NOT_RECEIVED, Explanation, Vehicle, VehicleStatus
 from gcs.links.link import Absent
 from gcs.model.lifecycle import AIRBORNE, FLOWN, Event, Phase

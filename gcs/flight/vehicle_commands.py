@@ -8,7 +8,8 @@ from types import MappingProxyType
 from gcs.flight.fleet import Fleet
 from gcs.flight.landing_places import landing_sites_m
 from gcs.flight.lights import find
-from gcs.flight.maneuvers import Maneuver, Maneuvers
+from gcs.flight.maneuver_steps import Maneuver
+from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.refusals import instead, why_never, why_not_unnamed, with_alternative
 from gcs.flight.vehicle import Vehicle, require_phase
 from gcs.links import Command, Verb
@@ -137,9 +138,9 @@ class VehicleCommands:
             if vehicle.comes_down_alone and action is not VehicleAction.HOLD:
                 maneuver = self.maneuvers.autopilot_land
             elif action is VehicleAction.RETURN and vehicle.home_m is not None:
-                maneuver = self.maneuvers.come_home
+                maneuver = self.maneuvers.landings.come_home
             elif action is not VehicleAction.HOLD:
-                maneuver = self.maneuvers.descend(places_m[vehicle.id])
+                maneuver = self.maneuvers.landings.descend(places_m[vehicle.id])
             self.maneuvers.start(vehicle, maneuver, self.flight.book.closer(record, vehicle.id))
         return record
 

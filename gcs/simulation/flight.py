@@ -225,7 +225,7 @@ class SimulatedFlight:
         return sites_m
 
     def _lead_down(self, rows: Mask, site_m: Array, *, returns: bool = False) -> None:
-        """Lead vehicles above their places (n, 3) and down, as `gcs.flight.maneuvers` does."""
+        """Lead vehicles above their places (n, 3) and down, as `gcs.flight.landings` does."""
         flight, least_m = self.scenario.flight, -np.inf
         if returns and isinstance(flight, FormationFlight):
             least_m = flight.takeoff_height_m
