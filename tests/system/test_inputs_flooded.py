@@ -33,7 +33,13 @@ COUNTS = (6, 50)
 SHORT = ("native", 6, "rtk-preambles")
 """Flight and row of `make test`; all others are for `make soak`."""
 
-NAMES = {"rtk": "rtk", "timecode": "timecode", "station": "forward", "vehicles": "link"}
+NAMES = {
+    "rtk": "rtk",
+    "timecode": "timecode",
+    "station": "forward",
+    "connection": "link",
+    "vehicles": "link",
+}
 """How the alarm names the input."""
 
 
@@ -64,6 +70,7 @@ def config_of(transport: str, count: int, base: int, ports: dict[str, int]) -> C
     raw = flying_config(count, base, silence_s=20.0).model_dump(mode="json")
     raw["links"][0] |= {
         "transport": transport,
+        "listen": [*raw["links"][0]["listen"], f"tcpin://127.0.0.1:{ports['connection']}"],
         "forward": [{"url": f"udp://127.0.0.1:{ports['station']}", "read_only": False}],
     }
     raw["rtk"] = {"source": f"udp://127.0.0.1:{ports['rtk']}"}
@@ -113,7 +120,7 @@ def test_flooded_input_makes_no_tick_late(flying: Flying, row: str) -> None:
         sent = int(flood.stdout.readline())
         ended_s = time.monotonic()
         during = flying.timing().since(before)
-    assert sent > 0.5 * ROWS[row]().per_s * FLOOD_S, "the flood came"
+    assert sent > ROWS[row]().least_per_s * FLOOD_S, "the flood came"
     assert "a second from 127.0.0.1:" in text, text
     assert named_s < NAMED_S
     keep_time(usual, during, flying.config.tick_rate_hz, flying.machine.stalled_s(began_s, ended_s))

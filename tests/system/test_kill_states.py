@@ -49,6 +49,7 @@ KILL = (sys.executable, "-m", "gcs", "kill")
 def config_of(count: int, port_base: int) -> Config:
     raw = flying_config(count, port_base, silence_s=20.0, setpoint_loss_action="hold").model_dump()
     raw["links"][0]["transport"] = "native"
+    raw["operation"]["takeoff_height_m"] = 5.0  # at 3 m an autopilot may end its climb below half of it
     return Config.model_validate(raw)
 
 
@@ -110,6 +111,7 @@ def flying(folder: Path, count: int) -> Iterator[Station]:
                 wait_until("started", SOON_S, lambda: has_started(client))
                 wait_until("running", SOON_S, lambda: client.show().phase == "running")
             time.sleep(1.5)
+            assert len(flies(folder)) == count, "all fly before the first kill"
             yield station
         finally:
             station.end()
