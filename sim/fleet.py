@@ -198,6 +198,21 @@ class Fleet:
             locate=self.geodetic,
         )
 
+    def _reported(self) -> Sensors:
+        """What messages say of the estimates: the same, but for faults of the reports alone."""
+        state, sensors = self.state, self.sensors
+        repeats = ~np.isnan(state.repeated_m[:, 0])
+        if not repeats.any() and (state.velocity_times == 1.0).all():
+            return sensors
+        back_m = np.where(repeats[:, None], state.repeated_m - sensors.estimate_m, 0.0)
+        velocity_m_s = np.where(repeats[:, None], state.repeated_m_s, sensors.velocity_m_s)
+        return replace(
+            sensors,
+            position_m=sensors.position_m + back_m,
+            velocity_m_s=state.velocity_times[:, None] * velocity_m_s,
+            estimate_m=sensors.estimate_m + back_m,
+        )
+
     def _set_home(self, row: int) -> None:
         """Set home to the present position: called when armed, or at the first fix."""
         state = self.state
@@ -217,7 +232,7 @@ class Fleet:
 
     def _report(self, message_id: int, rows: Rows, sent: Sent) -> None:
         unix_s = self.time_s + self.unix_ahead_s
-        fields = self._firmware.report(message_id, rows, unix_s, self.sensors)
+        fields = self._firmware.report(message_id, rows, unix_s, self._reported())
         sequence = self.state.sequence[rows]
         self.state.sequence[rows] = sequence + np.uint8(1)
         packed = frames.pack(self._firmware.forms[message_id], fields, self.state.system_id[rows], sequence)

@@ -194,10 +194,10 @@ def _set_autopilots(raw: dict[str, Any], named: str) -> None:
 def _uncertainty_m(config: configuration.Config, arguments: argparse.Namespace) -> Array:
     """(n,) Standard deviations that the service will count for the fake fleet's positions."""
     receiver, floor = IDEAL_RECEIVER if arguments.ideal else SIH_RECEIVER, config.control.safety.floor
-    reported = receiver.horizontal_m, receiver.vertical_m, float(receiver.fix_type), np.inf
-    level_m, up_m, fix, never_s = (np.full(arguments.vehicles, value) for value in reported)
+    reported = receiver.horizontal_m, receiver.vertical_m, float(receiver.fix_type)
+    level_m, up_m, fix = (np.full(arguments.vehicles, value) for value in reported)
     least = floor.uncertainty_m, floor.vertical_uncertainty
-    return uncertainty_m(*least, level_m, up_m, fix, never_s, config.positioning)
+    return uncertainty_m(*least, level_m, up_m, fix, config.positioning)
 
 
 def _columns(count: int) -> int:

@@ -8,6 +8,7 @@ from typing import Final, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.estimation.contradictions import Contradictions, Doubt, Doubts
 from gcs.estimation.positioning import Positioning
 from gcs.model.frames import ShowFrame
 from gcs.model.jit import kernel
@@ -31,6 +32,9 @@ comes in another message. It counts resets of the heading also, as after every t
 
 FAR_M: Final = 10_000.0
 """A position is not accepted farther than this from the show's origin, or at latitude and longitude 0."""
+
+JUMPS_COUNT_S: Final = 30.0
+"""Jumps that follow each other within this time add up."""
 
 CONSISTENT_S: Final = 2.0
 """How long a vehicle must be reported at a new place, without a jump, before that is accepted."""
@@ -132,6 +136,13 @@ def _is_reset(now_s: float, jumped: bool, stepped_s: float, counted_s: float, re
 
 
 @kernel
+def _new_s(doubt: int, believed_s: float, held_s: float) -> float:
+    """When a position that is the same since `held_s` was new: a repeated one ages from then on."""
+    repeated = doubt in (Doubt.STANDS, Doubt.STANDS_COMMANDED)
+    return min(believed_s, held_s) if repeated else believed_s
+
+
+@kernel
 def judge(
     now_s: float,
     position_m: Array,
@@ -150,7 +161,11 @@ def judge(
     known_resets: Bits,
     counted_s: Array,
     stepped_s: Array,
+    stepped_m: Array,
     reset_time_s: Array,
+    jumped_m: Array,
+    doubts: Doubts,
+    held_s: Array,
 ) -> None:
     """Accept new positions, or do not: see `gcs.estimation.fleet_state.Table`.
 
@@ -172,7 +187,11 @@ def judge(
         known_resets: (n,).
         counted_s: (n,) when the estimator last counted a reset.
         stepped_s: (n,) when the position was last off by so much as counts beside a counted reset.
+        stepped_m: (n,) by how much.
         reset_time_s: (n,) when the position last jumped.
+        jumped_m: (n,) how far, with the jumps less than JUMPS_COUNT_S before.
+        doubts: (n,) `Doubt` of each, not written, as the next.
+        held_s: (n,) since when each position is the same.
     """
     for i in range(len(time_s)):
         jumped = False
@@ -190,7 +209,7 @@ def judge(
                 believe = can_be
             else:
                 believe = (can_be and off_m <= before_m) or (settled and (can_be or not armed[i]))
-            believe = believe and exists[i]
+            believe = believe and exists[i] and doubts[i] == 0
             reported_m[i] = position_m[i] if exists[i] else np.full(3, np.nan)
             reported_s[i], reported_since_s[i], trusted[i] = time_s[i], since_s, believe
             if believe:
@@ -199,11 +218,14 @@ def judge(
                     off_m = _apart_m(position_m[i], believed_m[i] + mean_m_s * elapsed_s)
                     jumped = off_m > UNEXPLAINED_M + UNEXPLAINED_M_S * elapsed_s
                     if off_m > ANNOUNCED_M:
-                        stepped_s[i] = now_s
+                        stepped_s[i], stepped_m[i] = now_s, off_m
                 believed_m[i], believed_s[i] = position_m[i], time_s[i]
         if believed_s[i] == time_s[i]:
             believed_m_s[i] = velocity_m_s[i]
+        believed_s[i] = _new_s(doubts[i], believed_s[i], held_s[i])
         if armed[i] and _is_reset(now_s, jumped, stepped_s[i], counted_s[i], reset_time_s[i]):
+            goes_on = now_s - reset_time_s[i] <= JUMPS_COUNT_S
+            jumped_m[i] = stepped_m[i] + (jumped_m[i] if goes_on else 0.0)
             reset_time_s[i] = now_s
 
 
@@ -282,6 +304,8 @@ class Table:
         reset_time_s: (n,) when the position last jumped beyond what the velocity explains; beside a reset
             that the estimator counts, a smaller jump counts as well; -inf where it never did. Only of armed
             vehicles: an estimator that starts up also jumps.
+        jumped_m: (n,) how far it jumped then, and before, less than JUMPS_COUNT_S apart: it may be wherever
+            it was reported.
     """
 
     def __init__(
@@ -305,12 +329,27 @@ class Table:
         self._reported: tuple[Array, Array, Array] = _unknown(n), np.full(n, -np.inf), np.full(n, np.inf)
         self._resets = np.full(n, -1)  # reset counters of the estimators
         self._counted_s, self._stepped_s = np.full(n, -np.inf), np.full(n, -np.inf)
-        self.reset_time_s = np.full(n, -np.inf)
+        self._stepped_m = np.zeros(n)
+        self.reset_time_s, self.jumped_m = np.full(n, -np.inf), np.zeros(n)
+        self._contradictions = Contradictions(n)
+        self._not_asked = _unknown(n)
 
-    def state(self, telemetry: Sequence[Telemetry], now_s: float) -> FleetState:
+    @property
+    def doubts(self) -> Doubts:
+        """(n,) `Doubt` of each vehicle's newest position."""
+        return self._contradictions.doubts
+
+    def state(
+        self, telemetry: Sequence[Telemetry], now_s: float, asked_m_s: Array | None = None
+    ) -> FleetState:
         """The fleet at `now_s`: newest accepted positions, brought forward with their velocities.
 
         Called once a tick; a second call with the same telemetry has the same result.
+
+        Args:
+            telemetry: of all links.
+            now_s: of this tick.
+            asked_m_s: (n, 3) setpoints of the last tick, NaN: not commanded; None: no vehicle was.
         """
         n = len(self.ids)
         position_m, velocity_m_s = _unknown(n), _unknown(n)
@@ -333,10 +372,15 @@ class Table:
                 self._origin,
                 (position_m, velocity_m_s, yaw_rad, time_s, exists, armed, resets),
             )
-        self.reset_time_s = self.reset_time_s.copy()  # holders of the old array keep it unchanged
+        found = self._contradictions
+        asked_m_s = self._not_asked if asked_m_s is None else asked_m_s
+        found.look(now_s, (position_m, velocity_m_s, time_s, armed), asked_m_s)
+        self.reset_time_s = self.reset_time_s.copy()  # holders of the old arrays keep them unchanged
+        self.jumped_m = self.jumped_m.copy()
         new = (position_m, time_s, velocity_m_s, exists, armed, resets)
-        counted = self._resets, self._counted_s, self._stepped_s
-        judge(now_s, *(*new, *self._reported, *self._believed, *counted, self.reset_time_s))
+        counted = self._resets, self._counted_s, self._stepped_s, self._stepped_m
+        jumps = self.reset_time_s, self.jumped_m
+        judge(now_s, *(*new, *self._reported, *self._believed, *counted, *jumps, found.doubts, found.held_s))
         here_m, moves_m_s, age_s = brought_forward(now_s, *self._believed, self._flies_on_s, self._brakes_s)
         return FleetState(now_s, self.ids, here_m, moves_m_s, yaw_rad, age_s, doubtful)
 
@@ -371,7 +415,6 @@ def uncertainty_m(
     horizontal_m: Array,
     vertical_m: Array,
     fix_type: Array,
-    since_reset_s: Array,
     positioning: Positioning,
 ) -> Array:
     """Standard deviation of each position, sideways.
@@ -382,21 +425,18 @@ def uncertainty_m(
         horizontal_m: (n,) accuracy as reported, one sigma; NaN unknown, inf without a fix.
         vertical_m: (n,) the same up and down.
         fix_type: (n,) GPS_FIX_TYPE; NaN unknown.
-        since_reset_s: (n,) since its position jumped, inf where it never did.
         positioning: settings.
 
     Returns: (n,) at most `uncertainty_max_m` (or the configured one, where that is more).
     """
     numbers = (
         *(configured_m, up_share, positioning.own_share(fix_type), positioning.poor_m),
-        *(positioning.reset_margin_s, positioning.reset_uncertainty_m),
         max(configured_m, positioning.uncertainty_max_m),
     )
-    by_type_m = positioning.least_by_type_m
-    return _uncertainty_m(horizontal_m, vertical_m, fix_type, since_reset_s, by_type_m, numbers)
+    return _uncertainty_m(horizontal_m, vertical_m, fix_type, positioning.least_by_type_m, numbers)
 
 
-Numbers: TypeAlias = tuple[float, float, float, float, float, float, float]
+Numbers: TypeAlias = tuple[float, float, float, float, float]
 
 
 @kernel
@@ -404,12 +444,11 @@ def _uncertainty_m(
     horizontal_m: Array,
     vertical_m: Array,
     fix_type: Array,
-    since_reset_s: Array,
     by_type_m: Array,
     numbers: Numbers,
 ) -> Array:
     """As `uncertainty_m`. `numbers`: the first two of its arguments, settings, and the greatest result."""
-    configured_m, up_share, share, poor_m, reset_margin_s, reset_uncertainty_m, most_m = numbers
+    configured_m, up_share, share, poor_m, most_m = numbers
     uncertain_m = np.empty(len(horizontal_m))
     for i in range(len(horizontal_m)):
         reported_m = share * np.fmax(horizontal_m[i], vertical_m[i] / up_share)
@@ -420,7 +459,5 @@ def _uncertainty_m(
         wide_m = np.fmax(reported_m, least_m)
         if np.isnan(wide_m):
             wide_m = configured_m
-        if since_reset_s[i] < reset_margin_s:
-            wide_m += reset_uncertainty_m
         uncertain_m[i] = min(wide_m, most_m)
     return uncertain_m

@@ -36,7 +36,7 @@ class Positioning(Settings):
     share: Positive | None = None
     poor_m: Positive = 1.0  # what is reported beyond this counts twice
     uncertainty_max_m: Positive = 3.0  # if wider, the vehicles of a fleet could only flee from each other
-    reset_uncertainty_m: NotNegative = 0.2  # added after a position jumped
+    reset_uncertainty_m: NotNegative = 0.2  # added after a position jumped, or more after a wide jump
     reset_margin_s: NotNegative = 30.0
     freeze_s: NotNegative = 3.0  # a vehicle whose position jumped first stands still for this time
 
@@ -86,6 +86,23 @@ class Positioning(Settings):
             return self.share
         known = fix_type[np.isfinite(fix_type)]
         return SHARE_3D if len(known) and not (known > FIX_3D).any() else 1.0
+
+    def after_jumps_m(self, usual_m: Array, since_s: Array, jumped_m: Array, deviations: float) -> Array:
+        """(n,) standard deviations sideways after jumps: a vehicle may be where it was before.
+
+        So wide that its pair with any vehicle that did not jump keeps farther apart by the whole jump.
+
+        Args:
+            usual_m: (n,) without the jumps.
+            since_s: (n,) since its position jumped, inf where it never did.
+            jumped_m: (n,) how far.
+            deviations: `Floor.deviations`.
+        """
+        grown_m, pair_m = jumped_m / deviations, np.hypot(usual_m, usual_m.max(initial=0.0))
+        wide_m = np.sqrt(usual_m**2 + 2.0 * grown_m * pair_m + grown_m**2)
+        wide_m = np.maximum(wide_m, usual_m + self.reset_uncertainty_m)
+        most_m = np.maximum(usual_m, self.uncertainty_max_m)
+        return np.where(since_s < self.reset_margin_s, np.minimum(wide_m, most_m), usual_m)
 
     def accepted_m(self, fix_type: Array) -> float:
         """Accuracy that a receiver may report before take-off: it counts as `uncertainty_max_m`.

@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from gcs.estimation.contradictions import Doubt, Doubts
 from gcs.failsafe.policy import SEVERITY, Action, Cause, FailsafePolicy, LinksLate
 from gcs.model.jit import kernel
 from gcs.model.state import Array, Mask
@@ -35,6 +36,14 @@ OF_THE_SHOW: Final = (
     Cause.LINKS_LATE,
 )
 
+WRONG: Final = {
+    Doubt.NONE: "its position jumped to where it cannot be",
+    Doubt.STANDS: "its position stands still, though it reports that it moves",
+    Doubt.STANDS_COMMANDED: "its position stands still, though setpoints move it",
+    Doubt.STRAYS: "its position goes elsewhere than its velocity",
+}
+"""Why a position is not believed, in words."""
+
 AT_ONCE_S = 0.3
 """A vehicle without a plausible position is not commanded; its autopilot notices that within a second."""
 
@@ -60,6 +69,7 @@ class Seen:
     horizontal_m: Array  # (n,) accuracy as reported
     vertical_m: Array  # (n,)
     unbelieved: Mask  # (n,) received lately, but at an impossible position
+    doubts: Doubts  # (n,) `Doubt` of the newest position, by its content
     silent: Mask  # (n,) not received lately
     reset_time_s: Array  # (n,) time of the latest position jump, -inf: never
     fence: Fence
@@ -125,6 +135,7 @@ class Known:
     error_m_s: Array  # (n, 2) actual minus commanded, averaged
     late_s: float  # averaged
     jumps_s: Array  # (j, n) the last jumps of each position, oldest first
+    doubts: Doubts  # (n,) the last of each while its position was not believed
     vehicles: Latch  # (7, n)
     show: Latch  # (5, 1)
 
@@ -132,7 +143,7 @@ class Known:
     def nothing(count: int, now_s: float, settings: FailsafePolicy) -> "Known":
         jumps_s = np.full((settings.bad_position.jumps, count), -np.inf)
         vehicles, show = Latch.idle(len(OF_VEHICLES), count), Latch.idle(len(OF_THE_SHOW), 1)
-        return Known(now_s, np.zeros((count, 2)), 0.0, jumps_s, vehicles, show)
+        return Known(now_s, np.zeros((count, 2)), 0.0, jumps_s, np.zeros(count, np.int64), vehicles, show)
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,7 +206,13 @@ def look(seen: Seen, known: Known, settings: FailsafePolicy) -> tuple[Known, Mas
     by_links = 2 * poor_strays > strays
     many_poor = bool(poor and poor >= links.share * commanded)
     weather = Weather(windy=too_windy and not by_links, late=many_poor or (too_windy and by_links))
-    averages = replace(known, time_s=seen.time_s, error_m_s=error_m_s, late_s=late_s, jumps_s=jumps_s)
+    doubts = known.doubts
+    if doubts.any() or seen.doubts.any():  # kept while the failsafe lasts: it is doubted until it moves only
+        kept = np.where(known.vehicles.active[SUDDEN], doubts, Doubt.NONE)
+        doubts = np.where(seen.unbelieved & (seen.doubts != Doubt.NONE), seen.doubts, kept)
+    averages = replace(
+        known, time_s=seen.time_s, error_m_s=error_m_s, late_s=late_s, jumps_s=jumps_s, doubts=doubts
+    )
     return averages, on, weather
 
 
@@ -276,7 +293,8 @@ def warm_up() -> None:
     settings, still, zero = FailsafePolicy(), np.zeros((1, 3)), np.zeros(1)
     none, fence = np.zeros(1, np.bool_), Fence()
     reported = still, still, still, zero, zero, zero
-    seen = Seen(0.0, *reported, none, none, zero - np.inf, fence, np.nan, 0.0, zero, zero)
+    doubts = none, np.zeros(1, np.int64), none
+    seen = Seen(0.0, *reported, *doubts, zero - np.inf, fence, np.nan, 0.0, zero, zero)
     look(seen, Known.nothing(1, 0.0, settings), settings)
 
 
@@ -367,7 +385,7 @@ def _sudden(seen: Seen, known: Known, rows: Mask, settings: FailsafePolicy) -> s
     position = settings.bad_position
     if (seen.time_s - known.jumps_s[0][rows] <= position.jumps_within_s).any():
         return f"its position jumped {position.jumps} times within {position.jumps_within_s:g} s"
-    return "its position jumped to where it cannot be"
+    return " or ".join(WRONG[Doubt(kind)] for kind in np.unique(known.doubts[rows]).tolist())
 
 
 def _poor(seen: Seen, rows: Mask, settings: FailsafePolicy) -> str:

@@ -39,6 +39,9 @@ OFF_GROUND_M: Final = Limit(on=2.0, off=1.4)
 ON_PAD_M: Final = 2.0
 """Farther from its pad the ground may be higher or lower."""
 
+WIDE_JUMP_M: Final = 1.0
+"""A vehicle whose position jumped so far is named at once, however large the radius is."""
+
 MAY_STAND: Final = frozenset({Phase.LANDING, Phase.STANDBY})
 
 REBOOT: Final = "Reboot [it|them] where [it stands|they stand] before the next start."
@@ -67,16 +70,19 @@ class AccuracyAlarms:
 
     def of_positions(self, failsafes: Sequence[ActiveFailsafe]) -> Iterator[Condition]:
         """Yield vehicles whose positions are in doubt, but for those about which a failsafe says so."""
-        flight = self.flight
-        if not flight.fleet.doubtful.any():
+        flight, doubtful, jumped = self.flight, self.flight.fleet.doubtful, self._jumped_wide()
+        if not (doubtful.any() or jumped.any()):
             return
         named = {name for each in failsafes if each.cause == Cause.BAD_POSITION for name in each.vehicles}
-        for row in np.flatnonzero(flight.fleet.doubtful).tolist():
+        for row in np.flatnonzero(doubtful | jumped).tolist():
             vehicle = flight.at_row(row)
             if vehicle.phase not in FLIES or vehicle.id in named or flight.silent[row]:
                 continue
-            advice = BLIND if vehicle.phase is Phase.PILOT else ""
-            yield Condition(AlarmCause.BAD_POSITION, NO_FIX, (vehicle.id,), advice=advice)
+            if doubtful[row]:
+                advice = BLIND if vehicle.phase is Phase.PILOT else ""
+                yield Condition(AlarmCause.BAD_POSITION, NO_FIX, (vehicle.id,), advice=advice)
+            else:
+                yield self._uncertain(vehicle)
 
     def of_the_radius(self) -> Iterator[Condition]:
         """Yield a radius that the service would refuse now: the accuracy was better when it was set.
@@ -96,11 +102,10 @@ class AccuracyAlarms:
         self._is_small = beyond(self._is_small, np.array([needed_m / radius_m]), TOO_SMALL)
         if not self._is_small[0]:
             return
+        jumped = self._jumped_wide()
         for few in self._least_certain(formed, uncertainty_m, radius_m):
-            uncertain_m = float(flight.uncertainty_m([few])[0])
-            because = f"{uncertain_m:.2f} m (1 sigma), {self._why_uncertain(few)}"
-            consequence = "Others keep farther away from [it|them]."
-            yield Condition(AlarmCause.UNCERTAIN_POSITION, because, (few.id,), consequence)
+            if not jumped[few.row]:  # else it is named anyway
+                yield self._uncertain(few)
             needed_m = 0.0
         if needed_m:
             because = f"{radius_m:g} m are set, the safety filter needs {radius_allowed(*about)}"
@@ -120,11 +125,23 @@ class AccuracyAlarms:
                 return [formed[at] for at in worst_first[:few].tolist()]
         return []
 
+    def _jumped_wide(self) -> Mask:
+        """(n,) whose positions jumped so far, and so lately, that others keep clear of both places."""
+        flight = self.flight
+        lately = flight.fleet.time_s - flight.reset_time_s < flight.config.positioning.reset_margin_s
+        return lately & (flight.jumped_m >= WIDE_JUMP_M)
+
+    def _uncertain(self, vehicle: Vehicle) -> Condition:
+        uncertain_m = float(self.flight.uncertainty_m([vehicle])[0])
+        because = f"{uncertain_m:.2f} m (1 sigma), {self._why_uncertain(vehicle)}"
+        consequence = "Others keep farther away from [it|them]."
+        return Condition(AlarmCause.UNCERTAIN_POSITION, because, (vehicle.id,), consequence)
+
     def _why_uncertain(self, vehicle: Vehicle) -> str:
         flight, row = self.flight, vehicle.row
         jumped_s = flight.fleet.time_s - float(flight.reset_time_s[row])
         if jumped_s < flight.config.positioning.reset_margin_s:
-            return f"its position jumped {jumped_s:.0f} s ago"
+            return f"its position jumped by {flight.jumped_m[row]:.1f} m, {jumped_s:.0f} s ago"
         telemetry = flight.telemetry
         sideways_m, up_m = telemetry.horizontal_accuracy_m[row], telemetry.vertical_accuracy_m[row]
         return f"its receiver reports {sideways_m:.1f} m sideways, {up_m:.1f} m up"

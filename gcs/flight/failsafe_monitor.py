@@ -98,6 +98,7 @@ class FailsafeMonitor:
             telemetry.vertical_accuracy_m,
             np.isinf(fleet.age_s)
             & (fleet.time_s - telemetry.position_time_s <= flight.control.telemetry_age_max_s),
+            flight.doubts,
             flight.silent,
             flight.reset_time_s,
             flight.control.safety.fence,

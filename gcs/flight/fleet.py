@@ -18,6 +18,7 @@ import numpy as np
 from gcs.config.schema import Config
 from gcs.control import ControlSettings, Memory, Task, Tasks
 from gcs.control.late_links import fleet_delay_s, for_late_links
+from gcs.estimation.contradictions import Doubts
 from gcs.estimation.fleet_state import FORWARD_MAX_S, Table, uncertainty_m
 from gcs.estimation.height_bias import HeightComparison
 from gcs.estimation.link_delay import LinkDelay
@@ -242,30 +243,28 @@ class Fleet:
         parts = [link.snapshot() for link in self.links]
         self.telemetry = joined(parts, self._order, self._joined)
         self._joined = parts, self.telemetry
-        self.fleet = self._table.state(parts, now_s)
+        self.fleet = self._table.state(parts, now_s, self.memory.asked_m_s[: len(self.vehicles)])
         if self._fall_on_ground:
             self.telemetry = self._without_falling(self.telemetry)
         if (site := self.site) is not None and not site.owned.all():  # others say where these are
             position_m, elsewhere = self.fleet.position_m.copy(), ~site.owned
             position_m[elsewhere] = np.nan
             self.fleet = replace(self.fleet, position_m=position_m)
-        wide_m = self._uncertainty_m(now_s - self._table.reset_time_s)
-        self.traits = replace(self.traits, uncertainty_m=wide_m)
+        jumps = now_s - self._table.reset_time_s, self._table.jumped_m
+        about = self.uncertainty_on_pads_m, *jumps, self.control.safety.floor.deviations
+        self.traits = replace(self.traits, uncertainty_m=self.config.positioning.after_jumps_m(*about))
         return self.fleet
-
-    def _uncertainty_m(self, since_jump_s: Array) -> Array:
-        telemetry, floor = self.telemetry, self.control.safety.floor
-        least = floor.uncertainty_m, floor.vertical_uncertainty
-        reported = telemetry.horizontal_accuracy_m, telemetry.vertical_accuracy_m, telemetry.fix_type
-        wide_m = uncertainty_m(*least, *reported, since_jump_s, self.config.positioning)
-        if (found := self.heights.found).named.any():
-            wide_m = wide_m + found.widening_m(floor.deviations, floor.vertical_uncertainty)
-        return wide_m
 
     @property
     def uncertainty_on_pads_m(self) -> Array:
         """(n,) Without what jumps add in flight: when a neighbour's estimator resets, no pad moves."""
-        return self._uncertainty_m(np.full(len(self.vehicles), np.inf))
+        telemetry, floor = self.telemetry, self.control.safety.floor
+        least = floor.uncertainty_m, floor.vertical_uncertainty
+        reported = telemetry.horizontal_accuracy_m, telemetry.vertical_accuracy_m, telemetry.fix_type
+        wide_m = uncertainty_m(*least, *reported, self.config.positioning)
+        if (found := self.heights.found).named.any():
+            wide_m = wide_m + found.widening_m(floor.deviations, floor.vertical_uncertainty)
+        return wide_m
 
     def note_links(self) -> None:
         """Note how the newest telemetry arrived, and its heights. After the setpoints: they change slowly."""
@@ -332,9 +331,19 @@ class Fleet:
         return before[2]
 
     @property
+    def doubts(self) -> Doubts:
+        """(n,) Why the newest position of each is not believed, by its content."""
+        return self._table.doubts
+
+    @property
     def reset_time_s(self) -> Array:
         """(n,) Time of the latest position jump; -inf if there was none."""
         return self._table.reset_time_s
+
+    @property
+    def jumped_m(self) -> Array:
+        """(n,) How far the position jumped then, and shortly before."""
+        return self._table.jumped_m
 
     def note_seen(self, rows: Mask) -> None:
         self.uncontrolled.note_seen(rows, self.fleet.position_m, self._table.last_velocity_m_s)
@@ -573,7 +582,7 @@ class Fleet:
                 if goal is not None:
                     goal_m[row] = goal
         follows = np.array([vehicle.follows_planned_path for vehicle in vehicles], dtype=np.bool_)
-        segments_m, segments_of = self.uncontrolled.swept()
+        segments_m, segments_of = self.uncontrolled.swept(self.fleet.age_s)
         silent_m, silent_of = self.uncontrolled.near_m(silent, age_s)
         return Tasks(
             task,
@@ -592,7 +601,7 @@ class Fleet:
 
     def closed(self) -> tuple[Array, Array]:
         """(m, 2, 3) paths that lost vehicles of any station may take, and (m,) the uncertainty of each."""
-        segments_m, segments_of = self.uncontrolled.swept()
+        segments_m, segments_of = self.uncontrolled.swept(self.fleet.age_s)
         uncertainty_m = self.traits.uncertainty_m[segments_of]
         if self.site is None:
             return segments_m, uncertainty_m

@@ -77,12 +77,20 @@ class UncontrolledSpace:
         )
         return segments_m, of[found]
 
-    def swept(self) -> tuple[Array, Rows]:
-        """(m, 2, 3) paths that lost vehicles may take, and (m,) the row of each."""
+    def swept(self, age_s: Array) -> tuple[Array, Rows]:
+        """(m, 2, 3) paths that lost vehicles may take, and (m,) the row of each.
+
+        Also of those that land while their positions are not believed: they are no longer where they report.
+
+        Args:
+            age_s: (n,) of the newest positions, inf: not believed.
+        """
+        blind = np.isinf(age_s)
         swept = {
             vehicle.row: self._swept_m(vehicle)
             for vehicle in self._vehicles
-            if vehicle.phase in _LOST and np.isfinite(self.seen_m[vehicle.row]).all()
+            if (vehicle.phase in _LOST or (blind[vehicle.row] and vehicle.phase is Phase.LANDING))
+            and np.isfinite(self.seen_m[vehicle.row]).all()
         }
         rows = np.repeat(np.array([*swept], dtype=np.intp), [len(own_m) for own_m in swept.values()])
         return np.concatenate([np.zeros((0, 2, 3)), *swept.values()]), rows
@@ -109,15 +117,16 @@ class UncontrolledSpace:
 
     def _swept_m(self, vehicle: Vehicle) -> Array:
         """(m, 2, 3) of one vehicle; computed again when it was seen, sent home or killed meanwhile."""
-        operation, row, killed = self._config.operation, vehicle.row, vehicle.phase is Phase.KILLED
+        operation, row = self._config.operation, vehicle.row
+        killed, comes_down = vehicle.phase is Phase.KILLED, vehicle.phase is not Phase.LOST
         keeps_m_s = self.seen_m_s[row : row + 1]
         if not killed:
             _, keeps_m_s = self._kept.possible_m_s(np.array([row]), self.seen_m_s)
         home_m = _NOWHERE if vehicle.home_m is None else vehicle.home_m
         drift_s = self._drift_s(np.full(len(keeps_m_s), row), keeps_m_s)
         places = self.seen_m[row], keeps_m_s, home_m, drift_s, self._returns_at_m[row]
-        action = "land" if killed else vehicle.without_setpoints.action
-        known = b"".join((*(each.tobytes() for each in places), bytes([killed]), action.encode()))
+        action = "land" if comes_down else vehicle.without_setpoints.action
+        known = b"".join((*(each.tobytes() for each in places), bytes([killed, comes_down]), action.encode()))
         before = self._swept.get(row)
         if before is not None and before[0] == known:
             return before[1]
@@ -128,7 +137,7 @@ class UncontrolledSpace:
                 vehicle.home_m,
                 action,
                 float(self._returns_at_m[row]),
-                climbing_to_m=None if killed else operation.takeoff_height_m,
+                climbing_to_m=None if comes_down else operation.takeoff_height_m,
                 drift_s=each_s,
             )
             for each_m_s, each_s in zip(keeps_m_s, drift_s.tolist(), strict=True)

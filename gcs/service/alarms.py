@@ -225,7 +225,7 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         C,
         "{vehicles} uncertain of [its position|their positions]",
         "Let [it|them] come home; check [its receiver|their receivers].",
-        on_after_s=2.0,
+        on_after_s=1.0,
     ),
     AlarmCause.LITTLE_AUTHORITY: CauseRow(
         C,

@@ -136,10 +136,10 @@ def reported_uncertainty_m(scenario: Scenario) -> float:
     world, floor = scenario.world, scenario.control.safety.floor
     horizontal_m, vertical_m = world.reported_share * np.hypot(world.noise * RECORDED_M, world.bias_m)
     fix_type = 6.0 - np.searchsorted(FIX_UP_TO_M, max(horizontal_m, vertical_m / floor.vertical_uncertainty))
-    reported = *reported_accuracy_m(scenario), fix_type, np.inf
-    level_m, up_m, fix, since_s = (np.full(1, value) for value in reported)
+    reported = *reported_accuracy_m(scenario), fix_type
+    level_m, up_m, fix = (np.full(1, value) for value in reported)
     least = floor.uncertainty_m, floor.vertical_uncertainty
-    wide_m = uncertainty_m(*least, level_m, up_m, fix, since_s, Positioning())
+    wide_m = uncertainty_m(*least, level_m, up_m, fix, Positioning())
     return float(wide_m[0])
 
 

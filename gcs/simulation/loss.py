@@ -178,6 +178,7 @@ class ServiceFailsafes:
             wide_m,
             tall_m,
             np.zeros(n, dtype=bool),
+            np.zeros(n, dtype=np.int64),
             lost,
             never,
             fence,

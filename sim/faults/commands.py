@@ -88,6 +88,8 @@ VEHICLE_FAULTS: Mapping[str, Mapping[str, Field]] = MappingProxyType(
     {
         "gps-jump": SHIFT,
         "gps-freeze": {},
+        "report-freeze": {},
+        "report-velocity": {"times": Number(-10.0, 10.0)},
         "barometer": {"up_m": STEP_M},
         "accuracy": dict.fromkeys(("eph_m", "epv_m", "hdop", "vdop"), ACCURACY),
         "wind": {"north_m_s": SPEED_M_S, "east_m_s": SPEED_M_S, "down_m_s": SPEED_M_S},

@@ -129,7 +129,7 @@ CHANGES: Mapping[str, Sequence[str]] = MappingProxyType(
 )
 """Fields of DirectionFaults that a fault changes; the others change the one of their name."""
 
-REPORTED = frozenset({"accuracy", "fix", "sensor", "wrong-time"})
+REPORTED = frozenset({"accuracy", "fix", "sensor", "wrong-time", "report-freeze", "report-velocity"})
 HEALED = REPORTED | {"barometer", "gps-jump", "gps-freeze", "wind"}
 """Faults that end with what a column held before."""
 
@@ -307,6 +307,8 @@ def _healthy(fleet: Fleet, fault: str) -> Sequence[tuple[NDArray[Any], object]]:
         "gps-jump": [(state.offset_m, 0.0)],
         "barometer": [(state.barometer_m, 0.0)],
         "gps-freeze": [(state.frozen_m, np.nan)],
+        "report-freeze": [(state.repeated_m, np.nan)],
+        "report-velocity": [(state.velocity_times, 1.0)],
         "accuracy": [
             (state.horizontal_accuracy_m, receiver.horizontal_m),
             (state.vertical_accuracy_m, receiver.vertical_m),
@@ -322,7 +324,7 @@ def _healthy(fleet: Fleet, fault: str) -> Sequence[tuple[NDArray[Any], object]]:
 
 
 def _report(fleet: Fleet, row: int, fault: str, values: Mapping[str, Value]) -> None:
-    """Make a vehicle report these values of its receiver, sensors or clock."""
+    """Make a vehicle report these values of its receiver, sensors, clock or motion."""
     state = fleet.state
     if fault == "accuracy":
         for (column, _), value in zip(_healthy(fleet, fault), values.values(), strict=True):
@@ -332,6 +334,11 @@ def _report(fleet: Fleet, row: int, fault: str, values: Mapping[str, Value]) -> 
         state.fix_type[row] = commands.FIXES[str(values["type"])]
     elif fault == "sensor":
         state.unhealthy_sensors[row] |= commands.SENSORS[str(values["which"])]
+    elif fault == "report-freeze":
+        state.repeated_m[row] = fleet.sensors.estimate_m[row]
+        state.repeated_m_s[row] = fleet.sensors.velocity_m_s[row]
+    elif fault == "report-velocity":
+        state.velocity_times[row] = float(values["times"])
     else:
         state.unix_ahead_s[row] = float(values["ahead_s"])
 

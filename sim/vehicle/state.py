@@ -22,6 +22,7 @@ NO_MODE = -1
 LASTING = frozenset(
     {
         *("system_id", "remaining", "offset_m", "frozen_m", "hdop", "vdop", "height_scale"),
+        *("repeated_m", "repeated_m_s", "velocity_times"),
         "barometer_m",
         *("horizontal_accuracy_m", "vertical_accuracy_m", "piloted", "stick_m_s"),
         *("fix_type", "unhealthy_sensors", "unix_ahead_s"),
@@ -128,6 +129,9 @@ class State:
         self.barometer_m = np.zeros(count)  # by so much the estimated height is too great, by a fault
         self.height_scale = np.ones(count)  # of estimated over true height
         self.frozen_m = np.full((count, 3), np.nan)  # the estimate that a frozen receiver repeats
+        self.repeated_m = np.full((count, 3), np.nan)  # the estimate that its messages repeat, by a fault
+        self.repeated_m_s = np.zeros((count, 3))  # and the velocity with it
+        self.velocity_times = np.ones(count)  # what its messages report of the estimated velocity
         self.reset_counter = np.zeros(count, dtype=np.uint8)
         self.heading_aligned = _no(count)  # in this flight
         self.heading_turn_rad = np.zeros(count)  # by that alignment

@@ -8,21 +8,28 @@ from hypothesis import strategies as st
 from gcs.estimation.fleet_state import uncertainty_m
 from gcs.estimation.positioning import LEAST_M, SHARE_3D, Positioning
 from gcs.model.state import Array
+from gcs.safety.separation import Floor
 
 P = Positioning()
+FLOOR = Floor()
 NEVER = np.inf
 WORST_FIRST = (0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0)
 ACCURACY_M = st.floats(0.0, 20.0) | st.just(np.inf)
 
 
-def fleet(*reported: tuple[float, float, float], given: Positioning = P, since_s: float = NEVER) -> Array:
+def fleet(*reported: tuple[float, float, float], given: Positioning = P) -> Array:
     """Of vehicles that report an accuracy sideways, up, and a fix."""
     accuracy_m, up_m, fix = np.array(reported).T.copy()
-    return uncertainty_m(0.3, 2.0, accuracy_m, up_m, fix, np.full(len(fix), since_s), given)
+    return uncertainty_m(0.3, 2.0, accuracy_m, up_m, fix, given)
 
 
-def one(horizontal_m: float, vertical_m: float, fix_type: float, since_s: float = NEVER) -> float:
-    return float(fleet((horizontal_m, vertical_m, fix_type), since_s=since_s)[0])
+def one(horizontal_m: float, vertical_m: float, fix_type: float) -> float:
+    return float(fleet((horizontal_m, vertical_m, fix_type))[0])
+
+
+def after_jumps(usual_m: Array, since_s: float, *jumped_m: float) -> Array:
+    since = np.full(len(usual_m), since_s)
+    return P.after_jumps_m(usual_m, since, np.array(jumped_m), FLOOR.deviations)
 
 
 @pytest.mark.parametrize(
@@ -56,8 +63,18 @@ def test_vehicle_that_reports_nothing_is_as_configured() -> None:
 
 
 def test_after_a_jump_it_is_wider_for_a_while() -> None:
-    assert one(0.9, 1.8, 6.0, 0.0) == one(0.9, 1.8, 6.0, 29.9) == pytest.approx(1.1)
-    assert one(0.9, 1.8, 6.0, 30.0) == 0.9
+    usual_m = np.array([0.9])
+    assert after_jumps(usual_m, 0.0, 0.5) == after_jumps(usual_m, 29.9, 0.5) == pytest.approx(1.1)
+    assert after_jumps(usual_m, 30.0, 0.5) == after_jumps(usual_m, NEVER, 9.0) == 0.9
+    assert after_jumps(usual_m, 0.0, 99.0) == P.uncertainty_max_m
+
+
+@given(st.floats(0.05, 1.0), st.floats(0.05, 1.0), st.floats(0.0, 8.0))
+def test_margin_of_a_pair_grows_by_the_jump_of_one(jumper_m: float, other_m: float, jumped_m: float) -> None:
+    usual_m = np.array([jumper_m, other_m])
+    wide_m = after_jumps(usual_m, 0.0, jumped_m, 0.0)
+    grown_m = FLOOR.reserve_m(*wide_m) - FLOOR.reserve_m(*usual_m)
+    assert grown_m >= jumped_m - 1e-9
 
 
 @given(
@@ -78,9 +95,9 @@ def test_accuracy_accepted_on_the_ground_is_what_the_cap_means(
 ) -> None:
     least = dict.fromkeys(LEAST_M, 0.01)
     given = Positioning(poor_m=poor_m, uncertainty_max_m=most_m, share=share, **least)
-    fix, never = np.full(2, fix_type), np.full(2, NEVER)
+    fix = np.full(2, fix_type)
     reported_m = given.accepted_m(fix) * np.array([0.99, 1.0])
-    below_m, at_m = uncertainty_m(0.0, 2.0, reported_m, np.full(2, np.nan), fix, never, given)
+    below_m, at_m = uncertainty_m(0.0, 2.0, reported_m, np.full(2, np.nan), fix, given)
     assert below_m < most_m == pytest.approx(at_m)
 
 

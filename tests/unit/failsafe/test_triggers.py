@@ -31,6 +31,7 @@ def calm(**changes: Any) -> Seen:
         horizontal_m=np.full(N, 0.9),
         vertical_m=np.full(N, 1.8),
         unbelieved=np.zeros(N, dtype=np.bool_),
+        doubts=np.zeros(N, dtype=np.int64),
         silent=np.zeros(N, dtype=np.bool_),
         reset_time_s=np.full(N, -np.inf),
         fence=FENCE,

@@ -61,7 +61,7 @@ def standing(config: Config, reported: list[Reported], pads_m: Array) -> Preflig
         "rows": {name: row for row, name in enumerate(ids)},
         "telemetry": telemetry,
         "conflicts": {},
-        "uncertainty_m": uncertainty_m(*least, level_m, up_m, fix, np.full(n, np.inf), config.positioning),
+        "uncertainty_m": uncertainty_m(*least, level_m, up_m, fix, config.positioning),
         "age_max_s": 0.5,
         "floor": floor,
         "fence": config.control.safety.fence,

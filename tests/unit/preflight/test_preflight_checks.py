@@ -70,7 +70,7 @@ def known(
         "rows": {name: row for row, name in enumerate(IDS)},
         "telemetry": telemetry,
         "conflicts": {},
-        "uncertainty_m": uncertainty_m(0.0, 2.0, *reported_m, telemetry.fix_type, NEVER, P),
+        "uncertainty_m": uncertainty_m(0.0, 2.0, *reported_m, telemetry.fix_type, P),
         "age_max_s": 0.5,
         "floor": FLOOR,
         "fence": FENCE,
