@@ -72,7 +72,7 @@ def flying_config(
     raw["links"][0].update(listen=f"udpin://127.0.0.1:{port_base}", ports=count)
     raw["links"][0]["vehicles"]["count"] = count
     raw["api"]["port"] = 0
-    radius_m = max(5.0, count + 0.5)
+    radius_m = max(5.0, min(count + 0.5, 40.0))  # 50 also fit inside the fence
     raw["formation"] = {"radius_m": radius_m, "height_m": radius_m + 4.0}
     raw["operation"] |= {"takeoff_height_m": 3.0, "takeoff_stagger_s": 0.2}
     raw["operation"] |= {"silence_s": silence_s, "setpoint_loss_s": PATIENT_S, **operation}

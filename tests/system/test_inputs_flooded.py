@@ -68,9 +68,11 @@ class Flying:
 
 def config_of(transport: str, count: int, base: int, ports: dict[str, int]) -> Config:
     raw = flying_config(count, base, silence_s=20.0).model_dump(mode="json")
+    by_udp = [f"udpin://127.0.0.1:{base + at}" for at in range(count)]
     raw["links"][0] |= {
         "transport": transport,
-        "listen": [*raw["links"][0]["listen"], f"tcpin://127.0.0.1:{ports['connection']}"],
+        "listen": [*by_udp, f"tcpin://127.0.0.1:{ports['connection']}"],
+        "ports": 1,
         "forward": [{"url": f"udp://127.0.0.1:{ports['station']}", "read_only": False}],
     }
     raw["rtk"] = {"source": f"udp://127.0.0.1:{ports['rtk']}"}
