@@ -1,6 +1,8 @@
 """The formation's centre and radius: created with the first vehicle, moved, removed after the last."""
 
 from dataclasses import dataclass
+from math import hypot
+from typing import Final
 
 import numpy as np
 
@@ -22,6 +24,9 @@ from gcs.formation.orbit import (
 from gcs.model.jit import kernel
 from gcs.model.state import Array, Mask
 
+STANDS_M_S: Final = 0.1
+"""A centre slower than this stands."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Lead:
@@ -32,6 +37,11 @@ class Lead:
     engaged_time_s: Array  # (n,) when each vehicle joined, NaN outside the formation
     sides: dict[str, float]  # the side on which each obstacle is passed, LEFT or RIGHT, by obstacle id
     detour: Detour | None  # the way round obstacles, None without any
+
+    @property
+    def stands(self) -> bool:
+        """Whether there is a centre, and it stands: its slots do too; what lies beyond is not in the way."""
+        return self.center is not None and hypot(*self.center.velocity_m_s[:2]) <= STANDS_M_S
 
 
 def move_center(now: TickInputs, memory: Memory, shared: FormationState | None = None) -> Lead:

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import hypot
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 from gcs.control.center import Lead
 from gcs.control.inputs import FormationState, TickInputs
 from gcs.control.memory import Memory
+from gcs.control.round_obstacles import left_behind
 from gcs.control.slots import Formed, laid, moved_on
 from gcs.formation.article import ForceSettings, flown_velocity
 from gcs.formation.law import (
@@ -31,9 +31,6 @@ from gcs.model.jit import kernel
 from gcs.model.plan import LawName
 from gcs.model.state import TINY, Array
 from gcs.safety.constraints import DECELERATION, ESCAPE, REACTION, allowed_speed_m_s
-
-STANDS_M_S: Final = 0.1
-"""A centre slower than this stands: its slots do too, and nothing beyond them is in the way."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -254,10 +251,10 @@ def desired_velocity(
     if lead.center is not None and len(now.rows) and (now.ellipses or columns):
         along_m_s = hypot(lead.center.velocity_m_s[0], lead.center.velocity_m_s[1])
         off_m = _to_slot_m(now, slot_m)
-        until_m = None if places.spin_rad_s or along_m_s > STANDS_M_S else off_m
+        until_m = off_m if lead.stands and not places.spin_rad_s else None
         sliding_m_s = np.full(len(own_m_s), along_m_s)
-        if along_m_s <= STANDS_M_S:
-            left = _left_behind(now, slot_m, off_m)
+        if lead.stands:
+            left = left_behind(now, slot_m, off_m)
             sliding_m_s[left] = 0.5 * np.hypot(*own_m_s[left, :2].T)
         own_m_s = _avoiding(now, now.rows, own_m_s, lead.sides, sliding_m_s, columns, until_m)
     desired_m_s = now.for_all(own_m_s, 0.0)
@@ -279,18 +276,6 @@ def _to_slot_m(now: TickInputs, slot_m: Array) -> Array:
     """(m,) distances to the slots (m, 3), sideways; inf by a law without slots."""
     off_m = slot_m - now.of_formed(now.position_m)
     return np.nan_to_num(np.hypot(off_m[:, 0], off_m[:, 1]), nan=np.inf)
-
-
-def _left_behind(now: TickInputs, slot_m: Array, off_m: Array) -> NDArray[np.intp]:
-    """The vehicles farther than the lookahead from slots (m, 3) that no obstacle covers.
-
-    Such a vehicle goes round an obstacle also while the centre stands. One with a covered slot waits there.
-    `off_m` (m,) is the distance to the slots, sideways.
-    """
-    left = np.flatnonzero(np.isfinite(off_m) & (off_m > now.settings.law.avoidance.lookahead_m))
-    for ellipse in now.ellipses.values():
-        left = left[ellipse.distance_m(slot_m[left]) > 0.0]
-    return left
 
 
 def _stopping_inside(now: TickInputs, desired_m_s: Array) -> Array:

@@ -13,6 +13,8 @@ from gcs.control.goal_routes import follow_routes
 from gcs.control.inputs import ControlSettings, FormationState, Task, Tasks, TickInputs
 from gcs.control.memory import GoalRoutes, Memory
 from gcs.control.others import Others
+from gcs.control.round_obstacles import round_obstacles
+from gcs.control.round_obstacles import warm_up as obstacles_warm_up
 from gcs.control.setpoint_shaping import shape_setpoints
 from gcs.formation.law import begun_yaw, desired_yaw_rad, turn_towards
 from gcs.formation.neighbours import Sight
@@ -109,6 +111,7 @@ def tick(
     places = spread(now, lead, memory, sight, shared)
     slot_m = slots_m(now, lead, places)
     aim_m, aiming, routes = follow_routes(now, memory.routes, slot_m)
+    aim_m, aiming = round_obstacles(now, aim_m, aiming, slot_m, stands=lead.stands)
     desired_m_s = desired_velocity(now, lead, places, slot_m, aim_m, aiming)
     desired_m_s = _in_traffic(now, aim_m, desired_m_s)[now.own]
     possible_m_s = limit_change(
@@ -308,6 +311,7 @@ def warm_up() -> None:
     """Compile or load every kernel that a tick uses, so that nothing is compiled in flight."""
     safety_warm_up()
     routes_warm_up()
+    obstacles_warm_up()
     n, tower = 5, Obstacle("tower", 10.0, 0.0, 5.0, 5.0, 30.0)
     place_m = np.array(
         [[0.0, 0.0, -20.0], [4.0, 0.0, -20.0], [0.0, 4.0, -20.0], [8.0, 8.0, -9.0], [9.0, 0.0, -9.0]]

@@ -75,6 +75,11 @@ class Ellipse:
         """(2,) both semi-axes."""
         return np.array([self.semi_x_m, self.semi_y_m])
 
+    @property
+    def velocity_m_s(self) -> Array:
+        """(2,)."""
+        return np.array([self.velocity_x_m_s, self.velocity_y_m_s])
+
     def normalised(self, position_m: Array) -> Array:
         """(n, 3) or (n, 2) positions in the plane in which the ellipse is the unit circle, (n, 2)."""
         normalised: Array = (position_m[:, :2] - np.array([self.x_m, self.y_m])) / self.semi_m

@@ -142,3 +142,29 @@ def test_no_obstacle_of_a_thousand_is_refused_in_flight() -> None:
     assert standing == {"box0", "box1", "box2", "box3"}
     assert violations == 0
     assert outcomes == {Outcome.DONE}
+
+
+class Waited(NamedTuple):
+    reason: str
+    landed: Landed
+
+
+async def box_under_the_whole_field(show: Show) -> Waited:
+    record = show.service.commands.command_show(ShowAction.STOP)
+    await show.wait(2.0)
+    show.service.plan.add_obstacle(Obstacle("flood", 0.0, 0.0, 1000.0, 1000.0, 1.0))
+    await show.until(lambda: "no place to land is free" in show.vehicle("d1").reason, 60.0)
+    reason = show.vehicle("d1").reason
+    await show.wait(10.0)
+    assert {show.vehicle(name).phase for name in show.config.ids} == {Phase.RETURN}
+    show.service.plan.remove_obstacle("flood")
+    record = await show.settled(record, 150.0)
+    outcomes = {one.outcome for one in record.outcomes.values()}
+    return Waited(reason, Landed(outcomes, 0.0, show.floor_violations()))
+
+
+def test_vehicles_wait_in_the_air_while_no_place_is_free() -> None:
+    waited = fly(box_under_the_whole_field, show_config(2), after=running)
+    assert waited.reason == "waits in the air: no place to land is free of obstacles"
+    assert waited.landed.outcomes == {Outcome.DONE}
+    assert waited.landed.floor_violations == 0

@@ -8,6 +8,7 @@ import numpy as np
 from gcs.model.jit import kernel, kernel_apart
 from gcs.model.state import Array, Mask
 from gcs.planning.return_paths.paths import STEP_S
+from gcs.planning.return_paths.round_boxes import WaysRound
 from gcs.safety.neighbours import Rows
 
 SLANTS = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -22,7 +23,7 @@ ASIDES_M = (-9.0, -4.5, 4.5, 9.0)
 ASIDE_SLANTS = (0.0, 0.5)
 
 EACH = len(SLANTS) + len(RISES_M) + len(ASIDES_M) * len(ASIDE_SLANTS)
-"""Candidate paths of one vehicle."""
+"""Candidate paths of one vehicle; as many as `WAYS` round obstacles."""
 
 TAIL = 10
 """Most steps by which a vehicle trails behind its goal."""
@@ -33,8 +34,10 @@ SPEED_SHARE = 0.95
 TOUCH_DOWN_M_S = 0.6
 """Below the handover its autopilot lands it, slower than the limits."""
 
-AreFree = Callable[[Array], Mask]
-"""(m,) Which of the places (m, 3), show frame, are inside the fence and clear of obstacles."""
+AreFree = Callable[[Array, Array], Mask]
+"""(m,) Which of the places (m, 3), show frame, are inside the fence and clear of obstacles, each so many
+seconds (m,) after the planning.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,6 +64,12 @@ class Candidates:
         """(n * EACH,) Length of each path, in steps."""
         return np.diff(self.first)
 
+    @property
+    def quickest(self) -> int:
+        """Steps after which every vehicle could be down, if it were alone."""
+        free_steps = np.where(self.free, self.length, np.iinfo(np.intp).max)
+        return int(free_steps.reshape(-1, EACH).min(axis=1).max())
+
 
 def lay(
     start_m: Array,
@@ -72,6 +81,7 @@ def lay(
     goal_rate_per_s: float,
     are_free: AreFree | None = None,
     closed: Closed | None = None,
+    ways: WaysRound | None = None,
 ) -> Candidates:
     """Generate all paths of all vehicles.
 
@@ -85,17 +95,42 @@ def lay(
         are_free: None: all places are free. If no path of a vehicle is free, all count as free: the filter
             leads it.
         closed: the space that lost vehicles may sweep; None: no vehicle is lost.
+        ways: round obstacles, for vehicles without another free path; None: there is no obstacle.
     """
     corners_m = _corners_m(start_m, pad_m, over_m, handover_m)
     speeds = SPEED_SHARE * speeds_m_s, TOUCH_DOWN_M_S, speeds_m_s, goal_rate_per_s
     found = _free_of(_laid(corners_m, *speeds), are_free, closed)
-    blocked = np.flatnonzero(~found.free.reshape(-1, EACH).any(axis=1))
-    if closed is not None and len(closed.segments_m) and len(blocked):
-        for row in blocked.tolist():
+    if closed is not None and len(closed.segments_m) and len(blocked := _blocked(found)):
+        for row in blocked:
             own = slice(row * EACH, (row + 1) * EACH)
             corners_m[own] = _round_closed(corners_m[own], closed)
         found = _free_of(_laid(corners_m, *speeds), are_free, closed)
+    if ways is not None and len(blocked := _blocked(found)):
+        corners_m = _round_boxes(corners_m, blocked, ways)
+        found = _free_of(_laid(corners_m, *speeds), are_free, closed)
     return replace(found, free=_or_all(found.free))
+
+
+def _blocked(found: Candidates) -> list[int]:
+    """Rows of the vehicles without a free path."""
+    blocked: list[int] = np.flatnonzero(~found.free.reshape(-1, EACH).any(axis=1)).tolist()
+    return blocked
+
+
+def _round_boxes(corners_m: Array, rows: list[int], ways: WaysRound) -> Array:
+    """(n * EACH, k, 3) the paths (n * EACH, 5, 3), those of `rows` led round obstacles or over them.
+
+    The others repeat their start.
+    """
+    led = {row: ways.lead(corners_m[row * EACH, 0], corners_m[row * EACH, 2]) for row in rows}
+    longest = max(each.shape[1] for each in led.values())
+    before = np.repeat(corners_m[:, :1], longest - 1, axis=1)
+    all_m = np.concatenate([before, corners_m[:, 1:]], axis=1)
+    for row, way_m in led.items():
+        own = slice(row * EACH, (row + 1) * EACH)
+        all_m[own, 1 : 1 + longest - way_m.shape[1]] = corners_m[row * EACH, 0]
+        all_m[own, 1 + longest - way_m.shape[1] : 1 + longest] = way_m
+    return all_m
 
 
 def _free_of(
@@ -105,7 +140,9 @@ def _free_of(
     goal_m, path_m, first, over = laid
     free = np.ones(len(over), dtype=np.bool_)
     if are_free is not None and len(path_m):
-        free = np.logical_and.reduceat(are_free(path_m), first[:-1])
+        steps = np.arange(len(path_m)) - np.repeat(first[:-1], np.diff(first))
+        after_s = np.multiply(steps, STEP_S, dtype=np.float64)
+        free = np.logical_and.reduceat(are_free(path_m, after_s), first[:-1])
     if closed is not None and len(closed.segments_m):
         free &= _clear_of(path_m * closed.scale, first, closed.segments_m, closed.kept_m)
     return Candidates(goal_m, path_m, first, over, free)
@@ -245,7 +282,7 @@ def _steps(begin_m: Array, end_m: Array, sideways_m_s: float, up_m_s: float, dow
 def _laid(
     corners_m: Array, speeds_m_s: Array, touch_down_m_s: float, limits_m_s: Array, rate_per_s: float
 ) -> tuple[Array, Array, Rows, Rows]:
-    """Goals and paths (m, 3) of corners (k, 5, 3), index of each (k + 1,), steps until over the pad (k,)."""
+    """Goals and paths (m, 3) of corners (k, c, 3), index of each (k + 1,), steps until over the pad (k,)."""
     return_paths, corners = corners_m.shape[:2]
     sideways_m_s, up_m_s, down_m_s = speeds_m_s
     steps = np.empty((return_paths, corners - 1), np.intp)
@@ -254,7 +291,7 @@ def _laid(
         for leg in range(corners - 1):
             sinks_m_s = touch_down_m_s if leg == corners - 2 else down_m_s
             steps[k, leg] = _steps(corners_m[k, leg], corners_m[k, leg + 1], sideways_m_s, up_m_s, sinks_m_s)
-        over[k] = steps[k, 0] + steps[k, 1]
+        over[k] = steps[k, : corners - 3].sum()
         first[k + 1] = first[k] + 1 + steps[k].sum() + TAIL
     goal_m, path_m = np.empty((first[-1], 3)), np.empty((first[-1], 3))
     for k in range(return_paths):

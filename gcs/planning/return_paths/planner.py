@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 
 from gcs.control import ControlSettings, ellipses_of
+from gcs.formation.obstacles import Ellipse
 from gcs.model.errors import ShapeError
 from gcs.model.plan import Plan
 from gcs.model.settings import NotNegative, Positive, Settings
@@ -22,6 +23,7 @@ from gcs.planning.return_paths.candidates import (
 )
 from gcs.planning.return_paths.conflicts import chosen_paths
 from gcs.planning.return_paths.paths import STEP_S, WELL_IN_PLACE_M, ReturnPaths
+from gcs.planning.return_paths.round_boxes import WaysRound
 from gcs.safety.filter import Limits
 from gcs.safety.neighbours import Rows
 from gcs.safety.separation import Floor
@@ -85,6 +87,7 @@ class Planner:
         settings: ReturnSettings | None = None,
         are_free: AreFree | None = None,
         closed: Closed | None = None,
+        ways: WaysRound | None = None,
     ) -> None:
         """Plans nothing yet.
 
@@ -101,6 +104,7 @@ class Planner:
             settings: of the plan.
             are_free: which places are inside the fence and clear of obstacles; None: all.
             closed: the space that lost vehicles may sweep; None: no vehicle is lost.
+            ways: round obstacles; None: there is none.
 
         Raises: ShapeError if there are no vehicles, or a position is not finite.
         """
@@ -118,7 +122,8 @@ class Planner:
         self._kept_range_m = floor.horizontal_m, wide_m
         self._settings = settings
         self._limits_m_s = np.array([speed_m_s, limits.up_m_s, limits.down_m_s])
-        self._goal_rate_per_s, self._are_free, self._closed = goal_rate_per_s, are_free, closed
+        self._goal_rate_per_s = goal_rate_per_s
+        self._are_free, self._closed, self._round = are_free, closed, ways
         way_m = pad_m - start_m
         level_s = np.hypot(way_m[:, 0], way_m[:, 1]) / (SPEED_SHARE * speed_m_s)
         self._quickest_s = np.maximum(level_s, way_m[:, 2] / (SPEED_SHARE * limits.down_m_s))
@@ -153,12 +158,14 @@ class Planner:
         attempt, before = divmod(self._rounds - 1, ATTEMPT_ROUNDS)
         if before == 0:
             self._fails[:] = 0
+        quickest = candidates.quickest
         longest_s = float(self._quickest_s.max(initial=STEP_S))
+        if self._round is not None:  # ways round obstacles are longer than straight ones
+            longest_s = max(longest_s, quickest * STEP_S)
         share = LONGEST_SHARE if before < LATER_ROUNDS else LATER_SHARE
         many_s = MORE_FOR_MANY_S if len(self._start_m) > MANY else 0.0
         down_s = share * longest_s + settings.spare_s + (MORE_S if last else 0.0)
         later_s = max(down_s, LATER_SHARE * longest_s + settings.spare_s + many_s)
-        quickest = int(candidates.length.reshape(-1, EACH).min(axis=1).max())
         way, wait, again = chosen_paths(
             np.lexsort((self._rank, -self._fails)),
             self._place_m,
@@ -201,6 +208,7 @@ class Planner:
             goal_rate_per_s=self._goal_rate_per_s,
             are_free=self._are_free,
             closed=self._closed,
+            ways=self._round,
         )
         self._place_m = candidates.path_m * self._scale
         least_m, wide_m = self._kept_range_m
@@ -252,6 +260,7 @@ def warm_up() -> None:
     """Compile or load the kernels, so that nothing is compiled in flight."""
     start_m = np.array([[0.0, 0.0, -10.0], [9.0, 0.0, -10.0]])
     pad_m = np.array([[4.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+    ways = WaysRound((Ellipse(7.0, 0.0, 1.0, 9.0, 50.0),), CLEAR_M, 100.0, 100.0, 4.0)
     planner = Planner(
         start_m,
         pad_m,
@@ -262,12 +271,17 @@ def warm_up() -> None:
         limits=Limits(),
         floor=Floor(),
         reserve_m=0.7,
+        are_free=lambda place_m, _: np.zeros(len(place_m), np.bool_),
+        ways=ways,
     )
     plan_return_paths(planner)
     closed_places(pad_m, 5.0, Floor(), np.zeros(2), (np.zeros((1, 2, 3)), np.zeros(1)))
 
 
 INSIDE_FENCE_M = 1.0
+
+AHEAD_S = 20.0
+"""Obstacles are taken to move on as they do for so long, and to stand from then on."""
 
 
 def return_planner(
@@ -306,7 +320,15 @@ def return_planner(
         reserve_m=control.safety.floor.worst_reserve_m(uncertainty_m),
         are_free=_are_free(control, plan, time_s),
         closed=None if lost is None else _closed(control.safety.floor, uncertainty_m, *lost),
+        ways=_round_boxes(control, plan, time_s),
     )
+
+
+def _round_boxes(control: ControlSettings, plan: Plan, time_s: float) -> WaysRound | None:
+    """Ways round the obstacles at `time_s`; None: there is none."""
+    fence, ellipses = control.safety.fence, tuple(ellipses_of(plan, control, time_s).values())
+    within_m, highest_m = fence.distance_max_m - INSIDE_FENCE_M, fence.height_max_m - INSIDE_FENCE_M
+    return WaysRound(ellipses, CLEAR_M, within_m, highest_m, control.law.speed_m_s) if ellipses else None
 
 
 PAD_CLOSED_M = WELL_IN_PLACE_M / 2.0
@@ -353,7 +375,8 @@ def return_places_m(
     def are_open(place_m: Array) -> Mask:
         above_m = place_m - (0.0, 0.0, over_m)
         apart_m = _way_down_apart_m(place_m, over_m, space)
-        return np.asarray((apart_m >= 0.0) & are_free(place_m) & are_free(above_m))
+        at_once_s = np.zeros(len(place_m))
+        return np.asarray((apart_m >= 0.0) & are_free(place_m, at_once_s) & are_free(above_m, at_once_s))
 
     return open_places_m(home_m, closed, taken_m, spacing_m, ellipses, are_open)
 
@@ -385,16 +408,17 @@ def _closed(floor: Floor, uncertainty_m: Array, segments_m: Array, lost_m: Array
 
 
 def _are_free(control: ControlSettings, plan: Plan, time_s: float) -> AreFree:
-    """Return a function for which positions are inside the fence and clear of obstacles at `time_s`."""
+    """Return a function for which positions are inside the fence and clear of obstacles, after `time_s`."""
     fence, ellipses = control.safety.fence, tuple(ellipses_of(plan, control, time_s).values())
 
-    def are_free(place_m: Array) -> Mask:
+    def are_free(place_m: Array, after_s: Array) -> Mask:
         height_m = -place_m[:, 2]
         free = np.hypot(place_m[:, 0], place_m[:, 1]) <= fence.distance_max_m - INSIDE_FENCE_M
         free &= height_m <= fence.height_max_m - INSIDE_FENCE_M
         for ellipse in ellipses:
             low = np.flatnonzero(height_m < ellipse.top_height_m)
-            free[low] &= ellipse.distance_m(place_m[low]) >= CLEAR_M
+            moved_m = np.minimum(after_s[low], AHEAD_S)[:, None] * ellipse.velocity_m_s
+            free[low] &= ellipse.distance_m(place_m[low, :2] - moved_m) >= CLEAR_M
         return np.asarray(free)
 
     return are_free

@@ -162,7 +162,7 @@ def test_two_above_each_others_pads_both_land() -> None:
 def test_paths_keep_clear_of_occupied_places() -> None:
     start_m, pad_m = np.array([[30.0, 0.0, -10.0]]), np.zeros((1, 3))
 
-    def are_free(place_m: Array) -> Mask:
+    def are_free(place_m: Array, _: Array) -> Mask:
         return np.asarray(np.hypot(place_m[:, 0] - 15.0, place_m[:, 1]) > 3.0)
 
     path_m = planned(start_m, pad_m, are_free=are_free).path_m[0]

@@ -1,0 +1,170 @@
+"""Leads vehicles with goals of their own, and those far from their slots, round obstacles (decision 0064).
+
+The tangent of one obstacle leads into the corner of several, and stops before the middle of a wide one. Each
+tick takes the first corner of the shortest way: nothing is remembered, and a box that moves changes the way.
+"""
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.control.inputs import TickInputs
+from gcs.formation.obstacles import Outlines
+from gcs.formation.ways_round import away_m, passes, way_round
+from gcs.model.jit import kernel
+from gcs.model.state import Array, Mask
+
+SPARE_M: Final = 1.0
+"""A way keeps this much more than the distance at which the tangent pushes."""
+
+BEYOND_M: Final = 2.0
+"""A vehicle farther than this from a corner aims as far beyond it, a nearer one at the next place: it need
+not stop there, and a corner that moves is not pursued.
+"""
+
+AHEAD_S: Final = 8.0
+"""A box that moves counts where it will be when the vehicle can be there, but no later than this."""
+
+OVER_M: Final = 1.0
+"""Where no way leads round, a vehicle climbs so far above the obstacles on its straight way."""
+
+INSIDE_FENCE_M: Final = 1.0
+
+
+def round_obstacles(
+    now: TickInputs, aim_m: Array, aiming: NDArray[np.intp], slot_m: Array, *, stands: bool
+) -> tuple[Array, NDArray[np.intp]]:
+    """Where vehicles aim at, (n, 3), and which do so, (k,): as of `follow_routes`, led round obstacles.
+
+    Vehicles that descend or follow a planned path aim where they did.
+
+    Args:
+        now: inputs of this tick.
+        aim_m: (n, 3).
+        aiming: (k,) rows.
+        slot_m: (m, 3) of the m vehicles in formation.
+        stands: whether the formation's centre does: then a vehicle farther than the lookahead from its slot
+            goes round to it.
+    """
+    if not now.ellipses:
+        return aim_m, aiming
+    led = now.to_goal & ~now.descending
+    if now.tasks.follows_planned_path is not None:
+        led &= ~now.tasks.follows_planned_path
+    goal_m = np.array(aim_m)
+    behind = np.zeros(0, np.intp)
+    if stands:
+        off_m = slot_m - now.of_formed(now.position_m)
+        far = left_behind(now, slot_m, np.hypot(off_m[:, 0], off_m[:, 1]))
+        behind = np.setdiff1d(now.rows[far], aiming)
+        goal_m[now.rows[far]] = slot_m[far]
+    rows = np.concatenate([np.flatnonzero(led), behind])
+    if len(rows) == 0:
+        return aim_m, aiming
+    outlines, fence, avoidance = (
+        Outlines.of(now.ellipses),
+        now.settings.safety.fence,
+        now.settings.law.avoidance,
+    )
+    goal_m[rows], round_them = _aims(
+        now.position_m[rows],
+        goal_m[rows],
+        (np.array(outlines.center_m), np.array(outlines.velocity_m_s)),
+        outlines.semi_m + avoidance.near_m + SPARE_M,
+        np.array(outlines.top_height_m),
+        now.settings.law.speed_m_s,
+        (fence.distance_max_m - INSIDE_FENCE_M, fence.height_max_m - INSIDE_FENCE_M),
+        avoidance.climbs,
+    )
+    changed = rows[round_them]
+    aims_m = np.array(aim_m)
+    aims_m[changed] = goal_m[changed]
+    return aims_m, np.union1d(aiming, changed)
+
+
+def left_behind(now: TickInputs, slot_m: Array, off_m: Array) -> NDArray[np.intp]:
+    """Which of the m vehicles in formation are farther than the lookahead from slots that no obstacle covers.
+
+    Such a vehicle goes round obstacles also while the centre stands. One with a covered slot waits there.
+
+    Args:
+        now: inputs of this tick.
+        slot_m: (m, 3).
+        off_m: (m,) distances to them, sideways; not finite by a law without slots.
+    """
+    left = np.flatnonzero(np.isfinite(off_m) & (off_m > now.settings.law.avoidance.lookahead_m))
+    for ellipse in now.ellipses.values():
+        left = left[ellipse.distance_m(slot_m[left]) > 0.0]
+    return left
+
+
+@kernel
+def _aims(
+    place_m: Array,
+    goal_m: Array,
+    centers: tuple[Array, Array],
+    semi_m: Array,
+    top_m: Array,
+    speed_m_s: float,
+    fence: tuple[float, float],
+    climbs: bool,
+) -> tuple[Array, Mask]:
+    """(k, 3) where vehicles aim at, and (k,) which of these are not their goals.
+
+    Args:
+        place_m: (k, 3).
+        goal_m: (k, 3).
+        centers: (m, 2) of the ellipses, and their velocities.
+        semi_m: (m, 2) their semi-axes, with all that a way keeps.
+        top_m: (m,) heights above which they need not be avoided.
+        speed_m_s: of the vehicles.
+        fence: greatest distance and height.
+        climbs: whether a vehicle may climb over where no way leads round.
+    """
+    aim_m, led = goal_m.copy(), np.zeros(len(goal_m), np.bool_)
+    for i in range(len(place_m)):
+        height_m, here_m, there_m = -place_m[i, 2], place_m[i, :2].copy(), goal_m[i, :2].copy()
+        center_m = _later_m(here_m, *centers, speed_m_s)
+        below = np.flatnonzero(top_m > height_m)
+        corner_m, is_way = way_round(here_m, there_m, center_m[below], semi_m[below], fence[0])
+        if len(corner_m):
+            aim_m[i, :2], led[i] = _towards(here_m, corner_m, there_m), True
+            continue
+        highest_m = 0.0  # of those that the straight way meets
+        for k in range(len(top_m)):
+            if not passes(here_m, there_m, center_m[k], semi_m[k]):
+                highest_m = max(highest_m, top_m[k])
+        if is_way and height_m >= highest_m > -goal_m[i, 2]:  # above them, until it is past
+            aim_m[i, 2], led[i] = place_m[i, 2], True
+        elif not is_way and climbs and highest_m + OVER_M <= fence[1]:
+            aim_m[i, :2], aim_m[i, 2], led[i] = here_m, -(highest_m + OVER_M), True
+    return aim_m, led
+
+
+@kernel
+def _later_m(here_m: Array, center_m: Array, velocity_m_s: Array, speed_m_s: float) -> Array:
+    """(m, 2) where ellipses with these centres and velocities (m, 2) will be when a vehicle can be there."""
+    later_m = center_m.copy()
+    for k in range(len(center_m)):
+        later_m[k] += min(away_m(here_m, center_m[k]) / speed_m_s, AHEAD_S) * velocity_m_s[k]
+    return later_m
+
+
+@kernel
+def _towards(here_m: Array, corner_m: Array, goal_m: Array) -> Array:
+    """(2,) where a vehicle aims at whose way leads by corners (k, 2) to a goal."""
+    first = 0
+    while first < len(corner_m) and away_m(here_m, corner_m[first]) <= BEYOND_M:
+        first += 1
+    if first == len(corner_m):
+        return goal_m
+    farther = 1.0 + BEYOND_M / away_m(here_m, corner_m[first])
+    aim_m: Array = here_m + farther * (corner_m[first] - here_m)
+    return aim_m
+
+
+def warm_up() -> None:
+    """Compile or load the kernels, so that nothing is compiled in flight."""
+    place_m, at_m = np.zeros((1, 3)), (np.array([[5.0, 0.0]]), np.zeros((1, 2)))
+    _aims(place_m, place_m + 10.0, at_m, np.ones((1, 2)), np.full(1, 50.0), 5.0, (100.0, 100.0), True)

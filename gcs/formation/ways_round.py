@@ -1,0 +1,151 @@
+"""The shortest way of one vehicle round obstacles, in plan (decision 0064). Compiled, and without a lock.
+
+Each obstacle is an ellipse, grown by what the way keeps. A way leads from corner to corner of polygons about
+the ellipses: what sees what, and the shortest way in that graph. At first only the ellipses count that the
+straight way meets, then those that the way found meets as well: few of many are looked at, and a shortest way
+past some that meets no other is a shortest way past all.
+"""
+
+from typing import Final
+
+import numpy as np
+
+from gcs.model.jit import kernel, kernel_apart
+from gcs.model.state import Array, Mask
+
+POINTS: Final = 12
+"""Corners of the polygon about an ellipse."""
+
+OUTSIDE: Final = float(1.001 / np.cos(np.pi / POINTS))
+"""So far outside, in its radii, lie the corners of a polygon whose sides do not cut the ellipse."""
+
+COUNTED_MAX: Final = 10
+"""A way that meets more ellipses than this is not looked for."""
+
+
+@kernel
+def passes(one_m: Array, other_m: Array, center_m: Array, semi_m: Array) -> bool:
+    """Whether the straight way between two places (2,) passes an ellipse, or only leads out of it."""
+    x, y = (one_m[0] - center_m[0]) / semi_m[0], (one_m[1] - center_m[1]) / semi_m[1]
+    along_x, along_y = (other_m[0] - one_m[0]) / semi_m[0], (other_m[1] - one_m[1]) / semi_m[1]
+    begun, ended = x * x + y * y, (x + along_x) ** 2 + (y + along_y) ** 2
+    length = along_x * along_x + along_y * along_y
+    share = min(max(-(x * along_x + y * along_y) / max(length, 1e-12), 0.0), 1.0)
+    nearest = (x + share * along_x) ** 2 + (y + share * along_y) ** 2
+    return bool(nearest >= min(1.0, 0.999 * min(begun, ended)))
+
+
+@kernel
+def _passes_all(one_m: Array, other_m: Array, center_m: Array, semi_m: Array, counted: Mask) -> bool:
+    """As `passes`, of those ellipses (m, 2) that count (m,)."""
+    for k in range(len(center_m)):
+        if counted[k] and not passes(one_m, other_m, center_m[k], semi_m[k]):
+            return False
+    return True
+
+
+@kernel
+def _count_met(one_m: Array, other_m: Array, center_m: Array, semi_m: Array, counted: Mask) -> bool:
+    """Have those ellipses (m, 2) count (m,) that the straight way meets. Returns: whether it meets any."""
+    met = False
+    for k in range(len(center_m)):
+        if not passes(one_m, other_m, center_m[k], semi_m[k]):
+            counted[k] = met = True
+    return met
+
+
+@kernel_apart
+def way_round(
+    start_m: Array, goal_m: Array, center_m: Array, semi_m: Array, within_m: float
+) -> tuple[Array, bool]:
+    """Corners (k, 2) of the shortest way from start to goal, none where it is straight; whether there is one.
+
+    Args:
+        start_m: (2,) show frame; a start within an ellipse may be left, but no deeper.
+        goal_m: (2,) likewise.
+        center_m: (m, 2) of the ellipses.
+        semi_m: (m, 2) their semi-axes, with all that the way keeps.
+        within_m: distance from the origin beyond which no corner lies.
+    """
+    counted = np.zeros(len(center_m), np.bool_)
+    way_m = np.empty((0, 2))
+    while True:
+        met, before_m = False, start_m
+        for k in range(len(way_m)):
+            met |= _count_met(before_m, way_m[k], center_m, semi_m, counted)
+            before_m = way_m[k]
+        met |= _count_met(before_m, goal_m, center_m, semi_m, counted)
+        if not met:
+            return way_m, True
+        if counted.sum() > COUNTED_MAX:
+            return way_m[:0], False
+        corner_m = _corners(center_m, semi_m, counted, within_m)
+        way_m = _shortest(start_m, goal_m, corner_m, center_m, semi_m, counted)
+        if len(way_m) == 0:
+            return way_m, False
+
+
+@kernel
+def _corners(center_m: Array, semi_m: Array, counted: Mask, within_m: float) -> Array:
+    """(k, 2) corners about the ellipses that count; none lies within another, or beyond the fence."""
+    found, count = np.empty((POINTS * counted.sum(), 2)), 0
+    for k in np.flatnonzero(counted):
+        for point in range(POINTS):
+            turn_rad = 2.0 * np.pi * point / POINTS
+            x_m = center_m[k, 0] + OUTSIDE * semi_m[k, 0] * np.cos(turn_rad)
+            y_m = center_m[k, 1] + OUTSIDE * semi_m[k, 1] * np.sin(turn_rad)
+            inside = ((x_m - center_m[:, 0]) / semi_m[:, 0]) ** 2 + (
+                (y_m - center_m[:, 1]) / semi_m[:, 1]
+            ) ** 2
+            if np.hypot(x_m, y_m) <= within_m and inside.min() >= 1.0:
+                found[count, 0], found[count, 1] = x_m, y_m
+                count += 1
+    return found[:count]
+
+
+@kernel
+def _shortest(
+    start_m: Array, goal_m: Array, corner_m: Array, center_m: Array, semi_m: Array, counted: Mask
+) -> Array:
+    """(k, 2) corners of the shortest way past the ellipses that count; none where there is no way."""
+    left_m, after = _left_from(goal_m, corner_m, center_m, semi_m, counted)
+    first, least_m = -1, np.inf
+    for i in range(len(corner_m)):
+        whole_m = left_m[i] + away_m(start_m, corner_m[i])
+        if whole_m < least_m and _passes_all(start_m, corner_m[i], center_m, semi_m, counted):
+            first, least_m = i, whole_m
+    way_m, length = np.empty_like(corner_m), 0
+    while first >= 0:
+        way_m[length] = corner_m[first]
+        length, first = length + 1, after[first]
+    return way_m[:length]
+
+
+@kernel
+def _left_from(
+    goal_m: Array, corner_m: Array, center_m: Array, semi_m: Array, counted: Mask
+) -> tuple[Array, Array]:
+    """(k,) the shortest ways from corners to the goal, inf: none, and the next corner on each, -1: none.
+
+    Dijkstra's algorithm, from the goal.
+    """
+    count = len(corner_m)
+    left_m, after, done = np.full(count, np.inf), np.full(count, -1), np.zeros(count, np.bool_)
+    for i in range(count):
+        if _passes_all(goal_m, corner_m[i], center_m, semi_m, counted):
+            left_m[i] = away_m(goal_m, corner_m[i])
+    for _ in range(count):
+        nearest = np.argmin(np.where(done, np.inf, left_m))
+        done[nearest] = True
+        for i in range(count):
+            way_m = left_m[nearest] + away_m(corner_m[nearest], corner_m[i])
+            if way_m < left_m[i] and _passes_all(corner_m[nearest], corner_m[i], center_m, semi_m, counted):
+                left_m[i], after[i] = way_m, nearest
+    return left_m, after
+
+
+@kernel
+def away_m(one_m: Array, other_m: Array) -> float:
+    """Distance of two places (2,)."""
+    distance_m: float = np.hypot(one_m[0] - other_m[0], one_m[1] - other_m[1])
+    return distance_m

@@ -1,0 +1,78 @@
+"""Ways of one vehicle home, round obstacles or over them, where no straight path is free (decision 0064)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from gcs.formation.obstacles import Ellipse, Outlines
+from gcs.formation.ways_round import passes, way_round
+from gcs.model.state import Array
+
+SPARES: Final = ((1.0, 1.0), (3.5, 2.0), (7.0, 1.5))
+"""What a way keeps beyond the least clearance, in metres: a vehicle cuts its corners, the more the faster it
+is. And how much later than the vehicle can be there a box that moves counts, as a factor: it goes on while
+the vehicle passes, and another factor may lead round the other side.
+"""
+
+HEIGHTS: Final = (1.0, 0.67, 0.33, 0.0)
+"""At which a way round is flown: shares between the least height above the pads and the vehicle's own."""
+
+OVER_M: Final = (1.0, 4.0, 7.0, 10.0)
+"""Above the highest obstacle on the straight way, as far as the fence allows."""
+
+AHEAD_S: Final = 8.0
+"""No box is taken to be farther on than after this time."""
+
+WAYS: Final = len(SPARES) * len(HEIGHTS) + len(OVER_M)
+
+
+@dataclass(frozen=True, eq=False)
+class WaysRound:
+    """The obstacles at one time.
+
+    Attributes:
+        ellipses: with their margins.
+        clear_m: what every path keeps from them.
+        within_m: distance over the ground to which the fence allows flight.
+        highest_m: height to which it allows flight.
+        speed_m_s: of the vehicles: a box that moves counts where it will be when one can be there.
+    """
+
+    ellipses: Sequence[Ellipse]
+    clear_m: float
+    within_m: float
+    highest_m: float
+    speed_m_s: float
+
+    def lead(self, start_m: Array, above_m: Array) -> Array:
+        """(WAYS, k, 3) places to fly to one after the other, the last is above the pad.
+
+        Rows are filled from the front with the start.
+
+        Args:
+            start_m: (3,) where the vehicle hovers, show frame.
+            above_m: (3,) above its pad, at the least height.
+        """
+        outlines = Outlines.of({str(at): each for at, each in enumerate(self.ellipses)})
+        one_m, other_m = start_m[:2].copy(), above_m[:2].copy()
+        away_m = np.linalg.norm(outlines.center_m - one_m, axis=1)
+        there_s = np.minimum(away_m / self.speed_m_s, AHEAD_S)
+        center_m = np.array(outlines.center_m)
+        lowest_z_m, own_z_m, found = float(above_m[2]), float(min(start_m[2], above_m[2])), list[Array]()
+        for spare_m, later in SPARES:
+            semi_m = outlines.semi_m + self.clear_m + spare_m
+            moved_m = center_m + later * there_s[:, None] * outlines.velocity_m_s
+            level_m, _ = way_round(one_m, other_m, moved_m, semi_m, self.within_m)
+            for share in HEIGHTS:
+                z_m = np.full(len(level_m) + 1, lowest_z_m + share * (own_z_m - lowest_z_m))
+                found.append(np.column_stack([np.vstack([level_m, other_m]), z_m]))
+        grown_m = outlines.semi_m + self.clear_m
+        met = [not passes(one_m, other_m, center_m[at], grown_m[at]) for at in range(len(outlines))]
+        top_m = float(outlines.top_height_m[met].max(initial=-own_z_m))
+        for more_m in OVER_M:
+            over_z_m = min(own_z_m, -min(top_m + more_m, self.highest_m))
+            found.append(np.array([[*one_m, over_z_m], [*other_m, over_z_m]]))
+        longest = max(map(len, found))
+        return np.stack([np.vstack([np.tile(start_m, (longest - len(way), 1)), way]) for way in found])

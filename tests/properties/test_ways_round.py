@@ -1,0 +1,97 @@
+"""The way round obstacles touches none, is as short as it says, and does not depend on what is far away."""
+
+from itertools import pairwise
+
+import numpy as np
+from hypothesis import assume, given
+from hypothesis import strategies as st
+
+from gcs.formation.ways_round import passes, way_round
+from gcs.model.state import Array
+
+FAR_M = 400.0
+BOX = st.tuples(st.floats(-60.0, 60.0), st.floats(-60.0, 60.0), st.floats(2.0, 20.0), st.floats(2.0, 20.0))
+PLACE = st.tuples(st.floats(-90.0, 90.0), st.floats(-90.0, 90.0))
+
+
+def arrays(boxes: list[tuple[float, float, float, float]]) -> tuple[Array, Array]:
+    table = np.array(boxes, dtype=np.float64).reshape(-1, 4)
+    return table[:, :2].copy(), table[:, 2:].copy()
+
+
+def outside(place_m: Array, center_m: Array, semi_m: Array) -> bool:
+    return bool((((place_m - center_m) / semi_m) ** 2).sum(axis=1).min(initial=np.inf) > 1.0)
+
+
+def nearest(one_m: Array, other_m: Array, center_m: Array, semi_m: Array) -> float:
+    """Of a leg, in radii of the ellipse it comes nearest to."""
+    shares = np.linspace(0.0, 1.0, 201)[:, None, None]
+    places_m = one_m + shares * (other_m - one_m)
+    return float(np.sqrt((((places_m - center_m) / semi_m) ** 2).sum(axis=2)).min(initial=np.inf))
+
+
+def length_m(start_m: Array, way_m: Array, goal_m: Array) -> float:
+    places_m = np.vstack([start_m, way_m, goal_m])
+    return float(np.linalg.norm(np.diff(places_m, axis=0), axis=1).sum())
+
+
+@given(st.lists(BOX, max_size=8), PLACE, PLACE)
+def test_way_touches_no_obstacle(
+    boxes: list[tuple[float, float, float, float]], start: tuple[float, float], goal: tuple[float, float]
+) -> None:
+    center_m, semi_m = arrays(boxes)
+    start_m, goal_m = np.array(start), np.array(goal)
+    assume(outside(start_m, center_m, semi_m) and outside(goal_m, center_m, semi_m))
+    way_m, is_way = way_round(start_m, goal_m, center_m, semi_m, FAR_M)
+    assume(is_way)
+    places_m = [start_m, *way_m, goal_m]
+    for one_m, other_m in pairwise(places_m):
+        assert nearest(one_m, other_m, center_m, semi_m) > 0.999
+    assert length_m(start_m, way_m, goal_m) >= float(np.linalg.norm(goal_m - start_m)) - 1e-9
+    if all(passes(start_m, goal_m, *each) for each in zip(center_m, semi_m, strict=True)):
+        assert len(way_m) == 0, "a straight way has no corner"
+
+
+@given(st.lists(BOX, min_size=1, max_size=6), st.lists(BOX, max_size=4), PLACE, PLACE)
+def test_what_the_way_does_not_meet_makes_it_no_longer(
+    boxes: list[tuple[float, float, float, float]],
+    more: list[tuple[float, float, float, float]],
+    start: tuple[float, float],
+    goal: tuple[float, float],
+) -> None:
+    center_m, semi_m = arrays(boxes)
+    start_m, goal_m = np.array(start), np.array(goal)
+    way_m, is_way = way_round(start_m, goal_m, center_m, semi_m, FAR_M)
+    assume(is_way and outside(start_m, center_m, semi_m) and outside(goal_m, center_m, semi_m))
+    places_m = [start_m, *way_m, goal_m]
+    clear = [
+        each
+        for each in more
+        if all(nearest(one_m, other_m, *arrays([each])) > 1.2 for one_m, other_m in pairwise(places_m))
+    ]
+    again_m, is_still = way_round(start_m, goal_m, *arrays([*boxes, *clear]), FAR_M)
+    assert is_still
+    assert length_m(start_m, again_m, goal_m) <= length_m(start_m, way_m, goal_m) + 1e-6
+
+
+def test_way_out_of_a_pocket_leads_round_its_end() -> None:
+    center_m = np.array([[0.0, 0.0], [20.0, 15.0], [20.0, -15.0]])
+    semi_m = np.array([[3.0, 20.0], [22.0, 3.0], [22.0, 3.0]])
+    way_m, is_way = way_round(np.array([15.0, 1.0]), np.array([-30.0, 0.0]), center_m, semi_m, FAR_M)
+    assert is_way
+    assert way_m[:, 0].max() > 40.0
+    assert (way_m[:, 1] > 0.0).all(), "round the nearer arm"
+
+
+def test_closed_ring_has_no_way() -> None:
+    center_m = np.array([[20.0, 0.0], [-20.0, 0.0], [0.0, 20.0], [0.0, -20.0]])
+    semi_m = np.array([[3.0, 30.0], [3.0, 30.0], [30.0, 3.0], [30.0, 3.0]])
+    _, is_way = way_round(np.zeros(2), np.array([60.0, 0.0]), center_m, semi_m, FAR_M)
+    assert not is_way
+
+
+def test_start_inside_a_margin_is_led_out() -> None:
+    center_m, semi_m = np.zeros((1, 2)), np.array([[5.0, 20.0]])
+    way_m, is_way = way_round(np.array([4.5, 1.0]), np.array([-30.0, 0.0]), center_m, semi_m, FAR_M)
+    assert is_way
+    assert passes(np.array([4.5, 1.0]), way_m[0], center_m[0], semi_m[0])
