@@ -174,9 +174,14 @@ SOAKED: Final = 14
 """Worlds of each kind and story: 210 in all."""
 
 
+def is_short(story: str, kind: str) -> bool:
+    """For `make test`: a return of all past each kind of wall, and the other stories out of a pocket."""
+    return story == "return" or kind == "pocket"
+
+
 def cases() -> list[object]:
     return [
-        pytest.param(story, kind, seed, marks=pytest.mark.soak if seed else ())
+        pytest.param(story, kind, seed, marks=() if seed == 0 and is_short(story, kind) else pytest.mark.soak)
         for story in STORIES
         for kind in WORLDS
         for seed in range(SOAKED)
