@@ -232,7 +232,11 @@ def test_jumping_position_lists_first_and_widens_the_margin() -> None:
     (fastest_m_s, *wide_m), later_m, phases, reason, small = fly(story, show_config(3), after=running)
     assert reason.startswith("its position jumped: it stands for 3 s")
     assert fastest_m_s < 1.5
-    assert wide_m == pytest.approx([0.225, 0.425, 0.225])
+    jumped_m, *others_m = wide_m[1], wide_m[0], wide_m[2]
+    assert others_m == pytest.approx([0.225, 0.225])
+    floor = show_config(3).control.safety.floor
+    grown_m = floor.reserve_m(jumped_m, 0.225) - floor.reserve_m(0.225, 0.225)
+    assert grown_m == pytest.approx(3.0, abs=0.2), "others keep clear of both places"
     assert later_m == pytest.approx([0.225] * 3)
     assert phases[-1] is Phase.FORMATION, "it goes on by itself"
     assert small.startswith("its position jumped: it stands for 3 s"), "the estimator reported the jump"
