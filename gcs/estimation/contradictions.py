@@ -45,8 +45,11 @@ UP_SHARE: Final = 0.5
 STRAYS_S: Final = 1.5
 """Time constant with which that is forgotten."""
 
-GAP_S: Final = 1.0
+GAP_S: Final = 0.5
 """Two positions with so much time between them are not compared: the velocity between them is unknown."""
+
+TURNS_M_S2: Final = 4.0
+"""By so much a vehicle may accelerate between two positions: what that explains is no contradiction."""
 
 SUDDEN_M, SUDDEN_M_S = 1.5, 2.0
 """A step off by more than this and this speed is a jump, which is judged as one, and not a drift."""
@@ -107,8 +110,9 @@ def _compare(
                 repeats[i], held_s[i], travel_m[i], owed_m[i] = 0, time_s[i], 0.0, 0.0
             off_m = stepped_m - led_m
             strayed_m[i] *= np.exp(-since_s / STRAYS_S)
-            if since_s <= GAP_S and _length_m(off_m) <= SUDDEN_M + SUDDEN_M_S * since_s:
-                strayed_m[i] += off_m
+            length_m, turned_m = _length_m(off_m), 0.5 * TURNS_M_S2 * since_s * since_s
+            if since_s <= GAP_S and turned_m < length_m <= SUDDEN_M + SUDDEN_M_S * since_s:
+                strayed_m[i] += (1.0 - turned_m / length_m) * off_m
             last_m[i], last_m_s[i], last_s[i] = position_m[i], velocity_m_s[i], time_s[i]
         held_for_s = last_s[i] - held_s[i]
         found = _doubt(doubts[i], repeats[i], travel_m[i], held_for_s, owed_m[i], strayed_m[i])
