@@ -146,7 +146,8 @@ def fleet_words(config: Config, first: int, count: int) -> tuple[str, ...]:
     each = len(config.links[0].fleet)
     words = ("--first", str(first), "--count", str(count), "--namespace-size", str(each), "--shared-port")
     grid = ("--origin", ORIGIN, "--grid-columns", str(columns(len(config.ids))))
-    return (*words, *grid, "--telemetry-hz", "10", "--seed", "7", *AT_ONCE, *proper(config))
+    lasting = ("--battery", "600")  # the longest of these flights is half an hour
+    return (*words, *grid, *lasting, "--telemetry-hz", "10", "--seed", "7", *AT_ONCE, *proper(config))
 
 
 @dataclass(frozen=True, slots=True)
