@@ -168,12 +168,6 @@ def target_system(received: Frame) -> int:
     return 0 if offset is None or offset >= len(received.payload) else received.payload[offset]
 
 
-def end_of_frames(data: bytes) -> int:
-    """Number of bytes of a stream to search for frames; the rest, at most one frame, waits for more bytes."""
-    sums = np.empty(len(data) + 2, np.int64)
-    return int(kernels.whole_until(np.frombuffer(bytearray(data), np.uint8), 0, len(data), extras(), sums))
-
-
 def frame(data: Bytes, found: Sequence[int]) -> Frame:
     payload = data[found[kernels.PAYLOAD] : found[kernels.PAYLOAD] + found[kernels.LENGTH]].tobytes()
     raw = data[found[kernels.BEGIN] : found[kernels.END]].tobytes()
@@ -240,4 +234,3 @@ def warm_up() -> None:
     sent = encode(0, records(0, 1), np.zeros(1, np.uint8))
     data, starts = sent.data.reshape(-1), np.zeros(1, np.int64)
     decode(0, data, find(data, starts, sent.length).frames)
-    end_of_frames(data.tobytes())

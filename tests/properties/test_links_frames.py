@@ -1,11 +1,13 @@
 from itertools import pairwise
 
+import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.mavlink.codec import end_of_frames, split, target_system
+from gcs.mavlink.codec import extras, split, target_system
 from gcs.mavlink.framing import moves
+from gcs.mavlink.kernels import whole_until
 
 PACKER = dialect.MAVLink(None, srcSystem=7, srcComponent=1)
 FRAMES = [
@@ -19,6 +21,12 @@ FRAMES = [
         dialect.MAVLink_command_long_message(5, 1, 400, 0, 1, 0, 0, 0, 0, 0, 0),
     )
 ]
+
+
+def end_of_frames(data: bytes) -> int:
+    """Number of bytes of a stream to search for frames; the rest, at most one frame, waits for more bytes."""
+    sums = np.empty(len(data) + 2, np.int64)
+    return int(whole_until(np.frombuffer(bytearray(data), np.uint8), 0, len(data), extras(), sums))
 
 
 @st.composite

@@ -1,4 +1,4 @@
-"""All ports of a link: beside UDP, streams, whose frames are reassembled, and sent whole or not at all."""
+"""All ports of a link: beside UDP, streams. They arrive cut anywhere, and are sent frame by frame."""
 
 import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -14,8 +14,7 @@ from gcs.links.endpoints.ports import Datagrams, host_number, socket_of, source_
 from gcs.links.endpoints.udp import TURN_S, UdpPorts
 from gcs.links.link import Address
 from gcs.links.settings import Place, SerialPort, TcpIn, TcpOut
-from gcs.mavlink.codec import end_of_frames
-from gcs.mavlink.kernels import Bytes, Whole
+from gcs.mavlink.kernels import LONGEST_FRAME, Bytes, Whole
 from gcs.model.errors import LinkError
 
 log = logging.getLogger(__name__)
@@ -34,19 +33,18 @@ _CONNECTIONS_MAX: Final = 256
 
 
 class Stream:
-    """One open channel and its frames."""
+    """One open channel."""
 
     def __init__(self, channel: Channel, source: int, now_s: float) -> None:
         self.source = source
         self._channel = channel
         self.fileno, self.close = channel.fileno, channel.close
-        self._arrived = b""
         self._half_sent = b""
         self._looked_s = now_s
         self._unread = False
 
     def read(self, now_s: float, reads: int) -> Iterator[tuple[bytes, float]]:
-        """Whole frames that have arrived, and their time. Raises: OSError when the stream has ended.
+        """What has arrived, cut anywhere, and its time. Raises: OSError when the stream has ended.
 
         A stream has no times of arrival. Data read after the loop was blocked counts as old as it may be.
         The caller may stop iterating: the next call reads the rest.
@@ -61,10 +59,7 @@ class Stream:
                 return
             if not data:
                 raise ConnectionError("ended by the far end")
-            self._arrived += data
-            end = end_of_frames(self._arrived)
-            whole, self._arrived = self._arrived[:end], self._arrived[end:]
-            yield whole, time_s
+            yield data, time_s
 
     def send(self, data: bytes, *, waits: bool) -> None:
         """Send a frame, whole or not at all; one that does not wait is not sent behind a backlog.
@@ -341,15 +336,15 @@ class LinkPorts(UdpPorts):
                 port.accept(now_s)
                 continue
             until_s = self._clock() + share_s
-            for whole, time_s in port.read(source, now_s, reads):
-                if whole:
-                    arrived.append((whole, source, time_s))
+            for part, time_s in port.read(source, now_s, reads):
+                arrived.append((part, source, time_s))
                 if self._clock() > until_s:
                     break
         if not arrived:
             return
         parts, sources, times_s = zip(*arrived, strict=True)
         length = np.array([len(part) for part in parts], np.int64)
-        data = np.frombuffer(bytearray().join(parts), np.uint8)
-        start = np.cumsum(length) - length
-        take(Datagrams(data, start, length, np.array(sources, np.int64), np.array(times_s)))
+        room = bytes(LONGEST_FRAME)
+        data = np.frombuffer(bytearray(room) + room.join(parts), np.uint8)
+        start = np.cumsum(length + LONGEST_FRAME) - length
+        take(Datagrams(data, start, length, np.array(sources, np.int64), np.array(times_s), LONGEST_FRAME))
