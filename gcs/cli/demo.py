@@ -31,7 +31,7 @@ from gcs.config import schema as configuration
 from gcs.config.sections import LinkSettings
 from gcs.config.site import station_config
 from gcs.control import warm_up
-from gcs.estimation.fleet_state import uncertainty_m
+from gcs.estimation.positioning import uncertainty_m
 from gcs.flight.orchestrator import Orchestrator
 from gcs.links.autopilots import AUTOPILOTS, DEFAULT
 from gcs.links.settings import SYSTEM_ID_MAX

@@ -153,7 +153,7 @@ def _later_m(here_m: Array, center_m: Array, velocity_m_s: Array, speed_m_s: flo
 
 @kernel
 def _towards(here_m: Array, corner_m: Array, goal_m: Array) -> Array:
-    """(2,) where a vehicle aims at whose way leads by corners (k, 2) to a goal."""
+    """(2,) where a vehicle aims at that flies by corners (k, 2) to a goal."""
     first = 0
     while first < len(corner_m) and away_m(here_m, corner_m[first]) <= BEYOND_M:
         first += 1

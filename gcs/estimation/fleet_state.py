@@ -1,15 +1,14 @@
-"""The fleet's state from the telemetry of all links, and the uncertainty of each position."""
+"""The fleet's state from the telemetry of all links: which positions are accepted, and brought forward."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
-from typing import Final, TypeAlias
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs.estimation.contradictions import Contradictions, Doubt, Doubts
-from gcs.estimation.positioning import Positioning
 from gcs.model.frames import ShowFrame
 from gcs.model.jit import kernel
 from gcs.model.state import FIX_3D, Array, Bits, FleetState, Mask, Telemetry, VehicleId
@@ -407,57 +406,3 @@ def tuple3(row: Array) -> tuple[float, float, float] | None:
     if not np.isfinite(row).all():
         return None
     return float(row[0]), float(row[1]), float(row[2])
-
-
-def uncertainty_m(
-    configured_m: float,
-    up_share: float,
-    horizontal_m: Array,
-    vertical_m: Array,
-    fix_type: Array,
-    positioning: Positioning,
-) -> Array:
-    """Standard deviation of each position, sideways.
-
-    Args:
-        configured_m: where neither accuracy nor fix type is reported.
-        up_share: standard deviation up for one metre sideways (`Floor.vertical_uncertainty`).
-        horizontal_m: (n,) accuracy as reported, one sigma; NaN unknown, inf without a fix.
-        vertical_m: (n,) the same up and down.
-        fix_type: (n,) GPS_FIX_TYPE; NaN unknown.
-        positioning: settings.
-
-    Returns: (n,) at most `uncertainty_max_m` (or the configured one, where that is more).
-    """
-    numbers = (
-        *(configured_m, up_share, positioning.own_share(fix_type), positioning.poor_m),
-        max(configured_m, positioning.uncertainty_max_m),
-    )
-    return _uncertainty_m(horizontal_m, vertical_m, fix_type, positioning.least_by_type_m, numbers)
-
-
-Numbers: TypeAlias = tuple[float, float, float, float, float]
-
-
-@kernel
-def _uncertainty_m(
-    horizontal_m: Array,
-    vertical_m: Array,
-    fix_type: Array,
-    by_type_m: Array,
-    numbers: Numbers,
-) -> Array:
-    """As `uncertainty_m`. `numbers`: the first two of its arguments, settings, and the greatest result."""
-    configured_m, up_share, share, poor_m, most_m = numbers
-    uncertain_m = np.empty(len(horizontal_m))
-    for i in range(len(horizontal_m)):
-        reported_m = share * np.fmax(horizontal_m[i], vertical_m[i] / up_share)
-        reported_m += np.fmax(reported_m - poor_m, 0.0)
-        least_m = np.nan
-        if np.isfinite(fix_type[i]):
-            least_m = by_type_m[int(min(max(fix_type[i], 0.0), len(by_type_m) - 1.0))]
-        wide_m = np.fmax(reported_m, least_m)
-        if np.isnan(wide_m):
-            wide_m = configured_m
-        uncertain_m[i] = min(wide_m, most_m)
-    return uncertain_m

@@ -36,7 +36,7 @@ OF_THE_SHOW: Final = (
     Cause.LINKS_LATE,
 )
 
-WRONG: Final = {
+IN_WORDS: Final = {
     Doubt.NONE: "its position jumped to where it cannot be",
     Doubt.STANDS: "its position stands still, though it reports that it moves",
     Doubt.STANDS_COMMANDED: "its position stands still, though setpoints move it",
@@ -385,7 +385,7 @@ def _sudden(seen: Seen, known: Known, rows: Mask, settings: FailsafePolicy) -> s
     position = settings.bad_position
     if (seen.time_s - known.jumps_s[0][rows] <= position.jumps_within_s).any():
         return f"its position jumped {position.jumps} times within {position.jumps_within_s:g} s"
-    return " or ".join(WRONG[Doubt(kind)] for kind in np.unique(known.doubts[rows]).tolist())
+    return " or ".join(IN_WORDS[Doubt(kind)] for kind in np.unique(known.doubts[rows]).tolist())
 
 
 def _poor(seen: Seen, rows: Mask, settings: FailsafePolicy) -> str:

@@ -40,7 +40,7 @@ ON_PAD_M: Final = 2.0
 """Farther from its pad the ground may be higher or lower."""
 
 WIDE_JUMP_M: Final = 1.0
-"""A vehicle whose position jumped so far is named at once, however large the radius is."""
+"""From a jump this far on, the vehicle is named at once, however large the radius is."""
 
 MAY_STAND: Final = frozenset({Phase.LANDING, Phase.STANDBY})
 
@@ -126,7 +126,7 @@ class AccuracyAlarms:
         return []
 
     def _jumped_wide(self) -> Mask:
-        """(n,) whose positions jumped so far, and so lately, that others keep clear of both places."""
+        """(n,) vehicles with jumps so far, and so lately, that others keep clear of both places."""
         flight = self.flight
         lately = flight.fleet.time_s - flight.reset_time_s < flight.config.positioning.reset_margin_s
         return lately & (flight.jumped_m >= WIDE_JUMP_M)

@@ -19,10 +19,11 @@ from gcs.config.schema import Config
 from gcs.control import ControlSettings, Memory, Task, Tasks
 from gcs.control.late_links import fleet_delay_s, for_late_links
 from gcs.estimation.contradictions import Doubts
-from gcs.estimation.fleet_state import FORWARD_MAX_S, Table, uncertainty_m
+from gcs.estimation.fleet_state import FORWARD_MAX_S, Table
 from gcs.estimation.height_bias import HeightComparison
 from gcs.estimation.link_delay import LinkDelay
 from gcs.estimation.link_health import LinkQuality, SetpointGaps
+from gcs.estimation.positioning import uncertainty_m
 from gcs.estimation.touch_down import height_error_m
 from gcs.failsafe.autopilot_failsafe import TEXTS_COUNT_S, FailsafeInputs
 from gcs.flight.corrections import Corrections

@@ -50,11 +50,8 @@ class Landings:
         self._searched: tuple[FleetState, int] | None = None  # landing places in one tick
 
     async def come_home(self, vehicle: Vehicle) -> None:
-        home_m = vehicle.home_m
-        if vehicle.comes_down_alone or home_m is None:
-            await self._steps.autopilot_land(vehicle)
-            return
-        if not await self._steps.under_control(vehicle, Event.COME_HOME, "on its way home"):
+        home_m = await self._home_to_fly_to_m(vehicle, "on its way home")
+        if home_m is None:
             return
         place_m = await self._fly_above_place(vehicle, self._home_m)
         vehicle.apply(Event.DESCEND, comes_down(place_m, home_m))
@@ -64,11 +61,8 @@ class Landings:
         """Stop at `stops_m` (3,), follow the path of the collective return, and land."""
 
         async def maneuver(vehicle: Vehicle) -> None:
-            home_m = vehicle.home_m
-            if vehicle.comes_down_alone or home_m is None:
-                await self._steps.autopilot_land(vehicle)
-                return
-            if not await self._steps.under_control(vehicle, Event.COME_HOME, "stops, before all come home"):
+            home_m = await self._home_to_fly_to_m(vehicle, "stops, before all come home")
+            if home_m is None:
                 return
             vehicle.goal_m = stops_m
             collective_return.stopping(vehicle)
@@ -88,6 +82,14 @@ class Landings:
             await self._descend_slowly(vehicle, place_m, self._home_m)
 
         return maneuver
+
+    async def _home_to_fly_to_m(self, vehicle: Vehicle, reason: str) -> Array | None:
+        """Begin the way home. Returns: (3,) its pad; None where its autopilot lands it, or has control."""
+        home_m = vehicle.home_m
+        if vehicle.comes_down_alone or home_m is None:
+            await self._steps.autopilot_land(vehicle)
+            return None
+        return home_m if await self._steps.under_control(vehicle, Event.COME_HOME, reason) else None
 
     def _led(self, vehicle: Vehicle, collective_return: CollectiveReturn) -> bool:
         """Move the goal along the path. Returns: whether it is above its place, or has left the plan."""

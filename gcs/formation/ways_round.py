@@ -17,7 +17,7 @@ POINTS: Final = 12
 """Corners of the polygon about an ellipse."""
 
 OUTSIDE: Final = float(1.001 / np.cos(np.pi / POINTS))
-"""So far outside, in its radii, lie the corners of a polygon whose sides do not cut the ellipse."""
+"""So far outside, in radii of the ellipse, lie the corners of a polygon about it that does not cut it."""
 
 COUNTED_MAX: Final = 10
 """A way that meets more ellipses than this is not looked for."""

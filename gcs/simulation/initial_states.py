@@ -4,8 +4,7 @@ from math import ceil, sqrt
 
 import numpy as np
 
-from gcs.estimation.fleet_state import uncertainty_m
-from gcs.estimation.positioning import Positioning
+from gcs.estimation.positioning import Positioning, uncertainty_m
 from gcs.model.errors import ConfigError
 from gcs.model.state import Array
 from gcs.planning.feasibility import radius_allowed, smallest_formation_radius_m

@@ -50,8 +50,8 @@ def config(count: int) -> Config:
 
 
 def _violations(show: Show, true_m: Array, rows: list[int]) -> int:
-    floor, everyone = show.config.control.safety.floor, np.ones(len(rows), np.bool_)
-    return sum(minimum_separation(here_m[rows], everyone, floor)[1] > 0 for here_m in true_m)
+    floor, all_of_them = show.config.control.safety.floor, np.ones(len(rows), np.bool_)
+    return sum(minimum_separation(here_m[rows], all_of_them, floor)[1] > 0 for here_m in true_m)
 
 
 async def lied(show: Show, kind: str, share: float, seed: int) -> Reported:

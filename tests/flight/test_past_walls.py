@@ -1,4 +1,4 @@
-"""Returns and joins past walls, through the real service: everyone comes home where a way exists."""
+"""Returns and joins past walls, through the real service: all come home where a way exists."""
 
 import random
 from collections.abc import Callable
@@ -23,7 +23,7 @@ from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 THERE_M: Final = (70.0, 0.0)
 TALL_M: Final = 60.0
 SLACK_S, TIMES = 20.0, 2.0
-"""Everyone is home within so many times the shortest way, and so much more."""
+"""All are home within so many times the shortest way, and so much more."""
 
 
 def box(name: str, x_m: float, y_m: float, half_x_m: float, half_y_m: float, **more: float) -> Obstacle:
@@ -42,7 +42,7 @@ def corner(drawn: random.Random) -> list[Obstacle]:
 
 
 def pocket(drawn: random.Random) -> list[Obstacle]:
-    """A U whose bottom lies on the way home."""
+    """A U with its bottom on the way home."""
     half_m, deep_m = drawn.uniform(24.0, 28.0), drawn.uniform(15.0, 24.0)
     arms = [box(f"arm {y:+g}", 42.0 + deep_m, y * half_m, deep_m, 1.5) for y in (-1.0, 1.0)]
     return [box("back", 42.0, 0.0, 1.5, half_m), *arms]

@@ -5,8 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gcs.estimation.fleet_state import uncertainty_m
-from gcs.estimation.positioning import LEAST_M, SHARE_3D, Positioning
+from gcs.estimation.positioning import LEAST_M, SHARE_3D, Positioning, uncertainty_m
 from gcs.model.state import Array
 from gcs.safety.separation import Floor
 

@@ -11,8 +11,7 @@ from pymavlink.dialects.v20 import ardupilotmega
 
 from gcs.config import schema as configuration
 from gcs.config.schema import Config
-from gcs.estimation.fleet_state import uncertainty_m
-from gcs.estimation.positioning import Positioning
+from gcs.estimation.positioning import Positioning, uncertainty_m
 from gcs.model.preflight_report import Check, State
 from gcs.model.state import Array, FleetState, Telemetry
 from gcs.planning.feasibility import smallest_formation_radius_m

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from gcs.config.sections import PreflightSettings
-from gcs.estimation.fleet_state import uncertainty_m
-from gcs.estimation.positioning import Positioning
+from gcs.estimation.positioning import Positioning, uncertainty_m
 from gcs.model.preflight_report import Check, State, describe
 from gcs.model.state import Array, FleetState, Landed, Mode, Telemetry
 from gcs.preflight.fleet import Pattern, standing
