@@ -5,7 +5,7 @@ ground station; then a site of two stations, for the bus. Rounds of `ROUND_S` wi
 choice of samples follow each other. What is found: a process that ended, an error in a log, vehicles that
 left the formation, and rounds with more late ticks than the quiet ones of the same run have.
 
-One line of JSON is printed. Returns 1 if something was found.
+Findings are printed as they are found, and one line of JSON at the end. Returns 1 if something was found.
 """
 
 import argparse
@@ -247,7 +247,9 @@ def fuzz(flight: Flight, seen: Seen, chance: random.Random, seconds: float, mach
         wrong = list(problems(flight, read))
         if late > may_be:
             wrong.append(f"{late:.0f} of {ticks} ticks late, {may_be:.0f} at most")
-        seen.found += [f"round {seen.rounds}: {one} ({what})" for one in wrong]
+        for one in wrong:
+            seen.found.append(f"round {seen.rounds}: {one} ({what})")
+            print(seen.found[-1], file=sys.stderr, flush=True)
         if any(process.poll() is not None for process in flight.processes.values()):
             return
 
