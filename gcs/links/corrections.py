@@ -4,9 +4,11 @@ from collections import deque
 from dataclasses import dataclass, field
 from typing import Final
 
+import numpy as np
+
 from gcs.links.budget import Budget
 from gcs.links.sender import Outbox
-from gcs.mavlink.codec import HEADER_LENGTH
+from gcs.mavlink.codec import HEADER_LENGTH, Records
 from gcs.mavlink.framing import GPS_RTCM_DATA
 from gcs.mavlink.rtcm import fragments
 
@@ -14,6 +16,9 @@ OLD_S: Final = 2.0
 """A correction that has waited for so long does not leave any more."""
 
 WAITING_MAX: Final = 64
+
+AT_ONCE_MAX: Final = 16
+"""Messages that leave in a tick: a base of four constellations has 12 in an epoch."""
 
 
 @dataclass(eq=False)
@@ -41,21 +46,19 @@ class CorrectionSender:
 
     def send(self, now_s: float) -> None:
         """Send what waits and has room."""
-        while self._waiting:
+        copies, parts = 0, list[Records]()
+        while self._waiting and len(parts) < AT_ONCE_MAX:
             taken_s, message = self._waiting[0]
             if now_s - taken_s > OLD_S:
                 self.dropped += 1
             elif self.budget.left_bytes(now_s) > 0:
-                self._send(message, now_s)
+                copies = copies or len(self.outbox.addresses.one_per_source())
+                parts.append(fragments(message, self._sequence))
+                self._sequence += 1
+                self.budget.spend(copies * (len(message) + len(parts[-1]) * (HEADER_LENGTH + 2)))
             else:
-                return
+                break
             self._waiting.popleft()
-
-    def _send(self, message: bytes, now_s: float) -> None:
-        parts = fragments(message, self._sequence)
-        self._sequence += 1
-        copies = len(self.outbox.addresses.one_per_source())
-        for at in range(len(parts)):
-            self.outbox.broadcast(GPS_RTCM_DATA, parts[at : at + 1], now_s)
-        self.budget.spend(copies * (len(message) + len(parts) * (HEADER_LENGTH + 2)))
-        self.sent += 1
+        if parts:
+            self.outbox.broadcast(GPS_RTCM_DATA, np.concatenate(parts), now_s)
+            self.sent += len(parts)

@@ -190,20 +190,18 @@ class Outbox:
     def send_raw(self, raws: Sequence[bytes], rows: Whole, now_s: float) -> Mask:
         return self.send(joined(raws), rows, now_s)
 
-    def broadcast(self, message_id: int, message: Records, now_s: float) -> None:
-        """Send one message to all systems: once to each known address, and to far ends still silent."""
-        rows = self.addresses.one_per_source()
+    def broadcast(self, message_id: int, messages: Records, now_s: float) -> None:
+        """Send messages (m,) to all systems: once to each known address, and to far ends still silent."""
+        rows, many = self.addresses.one_per_source(), len(messages)
         known = self.addresses.source[rows]
         silent = np.setdiff1d(np.array([*self.ports.standing()], np.int64), known)
-        frames = [self.encode(message_id, message.repeat(len(rows)), rows)]
-        if len(silent):
-            unnumbered = np.zeros(len(silent), np.uint8)
-            frames.append(
-                encode(message_id, message.repeat(len(silent)), unnumbered, system_id=self.station_id)
-            )
-        data, length = (np.concatenate(parts) for parts in zip(*frames, strict=True))
-        destination = np.concatenate([known, silent])
-        self._send(Frames(data, length), destination, None, now_s, inf)
+        sequence = np.zeros((many, len(rows) + len(silent)), np.uint8)  # silent ones are not numbered
+        sequence[:, : len(rows)] = self._sequence[rows] + np.arange(many, dtype=np.uint8)[:, np.newaxis]
+        self._sequence[rows] += np.uint8(many)
+        destination = np.tile(np.concatenate([known, silent]), many)
+        repeated = messages.repeat(sequence.shape[1])
+        frames = encode(message_id, repeated, sequence.ravel(), system_id=self.station_id)
+        self._send(frames, destination, None, now_s, inf)
 
     def _send(
         self, frames: Frames, destination: Whole, rows: Whole | None, now_s: float, until_s: float

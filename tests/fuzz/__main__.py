@@ -3,7 +3,7 @@
 Real services over fake vehicles: first one with a link of each transport, corrections, timecode and a further
 ground station; then a site of two stations, for the bus. Rounds of `ROUND_S` with nothing and with a random
 choice of samples follow each other. What is found: a process that ended, an error in a log, vehicles that
-left the formation, and rounds with more late ticks than the quiet ones of the same run have.
+left the formation or came too close, and rounds with more late ticks than the quiet ones of the run have.
 
 Findings are printed as they are found, and one line of JSON at the end. Returns 1 if something was found.
 """
@@ -35,7 +35,7 @@ from tests.fuzz import samples
 from tests.fuzz.samples import Make
 from tests.support.machine import Pauses, free_ports
 from tests.support.processes import SOON_S, flying_config, proper, service, vehicles, wait_passes, wait_until
-from tests.support.site_processes import Timing, running_site, timing_of
+from tests.support.site_processes import Timing, Verdict, running_site, timing_of, verdict
 from tests.support.started import Started
 
 ROUND_S: Final = 10.0
@@ -47,6 +47,11 @@ MADE: Final = 200
 
 TRUE_ERRORS: Final = ('"event": "duplicate_system_id"',)
 """What a log says rightly: samples bear the numbers of the fleet, and come from elsewhere."""
+
+OF_STRANGERS: Final = (*TRUE_ERRORS, '"cause": "too-close"')
+"""The same of a bus without keys, where a stranger's vehicles are a station's. Whether vehicles came too close
+is judged by true states.
+"""
 
 LATE_SHARE: Final = 0.02
 TRANSPORTS: Final = ("native", "mavsdk")
@@ -69,6 +74,8 @@ class Flight:
     logs: Mapping[str, Path]
     inputs: Mapping[str, Input]
     flies_on: bool  # no input may end the show: strangers at a bus without keys speak as a station
+    true_errors: tuple[str, ...]  # parts of lines of the log that are right
+    judged: Callable[[], Verdict]  # by the true states
 
     def timings(self) -> dict[str, Timing]:
         return {name: timing_of(one.metrics(), 20.0) for name, one in self.clients.items()}
@@ -133,8 +140,9 @@ def one_service(folder: Path) -> Iterator[Flight]:
             "timecode": Input(at(base + 5), samples.timecode()),
             "station": Input(lambda data: far.sendto(data, back), frames),
         }
-        log = folder / "record" / "log"
-        yield Flight({"service": client}, {"service": process}, {"service": log}, inputs, flies_on=True)
+        log, judged = folder / "record" / "log", partial(verdict, config, [folder / "truth.jsonl"])
+        one = {"service": client}, {"service": process}, {"service": log}
+        yield Flight(*one, inputs, True, TRUE_ERRORS, judged)
 
 
 def recorded(session: zenoh.Session, station: str, seconds: float) -> dict[str, list[bytes]]:
@@ -167,7 +175,7 @@ def a_site(folder: Path) -> Iterator[Flight]:
         makes = samples.bus({topic.replace(".south", ".north"): found for topic, found in received.items()})
         inputs = {"bus": Input(partial(session.put, f"{ROOT}/south/{BUNDLES}"), makes)}
         logs = {name: folder / f"{name}.log" for name in site.names}
-        yield Flight(site.clients, site.processes, logs, inputs, flies_on=False)
+        yield Flight(site.clients, site.processes, logs, inputs, False, OF_STRANGERS, site.verdict)
 
 
 PARTS: Final = {"service": one_service, "site": a_site}
@@ -218,7 +226,7 @@ def problems(flight: Flight, read: dict[str, int]) -> Iterator[str]:
         more, read[name] = text[read.get(name, 0) :], len(text)
         for line in more.splitlines():
             is_error = any(f'"level": "{one}"' in line for one in ("error", "critical"))
-            if "Traceback" in line or (is_error and not any(event in line for event in TRUE_ERRORS)):
+            if "Traceback" in line or (is_error and not any(part in line for part in flight.true_errors)):
                 yield f"{name} logged {line[:300]}"
 
 
@@ -269,6 +277,8 @@ def main() -> int:
             try:
                 with PARTS[name](place) as flight:
                     fuzz(flight, seen, chance, given.seconds / len(parts), machine)
+                if violations := flight.judged().violations:
+                    seen.found.append(f"{name}: vehicles were too close {violations} times")
             except (AssertionError, GcsError) as error:  # it did not fly
                 seen.found.append(f"{name}: {error}")
     print(json.dumps(vars(seen)))

@@ -9,7 +9,7 @@ from pyrtcm import calc_crc24q
 
 from gcs.links.address_book import Addresses
 from gcs.links.budget import Budget
-from gcs.links.corrections import OLD_S, CorrectionSender
+from gcs.links.corrections import AT_ONCE_MAX, OLD_S, WAITING_MAX, CorrectionSender
 from gcs.links.link import Counters
 from gcs.links.rtcm_stream import RtcmStream
 from gcs.links.sender import Outbox
@@ -99,6 +99,23 @@ def test_every_address_gets_every_fragment() -> None:
     corrections.send(1.0)
     assert len(ports.left) == 3 * 10
     assert (corrections.sent, corrections.dropped) == (1, 0)
+
+
+def test_small_messages_leave_a_few_at_a_time_and_in_order() -> None:
+    """A source that sends hundreds a second costs no more: what is waiting leaves at once, or is dropped."""
+    corrections, ports = sender(1e6)
+    for at in range(100):
+        corrections.add(rtcm(1077, 10 + at), 1.0)
+    corrections.send(1.0)
+    assert len(ports.left) == AT_ONCE_MAX * 10
+    assert (corrections.sent, corrections.dropped) == (AT_ONCE_MAX, 100 - WAITING_MAX)
+    for turn in range(1, 10):
+        corrections.send(1.0 + 0.05 * turn)
+    assert corrections.sent == WAITING_MAX
+    for address in range(10):  # each message to all, then the next one
+        frames = [common.MAVLink(None).parse_char(raw) for raw in ports.left[address::10]]
+        assert [frame.get_seq() for frame in frames] == list(range(WAITING_MAX))
+        assert [frame.len for frame in frames] == list(range(110 - WAITING_MAX, 110))
 
 
 def test_without_room_whole_messages_are_dropped() -> None:
