@@ -278,6 +278,7 @@ def _surroundings(
         now.tasks.drift,
         None if routes is None else routes.passage,
         now.traits.response,
+        None if now.tasks.drawn is None else now.tasks.task == Task.DRAWN,
         shared_m_s,
     )
 

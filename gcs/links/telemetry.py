@@ -81,7 +81,7 @@ class FleetTelemetry:
         waiting: events of rows whose next heartbeat is awaited.
         position_resets: (n,) how often the estimator's reset counter has changed.
         version_time_s: (n,) arrival of its newest version, -inf before.
-        sync_sent_ns: (n,) TIMESYNC.ts1 of our request that is waited for, set by the sender.
+        sync_sent_ns: (n,) TIMESYNC.ts1 of our newest request, set by the sender.
     """
 
     def __init__(self, ids: Sequence[VehicleId], autopilots: Sequence[Autopilot] | None = None) -> None:

@@ -39,12 +39,6 @@ SILENT_AFTER_S: Final = 3.0
 heartbeat after a longer pause is a new connection.
 """
 
-FORGETS: Final = 2e-4
-"""Seconds per second by which the soonest position is forgotten: clocks drift."""
-
-CLOCK_SET_S: Final = 10.0
-"""A clock that differs by more was set, or has begun anew."""
-
 _ARMED: Final = int(dialect.MAV_MODE_FLAG_SAFETY_ARMED)
 _CUSTOM: Final = int(dialect.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED)
 _NO_AUTOPILOT: Final = int(dialect.MAV_AUTOPILOT_INVALID)
@@ -101,8 +95,7 @@ class Columns(NamedTuple):
 
     life_time_s: Array  # (n,) arrival of any message, -inf before; as of the next two
     heartbeat_time_s: Array
-    position_time_s: Array  # its arrival, less what it was late
-    soonest_s: Array  # of positions: least arrival less boot clock, NaN before
+    position_time_s: Array
     armed: Mask
     in_failsafe: Mask
     prearm_ok: Mask  # the autopilot's own pre-arm checks pass
@@ -117,9 +110,8 @@ class Columns(NamedTuple):
     estimator_flags: Whole  # of EKF_STATUS_REPORT, -1: not reported
     version: Whole  # flight_sw_version, 0: not reported
     version_time_s: Array  # its arrival, -inf before
-    sync_sent_ns: Whole  # TIMESYNC.ts1 of our request that is waited for; 0: none
+    sync_sent_ns: Whole  # TIMESYNC.ts1 of our newest request; 0: none, or it was answered
     round_trip_s: Array  # of the newest answer to one, NaN before
-    least_trip_s: Array  # of all answers, inf before
     fix_type: Array
     clock_base_s: Array
     accuracy_m: Array  # (n, 2) horizontal, vertical; inf without a fix
@@ -136,7 +128,6 @@ class Columns(NamedTuple):
             life_time_s=np.full(n, -np.inf),
             heartbeat_time_s=np.full(n, -np.inf),
             position_time_s=np.full(n, -np.inf),
-            soonest_s=np.full(n, np.nan),
             armed=np.zeros(n, np.bool_),
             in_failsafe=np.zeros(n, np.bool_),
             prearm_ok=np.zeros(n, np.bool_),
@@ -153,7 +144,6 @@ class Columns(NamedTuple):
             version_time_s=np.full(n, -np.inf),
             sync_sent_ns=np.zeros(n, np.int64),
             round_trip_s=np.full(n, np.nan),
-            least_trip_s=np.full(n, np.inf),
             fix_type=np.full(n, np.nan),
             clock_base_s=np.full(n, np.nan),
             accuracy_m=np.full((n, 2), np.nan),
@@ -195,7 +185,6 @@ def _note_restart(row: Number, into: Columns) -> None:
     into.reboot_count[row] += 1
     into.connection_count[row] += 1
     into.reset_counter[row] = -1
-    into.soonest_s[row] = np.nan
     into.prearm_ok[row] = False
     into.estimator_flags[row] = -1
     into.changes[0] += 1
@@ -225,27 +214,11 @@ def _note_heartbeat(
 
 
 @kernel_within
-def _note_time(row: Number, clock_s: float, time_s: float, into: Columns) -> None:
-    """Date a position that arrived at `time_s`: less by how much later it is than it could be.
-
-    That is no more than requests take longer than they could: a clock that is set, or that stands with its
-    simulation, delays no answer. An answer that is due says as much as one that came.
-    """
-    base_s = time_s - clock_s
-    soonest_s = into.soonest_s[row] + FORGETS * max(time_s - into.position_time_s[row], 0.0)
-    if not abs(base_s - soonest_s) <= CLOCK_SET_S:
-        soonest_s = base_s
-    into.soonest_s[row] = min(soonest_s, base_s)
-    sent_ns = into.sync_sent_ns[row]
-    due_s = time_s - 1e-9 * sent_ns if sent_ns != 0 else 0.0
-    longer_s = max(due_s, into.round_trip_s[row]) - into.least_trip_s[row]  # NaN, -inf: none was measured
-    late_s = min(base_s - into.soonest_s[row], longer_s) if longer_s > 0.0 else 0.0
-    into.position_time_s[row] = max(into.position_time_s[row], time_s - late_s)
-
-
-@kernel_within
-def _note_position(data: Bytes, start: Number, end: Number, row: Number, into: Columns) -> None:
+def _note_position(
+    data: Bytes, start: Number, end: Number, row: Number, time_s: float, into: Columns
+) -> None:
     into.changes[0] += np.isnan(into.place[row, 0])
+    into.position_time_s[row] = time_s
     into.place[row, 0] = _signed(data, start + _GLOBAL_LAT, end, 4) * 1e-7
     into.place[row, 1] = _signed(data, start + _GLOBAL_LON, end, 4) * 1e-7
     into.place[row, 2] = _signed(data, start + _GLOBAL_ALT, end, 4) * 1e-3
@@ -297,12 +270,11 @@ def _note_resets(data: Bytes, start: Number, end: Number, row: Number, into: Col
 def _note_round_trip(
     data: Bytes, start: Number, end: Number, row: Number, time_s: float, into: Columns
 ) -> None:
-    """An answer that is waited for. Requests of the vehicle's own, and answers to others, are none."""
+    """An answer to our newest request. Requests of the vehicle's own, and answers to others, are none."""
     theirs_ns = _unsigned(data, start + _SYNC_THEIRS, end, 8)
     ours_ns = _unsigned(data, start + _SYNC_OURS, end, 8)
     if theirs_ns != 0 and ours_ns != 0 and ours_ns == into.sync_sent_ns[row]:
         into.round_trip_s[row] = max(time_s - ours_ns * 1e-9, 0.0)
-        into.least_trip_s[row] = min(into.least_trip_s[row], into.round_trip_s[row])
         into.sync_sent_ns[row] = 0
 
 
@@ -353,8 +325,7 @@ def read_reports(  # noqa: C901, PLR0912, PLR0915  (within one function, no mess
             forget_packs(row, packs)
         into.life_time_s[row] = time_s[k]
         if message == _GLOBAL:
-            _note_position(data, start, end, row, into)
-            _note_time(row, 1e-3 * clocks.newest[row, kind], time_s[k], into)
+            _note_position(data, start, end, row, time_s[k], into)
         elif message == _BEAT:
             if _unsigned(data, start + _BEAT_AUTOPILOT, end, 1) != _NO_AUTOPILOT:
                 beats[beat_count] = k

@@ -84,7 +84,7 @@ class Telemetry:
     """
 
     ids: tuple[VehicleId, ...]
-    position_time_s: Array  # (n,) arrival of the newest global position, less by how much it was late
+    position_time_s: Array  # (n,) arrival of the newest global position
     heartbeat_time_s: Array  # (n,) arrival of the newest heartbeat
     life_time_s: Array  # (n,) arrival of any message from its autopilot
     latitude_deg: Array  # (n,) WGS84, NaN before the first

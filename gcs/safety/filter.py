@@ -1,8 +1,8 @@
 """The safety filter: all constraints, the nearest velocities that keep them, and the reasons."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from math import hypot
 from typing import TypeAlias
 
@@ -84,6 +84,7 @@ class Surroundings:
     drift: tuple[Array, Array] | None = None  # (n, 3) positions and velocities of lost ones that still move
     passage: Mask | None = None  # (n,) that keep no margin from `segments_m`, as they would else be enclosed
     response: FleetResponse | None = None  # (n,) in what their stops differ from `braking`; None: in nothing
+    drawn: Mask | None = None  # (n,) on trajectories that were drawn for the fleet; None: none of them
     shared_m_s: Array | None = None  # (n, 3) what other stations' filters allowed last; NaN, None: not shared
 
     def over_link(self, delay_s: float) -> "Surroundings":
@@ -119,7 +120,8 @@ def filter_velocities(
     )
     desired_m_s = cap(desired_m_s, limits, here.speed_max_m_s)
     here = replace(here, commanded=moved)
-    pairs, involved = _first_pairs(position_m, desired_m_s, own, here, settings, braking)
+    pairs_of = _pairs_of(position_m, desired_m_s, own, here, settings.floor, braking)
+    pairs, involved = _first_pairs(pairs_of, desired_m_s, own, here)
     confined = here if involved is moved else replace(here, commanded=involved)
     walls = _walls(position_m, confined, settings, braking)
     walls = Constraints.joined(walls, _reach(here, walls, settings))
@@ -134,10 +136,8 @@ def filter_velocities(
             break  # every change is within the searched range
         searched_m_s = np.where(strays[:, None], allowed_m_s, searched_m_s)
         every = attempt == SOLUTIONS - 2 and len(position_m) <= FEW
-        if every:
-            near = _pairs(position_m, searched_m_s, 2.0 * limits.fastest_m_s, here, settings, braking)
-        else:
-            near = _pairs(position_m, searched_m_s, SPARE_M_S, here, settings, braking, strays)
+        spare_m_s = np.full(len(own), 2.0 * limits.fastest_m_s if every else SPARE_M_S)
+        near = pairs_of(course_m_s=searched_m_s, spare_m_s=spare_m_s, only=None if every else strays)
         overlooked = with_reports(near.not_in(pairs, len(position_m)), own, here.shared_m_s)
         if not any_broken(allowed_m_s, *_joined(Constraints.none(), overlooked)):
             break
@@ -151,12 +151,7 @@ def filter_velocities(
 
 
 def _first_pairs(
-    position_m: Array,
-    desired_m_s: Array,
-    own: Mask,
-    here: Surroundings,
-    settings: SafetySettings,
-    braking: Braking,
+    pairs_of: Callable[..., Pairs], desired_m_s: Array, own: Mask, here: Surroundings
 ) -> tuple[Pairs, Mask]:
     """Pairs of the `own` (n,) commanded vehicles, of their neighbours of other stations, and of theirs.
 
@@ -165,41 +160,36 @@ def _first_pairs(
 
     Returns: the pairs, and (n,) the own vehicles and those neighbours.
     """
+    desired = {"course_m_s": desired_m_s, "spare_m_s": np.full(len(own), SPARE_M_S)}
     if here.shared_m_s is None:
-        return _pairs(position_m, desired_m_s, SPARE_M_S, here, settings, braking), own
-    pairs = _pairs(position_m, desired_m_s, SPARE_M_S, here, settings, braking, own)
+        return pairs_of(**desired), own
+    pairs = pairs_of(**desired, only=own)
     involved = own.copy()
     involved[pairs.first] = True
     involved[pairs.other] |= here.commanded[pairs.other]
     neighbours = involved & ~own
     if neighbours.any():
-        theirs = _pairs(position_m, desired_m_s, SPARE_M_S, here, settings, braking, neighbours)
-        pairs = pairs.joined(theirs.not_in(pairs, len(position_m)))
+        theirs = pairs_of(**desired, only=neighbours)
+        pairs = pairs.joined(theirs.not_in(pairs, len(own)))
     return with_reports(pairs, own, here.shared_m_s), involved
 
 
-def _pairs(
-    position_m: Array,
-    course_m_s: Array,
-    spare_m_s: float,
-    here: Surroundings,
-    settings: SafetySettings,
-    braking: Braking,
-    only: Mask | None = None,
-) -> Pairs:
-    """Pairs, of `only` (n,), whose constraint breaks if both velocities change by `spare_m_s` from (n, 3)."""
-    return separation_constraints(
+def _pairs_of(
+    position_m: Array, desired_m_s: Array, own: Mask, here: Surroundings, floor: Floor, braking: Braking
+) -> Callable[..., Pairs]:
+    """Finds pairs whose constraint breaks if both velocities change from `course_m_s` by `spare_m_s`."""
+    return partial(
+        separation_constraints,
         position_m,
         here.velocity_m_s,
         here.commanded,
         here.airborne,
-        floor=settings.floor,
+        floor=floor,
         braking=braking,
         uncertainty_m=here.uncertainty_m,
         wander_m=here.wander_m,
-        course_m_s=course_m_s,
-        spare_m_s=np.full(len(course_m_s), spare_m_s),
-        only=only,
+        drawn=None if here.drawn is None else here.drawn & own,
+        desired_m_s=desired_m_s,
         response=here.response,
     )
 
@@ -400,10 +390,10 @@ def warm_up() -> None:
         zero,
     )
     settings = SafetySettings()
-    pairs = _pairs(position_m, velocity_m_s, SPARE_M_S, here, settings, settings.braking)
-    any_broken(velocity_m_s, *_joined(Constraints.none(), pairs))
     own, shared = np.array([True, False, True]), replace(here, shared_m_s=velocity_m_s)
-    _first_pairs(position_m, velocity_m_s, own, shared, settings, settings.braking)
+    pairs_of = _pairs_of(position_m, velocity_m_s, all_rows, here, settings.floor, settings.braking)
+    pairs, _ = _first_pairs(pairs_of, velocity_m_s, own, shared)
+    any_broken(velocity_m_s, *_joined(Constraints.none(), pairs))
     columns_m = np.array([[[x_m, 0.0, -20.0], [x_m, 0.0, 0.0]] for x_m in (-1.0, 1.0)])
     keepout_constraints(
         position_m,

@@ -6,7 +6,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.model.jit import kernel
+from gcs.model.jit import kernel, kernel_within
 from gcs.model.response import FleetResponse
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import TINY, Array, Mask
@@ -20,6 +20,22 @@ from gcs.safety.constraints import (
     allowed_speed_m_s,
 )
 from gcs.safety.neighbours import Rows, near_pairs
+from gcs.safety.passing import (
+    BRAKES,
+    COURSE,
+    DESIRED,
+    ESCAPES,
+    LATER,
+    LED,
+    MEASURED,
+    OFFSET,
+    PAIR_ROWS,
+    REACTS,
+    SPARE,
+    STANDS,
+    UNSURE,
+    best_plane,
+)
 
 
 class Floor(Settings):
@@ -241,12 +257,15 @@ def separation_constraints(
     spare_m_s: Array,
     wander_m: Array | None = None,
     only: Mask | None = None,
+    drawn: Mask | None = None,
+    desired_m_s: Array | None = None,
     response: FleetResponse | None = None,
 ) -> Pairs:
     """Bound the closing speed of every pair that could come too close to the speed that can still be braked.
 
     Where both are commanded, both are restrained, as the projection finds cheapest. Where one is not (held by
-    its autopilot, flown by a pilot), the other gives way completely to its measured velocity.
+    its autopilot, flown by a pilot), the other gives way completely to its measured velocity. The speed is
+    bounded along the line between both; of two on drawn trajectories across the best plane, see `passing`.
 
     Args:
         position_m: (n, 3), show frame; NaN rows take no part.
@@ -256,12 +275,14 @@ def separation_constraints(
         floor: ellipsoid and margin.
         braking: how vehicles stop.
         uncertainty_m: (n,) standard deviations of the positions, sideways.
-        course_m_s: (n, 3) desired velocities of the commanded vehicles.
+        course_m_s: (n, 3) velocities of the commanded vehicles that are checked: at first, those desired.
         spare_m_s: (n,) by how much each velocity may come to differ from that. Pairs whose constraint no such
             velocities break are left out.
         wander_m: (n,) standard deviations of where velocities that are not commanded lead, in any direction;
             pairs in the air keep farther apart by them. None: nowhere.
         only: (n,) pairs without one of these may also be left out.
+        drawn: (n,) commanded here, on drawn trajectories; None: none of them.
+        desired_m_s: (n, 3) velocities for which planes are chosen; None: `course_m_s`.
         response: (n,) in what vehicles differ from `braking`; None: in nothing. A pair stops as the slower
             of both.
     """
@@ -274,12 +295,14 @@ def separation_constraints(
             position_m,
             np.array(velocity_m_s),
             np.array(course_m_s),
+            np.array(course_m_s if desired_m_s is None else desired_m_s),
             spare_m_s,
             commanded,
             airborne,
             uncertainty_m,
             wander_m,
             np.ones(len(position_m), np.bool_) if only is None else only,
+            np.zeros(len(position_m), np.bool_) if drawn is None else drawn & airborne,
             braking.of_each(len(position_m), response),
             _numbers(floor),
         )
@@ -362,12 +385,14 @@ def _found(
     position_m: Array,
     velocity_m_s: Array,
     course_m_s: Array,
+    desired_m_s: Array,
     spare_m_s: Array,
     commanded: Mask,
     airborne: Mask,
     uncertainty_m: Array,
     wander_m: Array,
     only: Mask,
+    drawn: Mask,
     each: Array,
     numbers: Numbers,
 ) -> tuple[Rows, Rows, Rows, Array, Array]:
@@ -379,8 +404,10 @@ def _found(
     count = len(first)
     rows, shared, others = np.empty(count, np.intp), np.empty(count, np.intp), np.empty(count, np.intp)
     normals, bounds_m_s = np.empty((count, 3)), np.empty(count)
-    sides, seen, answers, kept = np.empty((2, BLOCK), np.intp), np.empty((17, BLOCK)), np.empty((5, BLOCK)), 0
-    motion, own = (position_m, course_m_s, measured_m_s), (uncertainty_m, wander_m, spare_m_s)
+    sides, seen = np.empty((2, BLOCK), np.intp), np.empty((PAIR_ROWS, BLOCK))
+    answers, kept = np.empty((5, BLOCK)), 0
+    motion = position_m, course_m_s, measured_m_s, desired_m_s
+    own = uncertainty_m, wander_m, spare_m_s
     about = _side_by_side(first, second, motion, own, each)
     for begin in range(0, count, BLOCK):
         block = slice(begin, begin + BLOCK)
@@ -391,6 +418,12 @@ def _found(
                 continue
             i, j = sides[0, k], sides[1, k]
             x, y, z, allowed_m_s = answers[2, k], answers[3, k], answers[4, k], answers[0, k]
+            x_m_s, y_m_s, z_m_s = seen[DESIRED, k], seen[DESIRED + 1, k], seen[DESIRED + 2, k]
+            if drawn[i] and drawn[j] and allowed_m_s + x * x_m_s + y * y_m_s + z * z_m_s < 0.0:
+                _, allowed_m_s, (x, y, z) = best_plane(k, seen, *_pair_size_m(k, seen, numbers))
+                apart_m_s = x * seen[COURSE, k] + y * seen[COURSE + 1, k] + z * seen[COURSE + 2, k]
+                if allowed_m_s + apart_m_s > seen[SPARE, k]:
+                    continue
             rows[kept], others[kept] = i, j
             shared[kept] = j if commanded[j] else NO_ROW
             normals[kept, 0], normals[kept, 1], normals[kept, 2] = x, y, z
@@ -403,15 +436,15 @@ def _found(
 BLOCK = 128
 """Near pairs that are computed at a time: few enough to stay in the processor's nearest memory."""
 
-POSITION, COURSE, MEASURED, UNCERTAINTY, WANDER, SPARE, STOPS, WIDE = 0, 3, 6, 9, 10, 11, 12, 16
-"""Columns of `_side_by_side`, and their number."""
+OWN_UNCERTAINTY, OWN_WANDER, OWN_SPARE, STOPS, WIDE = 12, 13, 14, 15, 19
+"""Columns of `_side_by_side` after those of a pair's first rows, and their number."""
 
 
 @kernel
 def _side_by_side(
     first: Rows,
     second: Rows,
-    motion: tuple[Array, Array, Array],
+    motion: tuple[Array, Array, Array, Array],
     own: tuple[Array, Array, Array],
     each: Array,
 ) -> Array:
@@ -422,11 +455,11 @@ def _side_by_side(
     Args:
         first: (k,) rows.
         second: (k,) rows.
-        motion: positions, course and measured velocities, (n, 3) each.
+        motion: positions, course, measured and desired velocities, (n, 3) each.
         own: uncertainty, wander and spare speed, (n,) each.
         each: (4, n) as of `Braking.of_each`.
     """
-    (position_m, course_m_s, measured_m_s), (uncertainty_m, wander_m, spare_m_s) = motion, own
+    (position_m, course_m_s, measured_m_s, desired_m_s), (uncertainty_m, wander_m, spare_m_s) = motion, own
     about, in_pair = np.empty((len(position_m), WIDE)), np.zeros(len(position_m), np.bool_)
     for k in range(len(first)):
         in_pair[first[k]], in_pair[second[k]] = True, True
@@ -434,10 +467,12 @@ def _side_by_side(
         if not in_pair[i]:
             continue
         for axis in range(3):
-            about[i, POSITION + axis] = position_m[i, axis]
+            about[i, OFFSET + axis] = position_m[i, axis]
             about[i, COURSE + axis] = course_m_s[i, axis]
             about[i, MEASURED + axis] = measured_m_s[i, axis]
-        about[i, UNCERTAINTY], about[i, WANDER], about[i, SPARE] = uncertainty_m[i], wander_m[i], spare_m_s[i]
+            about[i, DESIRED + axis] = desired_m_s[i, axis]
+        about[i, OWN_UNCERTAINTY], about[i, OWN_WANDER] = uncertainty_m[i], wander_m[i]
+        about[i, OWN_SPARE] = spare_m_s[i]
         for k in range(4):
             about[i, STOPS + k] = each[k, i]
     return about
@@ -462,8 +497,7 @@ def _relative(
         masks: commanded and airborne, (n,) each.
         pad_height_m: as of `Floor`.
         sides: (2, BLOCK) rows i, commanded, and j; changed.
-        seen: (17, BLOCK) changed: offset, difference of the courses, of the measured velocities, squares of
-            uncertainty and wander, spare speed, whether one of both stands, and how the slower one stops.
+        seen: (PAIR_ROWS, BLOCK) changed.
 
     Returns: how many count.
     """
@@ -473,11 +507,11 @@ def _relative(
         i, j = first[k], second[k]
         if not commanded[i]:
             i, j = j, i
-        low = -about[i, POSITION + 2] < pad_height_m and -about[j, POSITION + 2] < pad_height_m
+        low = -about[i, OFFSET + 2] < pad_height_m and -about[j, OFFSET + 2] < pad_height_m
         if low or not commanded[i] or not (airborne[i] or airborne[j]):
             continue
-        mine_m, theirs_m = about[i, UNCERTAINTY], about[j, UNCERTAINTY]
-        one_stands, led_m2 = 0.0, about[i, WANDER] ** 2 + about[j, WANDER] ** 2
+        mine_m, theirs_m = about[i, OWN_UNCERTAINTY], about[j, OWN_UNCERTAINTY]
+        one_stands, led_m2 = 0.0, about[i, OWN_WANDER] ** 2 + about[j, OWN_WANDER] ** 2
         # A vehicle that stands has no tracking error, and its receiver keeps no other from its pad.
         if not (airborne[i] and airborne[j]):
             one_stands, led_m2 = 1.0, 0.0
@@ -486,14 +520,14 @@ def _relative(
             else:
                 mine_m = min(mine_m, theirs_m)
         sides[0, many], sides[1, many] = i, j
-        for column in range(9):  # position, course, measured
+        for column in range(UNSURE):  # position, course, measured, desired
             seen[column, many] = about[i, column] - about[j, column]
-        seen[9, many], seen[10, many] = mine_m**2 + theirs_m**2, led_m2
-        seen[11, many], seen[12, many] = about[i, SPARE] + about[j, SPARE], one_stands
-        seen[13, many] = max(about[i, STOPS + REACTION], about[j, STOPS + REACTION])
-        seen[14, many] = max(about[i, STOPS + LEAD], about[j, STOPS + LEAD])
-        seen[15, many] = min(about[i, STOPS + DECELERATION], about[j, STOPS + DECELERATION])
-        seen[16, many] = min(about[i, STOPS + ESCAPE], about[j, STOPS + ESCAPE])
+        seen[UNSURE, many], seen[LED, many] = mine_m**2 + theirs_m**2, led_m2
+        seen[SPARE, many], seen[STANDS, many] = about[i, OWN_SPARE] + about[j, OWN_SPARE], one_stands
+        seen[REACTS, many] = max(about[i, STOPS + REACTION], about[j, STOPS + REACTION])
+        seen[LATER, many] = max(about[i, STOPS + LEAD], about[j, STOPS + LEAD])
+        seen[BRAKES, many] = min(about[i, STOPS + DECELERATION], about[j, STOPS + DECELERATION])
+        seen[ESCAPES, many] = min(about[i, STOPS + ESCAPE], about[j, STOPS + ESCAPE])
         many += 1
     return many
 
@@ -504,18 +538,28 @@ def _answers(many: int, seen: Array, numbers: Numbers, answers: Array) -> None:
 
     Without branches, so that it is vectorised. `seen` is that of `_relative`.
     """
-    wide_m, tall_m, taller, _, own_wide_m, own_tall_m, deviations = numbers
     for k in range(many):
-        unsure_m, led_m = deviations * np.sqrt(seen[9, k]), deviations * np.sqrt(seen[10, k])
-        pair_wide_m = wide_m + unsure_m + led_m - seen[12, k] * own_wide_m
-        pair_tall_m = tall_m + taller * unsure_m + led_m - seen[12, k] * own_tall_m
-        gap_m, x, y, z = _gap(seen[0, k], seen[1, k], seen[2, k], pair_wide_m, pair_tall_m)
-        closing_m_s = -(x * seen[6, k] + y * seen[7, k] + z * seen[8, k])
+        pair_wide_m, pair_tall_m = _pair_size_m(k, seen, numbers)
+        offset_m = seen[OFFSET, k], seen[OFFSET + 1, k], seen[OFFSET + 2, k]
+        gap_m, x, y, z = _gap(*offset_m, pair_wide_m, pair_tall_m)
+        closing_m_s = -(x * seen[MEASURED, k] + y * seen[MEASURED + 1, k] + z * seen[MEASURED + 2, k])
         answers[0, k] = allowed_speed_m_s(
-            gap_m - seen[14, k] * max(closing_m_s, 0.0), seen[13, k], seen[15, k], seen[16, k]
+            gap_m - seen[LATER, k] * max(closing_m_s, 0.0), seen[REACTS, k], seen[BRAKES, k], seen[ESCAPES, k]
         )
-        answers[1, k] = seen[11, k] - (x * seen[3, k] + y * seen[4, k] + z * seen[5, k])
+        apart_m_s = x * seen[COURSE, k] + y * seen[COURSE + 1, k] + z * seen[COURSE + 2, k]
+        answers[1, k] = seen[SPARE, k] - apart_m_s
         answers[2, k], answers[3, k], answers[4, k] = x, y, z
+
+
+@kernel_within
+def _pair_size_m(k: int, seen: Array, numbers: Numbers) -> tuple[float, float]:
+    """Semi-axes, sideways and up, that pair k of `seen` keeps."""
+    wide_m, tall_m, taller, _, own_wide_m, own_tall_m, deviations = numbers
+    unsure_m, led_m = deviations * np.sqrt(seen[UNSURE, k]), deviations * np.sqrt(seen[LED, k])
+    return (
+        wide_m + unsure_m + led_m - seen[STANDS, k] * own_wide_m,
+        tall_m + taller * unsure_m + led_m - seen[STANDS, k] * own_tall_m,
+    )
 
 
 @kernel

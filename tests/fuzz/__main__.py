@@ -49,8 +49,8 @@ TRUE_ERRORS: Final = ('"event": "duplicate_system_id"',)
 """What a log says rightly: samples bear the numbers of the fleet, and come from elsewhere."""
 
 OF_STRANGERS: Final = (*TRUE_ERRORS, '"cause": "too-close"')
-"""The same of a bus without keys, where a stranger's vehicles are a station's. Whether vehicles came too close
-is judged by true states.
+"""The same of a bus without keys, where a stranger's vehicles are a station's. True states judge whether any
+came too close.
 """
 
 LATE_SHARE: Final = 0.02

@@ -41,7 +41,7 @@ SPEED_MAX_M_S, CLIMB_MAX_M_S, SINK_MAX_M_S, ACCELERATION_MAX_M_S2 = 4.0, 2.2, 1.
 TAKEOFF_HEIGHT_M, LEAST_HEIGHT_M, HOLD_S = 5.0, 8.0, 3.0
 
 
-def _grid(count: int) -> Array:
+def grid(count: int) -> Array:
     columns = int(np.ceil(np.sqrt(count)))
     index = np.arange(count)
     return np.stack([index // columns, index % columns, np.zeros(count)], axis=1).astype(float)
@@ -93,7 +93,7 @@ def spacing_m(positions_m: Array) -> float:
     return float(np.min(away_m))
 
 
-def _scaled(points: Array, least_m: float, lowest_m: float) -> Array:
+def scaled(points: Array, least_m: float, lowest_m: float) -> Array:
     """Return a pattern at its least size, about the origin, its lowest point at a height; z down."""
     stretched = points * STRETCH
     stretched = stretched * (least_m / spacing_m(stretched))
@@ -103,14 +103,16 @@ def _scaled(points: Array, least_m: float, lowest_m: float) -> Array:
 
 
 @dataclass(frozen=True)
-class _Stage:
+class Stage:
+    """All vehicles move on straight lines, with one time law, to these positions."""
+
     name: str
     begin_s: float
     end_s: float
     positions_m: Array  # (n, 3) at its end
 
 
-def _over_s(moves_m: Array) -> float:
+def over_s(moves_m: Array) -> float:
     """Time in which no vehicle of a transition exceeds a limit."""
     sideways_m = float(np.linalg.norm(moves_m[:, :2], axis=1).max())
     climb_m, sink_m = float(np.max(-moves_m[:, 2], initial=0.0)), float(np.max(moves_m[:, 2], initial=0.0))
@@ -122,27 +124,27 @@ def _over_s(moves_m: Array) -> float:
 
 def _stages(
     pads_m: Array, seconds: float, least_m: float, shapes: Sequence[str], rng: np.random.Generator
-) -> list[_Stage]:
+) -> list[Stage]:
     """Return the shapes in turn, as many as there is time for, and the way back; rests fill the time."""
-    stages = [_Stage("above the pads", 0.0, 1.0, pads_m)]
+    stages = [Stage("above the pads", 0.0, 1.0, pads_m)]
     for name in cycle(shapes):
         here_m = stages[-1].positions_m
         points = SHAPES[name](len(pads_m))
         turn = rng.uniform(0.0, 2.0 * np.pi)
         c, s = np.cos(turn), np.sin(turn)
         points = points @ np.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-        shape_m = _scaled(points, least_m, LEAST_HEIGHT_M)
-        _, columns = linear_sum_assignment(_squares(here_m, shape_m))
+        shape_m = scaled(points, least_m, LEAST_HEIGHT_M)
+        _, columns = linear_sum_assignment(squares(here_m, shape_m))
         there_m = shape_m[columns]
         begin_s = stages[-1].end_s + HOLD_S
-        end_s = begin_s + _over_s(there_m - here_m)
-        if len(stages) > 1 and end_s + HOLD_S + _over_s(pads_m - there_m) > seconds:
+        end_s = begin_s + over_s(there_m - here_m)
+        if len(stages) > 1 and end_s + HOLD_S + over_s(pads_m - there_m) > seconds:
             break
-        stages.append(_Stage(name, begin_s, end_s, there_m))
+        stages.append(Stage(name, begin_s, end_s, there_m))
     begin_s, here_m = stages[-1].end_s + HOLD_S, stages[-1].positions_m
-    _, columns = linear_sum_assignment(_squares(here_m, pads_m))
+    _, columns = linear_sum_assignment(squares(here_m, pads_m))
     back_m = pads_m[columns]
-    stages.append(_Stage("back", begin_s, begin_s + _over_s(back_m - here_m), back_m))
+    stages.append(Stage("back", begin_s, begin_s + over_s(back_m - here_m), back_m))
     longer_s = max(seconds - stages[-1].end_s, 0.0) / (len(stages) - 1)  # of each rest
     return [
         replace(stage, begin_s=stage.begin_s + at * longer_s, end_s=stage.end_s + at * longer_s)
@@ -150,7 +152,7 @@ def _stages(
     ]
 
 
-def _squares(from_m: Array, to_m: Array) -> Array:
+def squares(from_m: Array, to_m: Array) -> Array:
     apart_m = (from_m[:, None] - to_m[None]) / STRETCH
     return np.asarray((apart_m**2).sum(axis=2))
 
@@ -170,10 +172,15 @@ def drawn_show(
     rng = np.random.default_rng(seed)
     least_m = 1.001 * np.sqrt(2.0) * spacing  # files are rounded
     if ground_m is None:
-        pads_m = _scaled(_grid(vehicles), least_m, TAKEOFF_HEIGHT_M)
+        pads_m = scaled(grid(vehicles), least_m, TAKEOFF_HEIGHT_M)
     else:
         pads_m = ground_m - (0.0, 0.0, TAKEOFF_HEIGHT_M)
-    stages = _stages(pads_m, seconds, least_m, shapes, rng)
+    return of_stages(_stages(pads_m, seconds, least_m, shapes, rng), spacing)
+
+
+def of_stages(stages: list[Stage], spacing: float) -> DrawnShow:
+    """Return the show that begins and ends above its pads, and keeps this spacing in m."""
+    pads_m, vehicles = stages[0].positions_m, len(stages[0].positions_m)
     trajectories = Trajectories.joined([_trajectory(stages, row) for row in range(vehicles)])
     end_s = stages[-1].end_s
     reach_m = 10.0 + float(np.abs(trajectories.hull_m()[:, :2]).max())
@@ -201,7 +208,7 @@ def drawn_show(
     )
 
 
-def _trajectory(stages: list[_Stage], row: int) -> Trajectory:
+def _trajectory(stages: list[Stage], row: int) -> Trajectory:
     """Return rests, and between them straight lines with the time law 10 u^3 - 15 u^4 + 6 u^5."""
     times_s, pieces = [0.0, stages[0].end_s], [np.zeros((6, 3))]
     pieces[0][0] = stages[0].positions_m[row]
@@ -214,7 +221,7 @@ def _trajectory(stages: list[_Stage], row: int) -> Trajectory:
     return Trajectory(np.array(times_s), np.stack(pieces))
 
 
-def _lights(stages: list[_Stage], row: int, vehicles: int) -> LightProgram:
+def _lights(stages: list[Stage], row: int, vehicles: int) -> LightProgram:
     """Return a colour for each shape, shaded along the fleet, with fades while they morph."""
     times_s, before, after = [0.0], [], []
     now = np.zeros(3, np.uint8)
