@@ -11,7 +11,7 @@ from gcs.model.frames import ShowFrame
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array, Mask
 from gcs.recording.trajectories import interpolated, read_true_states
-from gcs.safety.separation import Floor, minimum_separation, pairs_that_count, scaled_distance_m
+from gcs.safety.floor import Floor, minimum_separation, pairs_that_count, scaled_distance_m
 
 SAMPLE_S = 0.02
 LARGE, LARGE_SAMPLE_S = 100, 0.05

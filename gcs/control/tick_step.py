@@ -28,7 +28,7 @@ from gcs.safety.answers import Answers, compared
 from gcs.safety.authority import Authority, measured, yielding
 from gcs.safety.filter import Surroundings, filter_velocities
 from gcs.safety.filter import warm_up as safety_warm_up
-from gcs.safety.separation import Floor, minimum_separation
+from gcs.safety.floor import Floor, minimum_separation
 from gcs.safety.traffic import give_way, keep_right
 
 

@@ -11,8 +11,8 @@ from gcs.flight.fleet import Fleet
 from gcs.model.lifecycle import FLOWN
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array, Mask
+from gcs.safety.floor import Floor
 from gcs.safety.neighbours import near_pairs
-from gcs.safety.separation import Floor
 from gcs.service.alarms import AlarmCause, Condition, Limit, beyond
 
 CLOSE: Final = Limit(on=1.0, off=1.05)

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from gcs.formation.obstacles import Ellipse
 from gcs.model.state import Array, Mask
-from gcs.safety.separation import Floor
+from gcs.safety.floor import Floor
 
 ROUNDS = 60
 """Iterations of pushing apart; the rest is searched for, because a landing must fit between two ticks."""

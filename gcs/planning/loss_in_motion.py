@@ -12,7 +12,7 @@ import numpy as np
 from gcs.model.setpoint_loss import FleetWithoutSetpoints
 from gcs.model.state import TINY, Array
 from gcs.planning.setpoint_loss import NOTICED_WITHIN_S, Action, Clash, clashes
-from gcs.safety.separation import Floor
+from gcs.safety.floor import Floor
 
 
 def clashes_in_motion(

@@ -19,8 +19,8 @@ from gcs.model.errors import RefusedError
 from gcs.model.plan import Plan
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.landing_sites import spiral
+from gcs.safety.floor import Floor
 from gcs.safety.neighbours import Rows
-from gcs.safety.separation import Floor
 
 Action: TypeAlias = Literal["descend", "hold", "land", "return"]
 

@@ -12,7 +12,7 @@ from gcs.estimation.positioning import Positioning
 from gcs.links.link import Absent
 from gcs.model.preflight_report import Check, State
 from gcs.model.state import Array, FleetState, Telemetry, VehicleId
-from gcs.safety.separation import Floor
+from gcs.safety.floor import Floor
 from gcs.safety.walls import Fence
 
 

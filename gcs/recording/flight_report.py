@@ -15,7 +15,7 @@ from gcs.model.jit import kernel
 from gcs.model.state import Array, Mask
 from gcs.recording.mcap_reader import Standard
 from gcs.recording.trajectories import OnProgress, Single, Trajectories
-from gcs.safety.separation import Floor
+from gcs.safety.floor import Floor
 from gcs.service.snapshots import NearestPair, ReportBody, ReportCheck
 
 EXIT_CODES: Final[dict[str, int]] = {"kept": 0, "broken": 1, "incomplete": 3}

@@ -17,13 +17,9 @@ from gcs.model.state import TINY, Array, Mask
 from gcs.safety.across_stations import with_reports
 from gcs.safety.authority import AuthoritySettings, reach_constraints
 from gcs.safety.constraints import NO_ROW, Braking, Constraints, any_broken, nearest, shortened, tightest
+from gcs.safety.floor import Floor, minimum_separation
 from gcs.safety.neighbours import FEW, Rows, near_pairs
-from gcs.safety.separation import (
-    Floor,
-    Pairs,
-    minimum_separation,
-    separation_constraints,
-)
+from gcs.safety.separation import Pairs, separation_constraints
 from gcs.safety.traffic import Traffic
 from gcs.safety.walls import OWNERS_MOST, Fence, fence_constraints, keepout_constraints, obstacle_constraints
 
@@ -177,7 +173,7 @@ def _first_pairs(
 def _pairs_of(
     position_m: Array, desired_m_s: Array, own: Mask, here: Surroundings, floor: Floor, braking: Braking
 ) -> Callable[..., Pairs]:
-    """Finds pairs whose constraint breaks if both velocities change from `course_m_s` by `spare_m_s`."""
+    """Return a function that finds pairs too close if both differ from `course_m_s` by `spare_m_s`."""
     return partial(
         separation_constraints,
         position_m,

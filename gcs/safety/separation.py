@@ -1,4 +1,4 @@
-"""Separation between vehicles: an ellipsoid, taller than wide because of downwash."""
+"""Constraints between vehicles: how fast two may close in."""
 
 from dataclasses import dataclass
 from typing import TypeAlias
@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from gcs.model.jit import kernel, kernel_within
 from gcs.model.response import FleetResponse
-from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import TINY, Array, Mask
 from gcs.safety.constraints import (
     DECELERATION,
@@ -19,80 +18,9 @@ from gcs.safety.constraints import (
     Braking,
     allowed_speed_m_s,
 )
+from gcs.safety.floor import Floor
 from gcs.safety.neighbours import Rows, near_pairs
-from gcs.safety.passing import (
-    BRAKES,
-    COURSE,
-    DESIRED,
-    ESCAPES,
-    LATER,
-    LED,
-    MEASURED,
-    OFFSET,
-    PAIR_ROWS,
-    REACTS,
-    SPARE,
-    STANDS,
-    UNSURE,
-    best_plane,
-)
-
-
-class Floor(Settings):
-    """The minimum-separation ellipsoid (semi-axes, centre to centre) that no pair may enter, and margins."""
-
-    horizontal_m: Positive = 2.0
-    vertical_m: Positive = 3.0
-    margin_m: NotNegative = (
-        0.3  # added horizontally, in proportion vertically: half of it for each vehicle's tracking
-    )
-    uncertainty_m: NotNegative = 0.05  # standard deviation of each position, sideways, where none is reported
-    vertical_uncertainty: Positive = 2.0  # factor for up and down (recorded: 0.41 m against 0.19 m)
-    deviations: Positive = 6.0  # of a pair's relative position that its margin covers (decision 0036)
-    pad_height_m: NotNegative = 2.0  # pairs that are both below this height on their pads are exempt
-
-    @property
-    def scale(self) -> Array:
-        """(3,) factors that turn the ellipsoid into a sphere of radius `horizontal_m`."""
-        return np.array([1.0, 1.0, self.horizontal_m / self.vertical_m])
-
-    def reserve_m(self, first_m: Array | float, second_m: Array | float) -> Array:
-        """(k,) sideways margins for the error of a pair's relative position: the two variances add.
-
-        Args:
-            first_m: (k,) standard deviations of the positions, sideways.
-            second_m: (k,) those of the other vehicles.
-        """
-        reserved_m: Array = self.deviations * np.hypot(first_m, second_m)
-        return reserved_m
-
-    def standoff_m(self, uncertainty_m: Array) -> Array:
-        """(n,) how far inside the fence vehicles are kept: their part of the margin, and one deviation.
-
-        Args:
-            uncertainty_m: (n,) standard deviations of the positions, sideways.
-        """
-        kept_m: Array = self.margin_m / 2.0 + uncertainty_m
-        return kept_m
-
-    def worst_reserve_m(self, uncertainty_m: Array | None = None) -> float:
-        """`reserve_m` of the least certain two of (n,); without them, of two that report nothing."""
-        if uncertainty_m is None or len(uncertainty_m) == 0:
-            return float(self.reserve_m(self.uncertainty_m, self.uncertainty_m))
-        second_m, first_m = np.partition(np.append(uncertainty_m, 0.0), -2)[-2:]
-        return float(self.reserve_m(first_m, second_m))
-
-    def kept_m(self, reserve_m: float) -> tuple[float, float]:
-        """Semi-axes, sideways and up, with margin, for a pair with this `reserve_m`."""
-        stretch = self.vertical_m / self.horizontal_m
-        return (
-            self.horizontal_m + self.margin_m + reserve_m,
-            self.vertical_m + self.margin_m * stretch + self.vertical_uncertainty * reserve_m,
-        )
-
-    def widest_m(self, uncertainty_m: Array | None = None) -> float:
-        """Separation that satisfies floor and margin in every direction, for any two of (n,) vehicles."""
-        return max(self.kept_m(self.worst_reserve_m(uncertainty_m)))
+from gcs.safety.passing import best_plane
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,108 +68,6 @@ def _not_among(first: Rows, other: Rows, known_first: Rows, known_other: Rows, c
         if place < len(pair) and pair[place] == known:
             new[order[place]] = False
     return new
-
-
-def pairs_that_count(position_m: Array, airborne: Mask, floor: Floor) -> tuple[Rows, Rows]:
-    """Rows (k,) and (k,) of all pairs of which at least one is in the air, pads exempt.
-
-    A pair is exempt while both are below `pad_height_m`; unknown positions (NaN) take no part.
-    """
-    first, second = np.triu_indices(len(position_m), 1)
-    known: Mask = np.asarray(np.isfinite(position_m).all(axis=1))
-    low: Mask = np.asarray(-position_m[:, 2] < floor.pad_height_m)
-    flying: Mask = airborne[first] | airborne[second]
-    counts = np.flatnonzero(flying & known[first] & known[second] & ~(low[first] & low[second]))
-    return first[counts], second[counts]
-
-
-def scaled_distance_m(position_m: Array, first: Rows, second: Rows, floor: Floor) -> Array:
-    """(k,) distances in the metric in which the floor is a sphere of radius ``floor.horizontal_m``."""
-    distance: Array = np.linalg.norm((position_m[first] - position_m[second]) * floor.scale, axis=1)
-    return distance
-
-
-def minimum_separation(
-    position_m: Array, airborne: Mask, floor: Floor, own: int | None = None
-) -> tuple[float, int]:
-    """Smallest true distance of the pairs that count (inf without any), and the number inside the floor.
-
-    Where `own` is given, one of both vehicles at least is among the first `own` rows.
-    """
-    # numba compiles frozen arrays as another type
-    position_m, airborne = np.array(position_m), np.array(airborne)
-    semi_axes = floor.horizontal_m, floor.vertical_m, floor.pad_height_m
-    least_m, inside = _closest(position_m, airborne, len(position_m) if own is None else own, *semi_axes)
-    return least_m, inside
-
-
-@kernel
-def _closest(
-    position_m: Array, airborne: Mask, own: int, horizontal_m: float, vertical_m: float, pad_height_m: float
-) -> tuple[float, int]:
-    """As `minimum_separation`: of the near pairs; the search radius doubles until one of them counts.
-
-    Each pair that counts has one vehicle in the air, and one above the pads: of these, the fewer are searched
-    for. On the ground there are none.
-    """
-    known, extent_m = np.empty(len(position_m), np.bool_), 0.0
-    low_m, high_m = np.full(3, np.inf), np.full(3, -np.inf)
-    flying, above = np.zeros(len(position_m), np.bool_), np.zeros(len(position_m), np.bool_)
-    for i in range(len(position_m)):
-        widest_m = max(abs(position_m[i, 0]), abs(position_m[i, 1]), abs(position_m[i, 2]))
-        known[i] = np.isfinite(position_m[i, 0] + position_m[i, 1] + position_m[i, 2])
-        if known[i]:
-            extent_m = max(extent_m, widest_m)
-            flying[i], above[i] = airborne[i], -position_m[i, 2] >= pad_height_m
-            for axis in range(3):
-                low_m[axis] = min(low_m[axis], position_m[i, axis])
-                high_m[axis] = max(high_m[axis], position_m[i, axis])
-    some = flying if flying.sum() <= above.sum() else above
-    if not some.any():
-        return np.inf, 0
-    if own < len(known):
-        some = known & (np.arange(len(known)) < own)
-    # as far as the vehicles of a sphere that wide are from their neighbours: mostly one search is enough
-    apart_m = 2.2 * (high_m - low_m).max() / np.sqrt(known.sum())
-    look_m = min(max(apart_m, 2.0 * max(horizontal_m, vertical_m)), 4.0 * max(horizontal_m, vertical_m))
-    farthest_m = 2.0 * np.sqrt(3.0) * extent_m + look_m
-    while True:
-        first, second = near_pairs(some, position_m, known, np.full(len(position_m), look_m / 2.0))
-        found_m, inside = _closest_of(
-            position_m, airborne, first, second, horizontal_m, vertical_m, pad_height_m
-        )
-        if np.isfinite(found_m) or look_m > farthest_m:
-            return found_m, inside
-        look_m *= 2.0
-
-
-@kernel
-def _closest_of(
-    position_m: Array,
-    airborne: Mask,
-    first: Rows,
-    second: Rows,
-    horizontal_m: float,
-    vertical_m: float,
-    pad_height_m: float,
-) -> tuple[float, int]:
-    """Of those pairs (k,) that count: the smallest distance, and the number inside the floor."""
-    least_m2, inside = np.inf, 0
-    for k in range(len(first)):
-        i, j = first[k], second[k]
-        low = -position_m[i, 2] < pad_height_m and -position_m[j, 2] < pad_height_m
-        if low or not (airborne[i] or airborne[j]):
-            continue
-        x_m, y_m, z_m = (
-            position_m[i, 0] - position_m[j, 0],
-            position_m[i, 1] - position_m[j, 1],
-            position_m[i, 2] - position_m[j, 2],
-        )
-        least_m2 = min(least_m2, x_m * x_m + y_m * y_m + z_m * z_m)
-        z_m *= horizontal_m / vertical_m
-        if x_m * x_m + y_m * y_m + z_m * z_m < horizontal_m * horizontal_m:
-            inside += 1
-    return np.sqrt(least_m2), inside
 
 
 def separation_constraints(
@@ -304,7 +130,7 @@ def separation_constraints(
             np.ones(len(position_m), np.bool_) if only is None else only,
             np.zeros(len(position_m), np.bool_) if drawn is None else drawn & airborne,
             braking.of_each(len(position_m), response),
-            _numbers(floor),
+            _numbers_of(floor),
         )
     )
 
@@ -315,7 +141,7 @@ up), and the deviations that a margin covers.
 """
 
 
-def _numbers(floor: Floor) -> Numbers:
+def _numbers_of(floor: Floor) -> Numbers:
     own_m = floor.margin_m / 2.0
     return (
         *floor.kept_m(0.0),
@@ -420,7 +246,13 @@ def _found(
             x, y, z, allowed_m_s = answers[2, k], answers[3, k], answers[4, k], answers[0, k]
             x_m_s, y_m_s, z_m_s = seen[DESIRED, k], seen[DESIRED + 1, k], seen[DESIRED + 2, k]
             if drawn[i] and drawn[j] and allowed_m_s + x * x_m_s + y * y_m_s + z * z_m_s < 0.0:
-                _, allowed_m_s, (x, y, z) = best_plane(k, seen, *_pair_size_m(k, seen, numbers))
+                _, allowed_m_s, (x, y, z) = best_plane(
+                    (seen[OFFSET, k], seen[OFFSET + 1, k], seen[OFFSET + 2, k]),
+                    (x_m_s, y_m_s, z_m_s),
+                    (seen[MEASURED, k], seen[MEASURED + 1, k], seen[MEASURED + 2, k]),
+                    _pair_size_m(k, seen, numbers),
+                    (seen[REACTS, k], seen[LATER, k], seen[BRAKES, k], seen[ESCAPES, k]),
+                )
                 apart_m_s = x * seen[COURSE, k] + y * seen[COURSE + 1, k] + z * seen[COURSE + 2, k]
                 if allowed_m_s + apart_m_s > seen[SPARE, k]:
                     continue
@@ -432,6 +264,13 @@ def _found(
             kept += 1
     return rows[:kept], shared[:kept], others[:kept], normals[:kept], bounds_m_s[:kept]
 
+
+OFFSET, COURSE, MEASURED, DESIRED, UNSURE, LED, SPARE, STANDS = 0, 3, 6, 9, 12, 13, 14, 15
+REACTS, LATER, BRAKES, ESCAPES, PAIR_ROWS = 16, 17, 18, 19, 20
+"""Rows of `_relative`. Of i relative to j, three rows each: offset,
+course that is checked, measured and desired velocity. Squares of uncertainty and wander; spare speed; whether
+one of both stands; reaction, lead, deceleration and escape rate of the slower one.
+"""
 
 BLOCK = 128
 """Near pairs that are computed at a time: few enough to stay in the processor's nearest memory."""

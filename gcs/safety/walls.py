@@ -21,8 +21,8 @@ from gcs.safety.constraints import (
     along_m_s,
     stopping_speed_m_s,
 )
+from gcs.safety.floor import Floor
 from gcs.safety.neighbours import Rows
-from gcs.safety.separation import Floor
 
 
 class Fence(Settings):

@@ -20,7 +20,7 @@ from gcs.formation.obstacles import Ellipse
 from gcs.formation.orbit import Center, Way, advance_center, orbit_velocity, steer_center
 from gcs.model.plan import Obstacle, Target
 from gcs.model.state import Array
-from gcs.safety.separation import Floor, scaled_distance_m
+from gcs.safety.floor import Floor, scaled_distance_m
 from gcs.simulation.initial_states import scattered_m
 from gcs.simulation.record import Record
 from gcs.simulation.scenario import ArticleFlight, Scenario

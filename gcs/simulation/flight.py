@@ -32,7 +32,7 @@ from gcs.planning.return_paths.paths import (
 )
 from gcs.planning.return_paths.planner import plan_return_paths, return_places_m, return_planner
 from gcs.planning.return_paths.planner import warm_up as warm_up_planner
-from gcs.safety.separation import Floor, pairs_that_count, scaled_distance_m
+from gcs.safety.floor import Floor, pairs_that_count, scaled_distance_m
 from gcs.simulation import initial_states as layout
 from gcs.simulation.article import fly_article
 from gcs.simulation.autopilots import responses

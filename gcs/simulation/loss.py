@@ -12,7 +12,7 @@ from gcs.model.setpoint_loss import STOP_S
 from gcs.model.state import Array, FleetState, Mask
 from gcs.planning.lost_space import KeptSetpoints, expected_drift, swept_segments_m
 from gcs.planning.silent_space import silent_segments_m
-from gcs.safety.separation import Floor
+from gcs.safety.floor import Floor
 from gcs.safety.walls import Fence
 from gcs.simulation.scenario import Loss
 from gcs.simulation.world import TrueWorld

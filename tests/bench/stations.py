@@ -33,7 +33,7 @@ from gcs.client import Client
 from gcs.config.schema import Config
 from gcs.model.errors import LinkError, RefusedError
 from gcs.model.state import Array
-from gcs.safety.separation import Floor, minimum_separation, pairs_that_count, scaled_distance_m
+from gcs.safety.floor import Floor, minimum_separation, pairs_that_count, scaled_distance_m
 from tests.bench.fake_fleet import busy_s
 from tests.bench.links import PASSED_ON_MS, Requirement
 from tests.support.machine import free_ports

@@ -1,4 +1,4 @@
-"""Drawn shows whose vehicles pass each other at the spacing of the show: none is held up."""
+"""In drawn shows vehicles that pass at the spacing of the show do not slow down for each other."""
 
 from hashlib import sha256
 from pathlib import Path

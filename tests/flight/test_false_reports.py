@@ -11,7 +11,7 @@ from gcs.config.schema import Config
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Array
 from gcs.planning.feasibility import smallest_formation_radius_m
-from gcs.safety.separation import minimum_separation
+from gcs.safety.floor import minimum_separation
 from tests.support.show_phases import running
 from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 

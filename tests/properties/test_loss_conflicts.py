@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from gcs.model.state import Array
 from gcs.planning.setpoint_loss import Action, clashes, turned_upright
-from gcs.safety.separation import Floor
+from gcs.safety.floor import Floor
 from tests.support.law_fleets import places, vectors
 from tests.support.safety_fleets import CALM
 

@@ -1,4 +1,4 @@
-"""Vehicles that pass each other: whoever brakes, and whenever, the floor between them is kept."""
+"""Vehicles that pass each other: the floor is kept, whichever of them brake, and whenever they do."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -83,7 +83,7 @@ STOPS_S = st.lists(within(0.5, 9.0), min_size=1, max_size=8)
 
 @settings(CALM, max_examples=50)
 @given(st.integers(0, 10_000), st.integers(2, 8), STOPS_S, st.booleans())
-def test_floor_is_kept_whoever_brakes_and_whenever(
+def test_floor_is_kept_whichever_vehicles_brake(
     seed: int, count: int, stops_s: list[float], together: bool
 ) -> None:
     """Through one middle, at up to 8 m/s."""
@@ -103,7 +103,7 @@ def test_floor_is_kept_whoever_brakes_and_whenever(
 def test_floor_is_kept_between_lanes_that_are_drawn(
     seed: int, count: int, stops_s: list[float], together: bool, fastest_m_s: float
 ) -> None:
-    """Lanes 3 m apart, every other one flown the other way: nothing slows the others down."""
+    """Lanes 3 m apart, every other one flown the other way: no vehicle that flies on slows down."""
     random = np.random.default_rng(seed)
     lane, way = np.arange(count), np.where(np.arange(count) % 2, 1.0, -1.0)
     begin_m = np.stack([-15.0 * way + random.uniform(-3.0, 3.0, count), 3.0 * lane, np.zeros(count)], axis=1)

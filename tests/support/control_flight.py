@@ -13,7 +13,7 @@ from gcs.formation.repulsion import best_configuration, energy, nearest_m
 from gcs.model.plan import Formation, Plan
 from gcs.model.state import Array, FleetState, Mask, Traits
 from gcs.planning.return_paths.paths import is_above, may_hand_over
-from gcs.safety.separation import minimum_separation
+from gcs.safety.floor import minimum_separation
 from gcs.sim.vehicle.dynamics import PointMasses, Response
 from gcs.sim.vehicle.sensors import draw_errors, step_errors
 from gcs.simulation.flight import HANDOVER_HEIGHT_M

@@ -1,4 +1,4 @@
-"""Makes drawn shows whose vehicles fly past each other at the spacing of the show. Seeded.
+"""Makes drawn shows in which vehicles pass each other at the spacing of the show. Seeded.
 
 Two kinds, turned by a random angle. Opposing: lanes one spacing apart, flown both ways at a time. Crossing:
 two groups cross at right angles at one height, their rows so that no two come closer than one spacing.

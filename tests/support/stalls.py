@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from gcs.model.state import Array
-from gcs.safety.separation import minimum_separation
+from gcs.safety.floor import minimum_separation
 from tests.support.virtual_show import Show
 
 RECEIVED_FIRST: float = 1.0

@@ -26,7 +26,7 @@ from gcs.model.state import Array, VehicleId
 from gcs.planning.return_paths import planner
 from gcs.preflight.parameters import settings_of
 from gcs.recording.session import Record
-from gcs.safety.separation import minimum_separation
+from gcs.safety.floor import minimum_separation
 from gcs.service import CommandRecord, FleetView, Outcome, ShowAction, VehicleAction
 from gcs.sim.fleet import Fleet
 from gcs.sim.mixed import fleet_of

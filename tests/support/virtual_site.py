@@ -18,7 +18,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.preflight.parameters import settings_of
 from gcs.recording.session import Record
-from gcs.safety.separation import minimum_separation
+from gcs.safety.floor import minimum_separation
 from gcs.service import CommandRecord, FleetView, Outcome, ShowAction
 from gcs.shows.packed import unpacked
 from gcs.sim.fleet import Fleet

@@ -25,8 +25,8 @@ from gcs.planning.return_paths.conflicts import chosen_paths
 from gcs.planning.return_paths.paths import STEP_S, WELL_IN_PLACE_M, ReturnPaths
 from gcs.planning.return_paths.round_boxes import WaysRound
 from gcs.safety.filter import Limits
+from gcs.safety.floor import Floor
 from gcs.safety.neighbours import Rows
-from gcs.safety.separation import Floor
 
 SPARED_FAILS = (5, 8, 3)
 """A vehicle that found no path in this many rounds is not passed while it waits, if possible. Where one

@@ -21,7 +21,7 @@ from gcs.model.errors import GcsError
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array
-from gcs.safety.separation import Floor
+from gcs.safety.floor import Floor
 
 FLOOR = Floor(horizontal_m=2.0, vertical_m=3.0, margin_m=1.0, uncertainty_m=0.0, pad_height_m=2.0)
 TIME_S = np.arange(0.0, 10.0, 0.02)

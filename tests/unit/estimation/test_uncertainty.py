@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from gcs.estimation.positioning import LEAST_M, SHARE_3D, Positioning, uncertainty_m
 from gcs.model.state import Array
-from gcs.safety.separation import Floor
+from gcs.safety.floor import Floor
 
 P = Positioning()
 FLOOR = Floor()

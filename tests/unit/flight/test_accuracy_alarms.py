@@ -12,7 +12,7 @@ from gcs.flight.fleet import Fleet
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, FleetState, Setpoints
 from gcs.safety.authority import Authority
-from gcs.safety.separation import Floor
+from gcs.safety.floor import Floor
 from gcs.service.alarms import AlarmCause, Condition
 from tests.unit.flight.test_assembled import flight
 

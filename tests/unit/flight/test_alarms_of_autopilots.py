@@ -10,7 +10,7 @@ from gcs.flight.fleet import Fleet
 from gcs.flight.vehicle import VehicleStatus
 from gcs.model.lifecycle import Event, Phase
 from gcs.model.state import Landed, Mode, Setpoints, StatusText
-from gcs.safety.separation import Floor
+from gcs.safety.floor import Floor
 from gcs.service.alarms import Alarm, AlarmSeverity
 from tests.unit.flight.test_assembled import CENTER_M, RADIUS_M, at, best, flight
 

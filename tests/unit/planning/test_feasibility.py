@@ -23,7 +23,7 @@ from gcs.planning.feasibility import (
 )
 from gcs.safety.constraints import Braking
 from gcs.safety.filter import SafetySettings
-from gcs.safety.separation import Floor
+from gcs.safety.floor import Floor
 from gcs.safety.walls import Fence
 
 SAFETY = SafetySettings(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gcs.planning.landing_sites import column_m, describe_columns, most_overlapping, overlapping
-from gcs.safety.separation import Floor
+from gcs.safety.floor import Floor
 
 PLACES_M = np.array([(0.0, 0.0, -10.0), (1.0, 0.0, -20.0), (10.0, 0.0, -15.0), (10.0, 0.5, -8.0)])
 

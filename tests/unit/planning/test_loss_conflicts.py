@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gcs.planning.setpoint_loss import ACTIONS, Action, Clash, clashes, turned_upright
-from gcs.safety.separation import Floor
+from gcs.safety.floor import Floor
 
 FLOOR = Floor(horizontal_m=2.0, vertical_m=3.0, margin_m=5.0, uncertainty_m=5.0, deviations=1.0)
 """Margin and general uncertainty are greater than everything here: they do not count."""

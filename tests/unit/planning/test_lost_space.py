@@ -14,7 +14,7 @@ from gcs.planning.lost_space import (
     swept_segments_m,
 )
 from gcs.planning.silent_space import silent_segments_m
-from gcs.safety.separation import Floor
+from gcs.safety.floor import Floor
 
 LAST, HOME = np.array([30.0, 40.0, -20.0]), np.array([1.0, 2.0, 0.5])
 COLUMN = [[[30.0, 40.0, -20.0], [30.0, 40.0, 0.0]]]

@@ -11,7 +11,7 @@ from gcs.planning.return_paths.candidates import Closed
 from gcs.planning.return_paths.paths import STEP_S, ReturnPaths
 from gcs.planning.return_paths.planner import Planner, plan_return_paths
 from gcs.safety.filter import Limits
-from gcs.safety.separation import Floor
+from gcs.safety.floor import Floor
 
 FLOOR = Floor()
 UNSURE_M = 0.7

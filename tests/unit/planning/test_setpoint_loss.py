@@ -15,7 +15,7 @@ from gcs.planning.setpoint_loss import (
     formation_m,
     turned_upright,
 )
-from gcs.safety.separation import Floor
+from gcs.safety.floor import Floor
 
 FLOOR = Floor(horizontal_m=2.0, vertical_m=3.0, uncertainty_m=0.0)
 CONTROL = ControlSettings()

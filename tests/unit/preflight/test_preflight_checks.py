@@ -13,7 +13,7 @@ from gcs.model.state import Array, FleetState, Landed, Mode, Telemetry
 from gcs.preflight.fleet import Pattern, standing
 from gcs.preflight.pad_distances import TO_THE_NEXT, spacing
 from gcs.preflight.vehicles import PAD_HEIGHT_MAX_M, PreflightInputs, own_checks
-from gcs.safety.separation import Floor
+from gcs.safety.floor import Floor
 from gcs.safety.walls import Fence
 
 IDS = ("a", "b", "c")

@@ -22,7 +22,7 @@ from gcs.recording.flight_report import make_flight_report, nearest_approaches
 from gcs.recording.mcap_reader import FlightData, Standard
 from gcs.recording.mcap_writer import FlightFile
 from gcs.recording.trajectories import estimated, true
-from gcs.safety.separation import Floor
+from gcs.safety.floor import Floor
 from tests.support.record_samples import ids_of, sample
 
 CONFIG = configuration.load(configuration.find("demo"))

@@ -2,7 +2,7 @@
 
 from gcs.safety.constraints import Braking
 from gcs.safety.filter import Limits, SafetySettings
-from gcs.safety.separation import Floor
+from gcs.safety.floor import Floor
 from gcs.safety.traffic import Traffic
 from gcs.safety.walls import Fence
 

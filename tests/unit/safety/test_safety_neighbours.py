@@ -5,13 +5,9 @@ import pytest
 
 from gcs.model.state import Array, Mask
 from gcs.safety.filter import filter_velocities
+from gcs.safety.floor import minimum_separation, pairs_that_count, scaled_distance_m
 from gcs.safety.neighbours import FEW, ROOM, near_pairs
-from gcs.safety.separation import (
-    Pairs,
-    minimum_separation,
-    pairs_that_count,
-    scaled_distance_m,
-)
+from gcs.safety.separation import Pairs
 from tests.support.safety_world import FLOOR, SETTINGS, surroundings
 
 

@@ -9,7 +9,7 @@ import pytest
 from gcs.failsafe.autopilot_failsafe import ADVICE_TO_MANY
 from gcs.flight.space_alarms import ClosePairs
 from gcs.model.errors import UnknownError
-from gcs.safety.separation import Floor
+from gcs.safety.floor import Floor
 from gcs.service.alarm_book import AlarmBook, ChangeKind
 from gcs.service.alarms import (
     CAUSES,

@@ -11,7 +11,7 @@ from gcs.control.memory import Memory
 from gcs.failsafe.policy import FailsafePolicy, VehicleLost
 from gcs.model.state import Setpoints
 from gcs.planning.lost_space import COLUMNS_APART_M
-from gcs.safety.separation import Floor
+from gcs.safety.floor import Floor
 from gcs.simulation.flight import FormationRun
 from gcs.simulation.loss import Losses
 from gcs.simulation.metrics import report
