@@ -23,6 +23,7 @@ class Doubt(IntEnum):
     STANDS = 1  # though the vehicle reports that it moves
     STANDS_COMMANDED = 2  # though setpoints move the vehicle
     STRAYS = 3  # from where the velocity leads
+    LATE = 4  # as its vehicle's clock, answers and other messages show: older than its arrival says
 
 
 Doubts = NDArray[np.int64]
@@ -55,6 +56,10 @@ SUDDEN_M, SUDDEN_M_S = 1.5, 2.0
 """A step off by more than this and this speed is a jump, which is judged as one, and not a drift."""
 
 
+LATE_S: Final = 0.6
+"""The slowest link that is flown with: what is later by as much than it could be is not flown on."""
+
+
 @kernel
 def _length_m(way_m: Array) -> float:
     length_m: float = np.sqrt(way_m[0] * way_m[0] + way_m[1] * way_m[1] + way_m[2] * way_m[2])
@@ -63,9 +68,12 @@ def _length_m(way_m: Array) -> float:
 
 @kernel
 def _doubt(
-    was: int, repeats: int, travel_m: Array, held_for_s: float, owed_m: Array, strayed_m: Array
+    was: int, repeats: int, held_for_s: float, leads_m: tuple[Array, Array, Array], late_s: float
 ) -> int:
     """`Doubt` of a vehicle that had `was`, by its columns as of `Contradictions`."""
+    travel_m, owed_m, strayed_m = leads_m
+    if late_s > (LATE_S / 2.0 if was == Doubt.LATE else LATE_S):
+        return Doubt.LATE
     if repeats >= REPEATS and _length_m(travel_m) > TRAVEL_M:
         return Doubt.STANDS
     if held_for_s >= ANSWER_S and _length_m(owed_m) > COMMANDED_M:
@@ -81,7 +89,7 @@ def _doubt(
 @kernel
 def _compare(
     dt_s: float,
-    reported: tuple[Array, Array, Array, Mask],
+    reported: tuple[Array, Array, Array, Mask, Array],
     asked_m_s: Array,
     known: tuple[Array, Array, Array, NDArray[np.int64], Array, Array, Array, Array],
     doubts: Doubts,
@@ -90,12 +98,13 @@ def _compare(
 
     Args:
         dt_s: since the last tick.
-        reported: positions and velocities (n, 3), times of arrival (n,), and which are armed (n,).
+        reported: positions and velocities (n, 3), times of arrival (n,), which are armed (n,), and how late
+            positions are (n,).
         asked_m_s: (n, 3) setpoints, NaN: not commanded.
         known: columns of `Contradictions`; written, as is `doubts`.
         doubts: (n,).
     """
-    position_m, velocity_m_s, time_s, armed = reported
+    position_m, velocity_m_s, time_s, armed, late_s = reported
     last_m, last_m_s, last_s, repeats, held_s, travel_m, owed_m, strayed_m = known
     for i in range(len(time_s)):
         if np.isfinite(asked_m_s[i]).all():
@@ -115,8 +124,11 @@ def _compare(
                 strayed_m[i] += (1.0 - turned_m / length_m) * off_m
             last_m[i], last_m_s[i], last_s[i] = position_m[i], velocity_m_s[i], time_s[i]
         held_for_s = last_s[i] - held_s[i]
-        found = _doubt(doubts[i], repeats[i], travel_m[i], held_for_s, owed_m[i], strayed_m[i])
+        leads_m = travel_m[i], owed_m[i], strayed_m[i]
+        found = _doubt(doubts[i], repeats[i], held_for_s, leads_m, late_s[i])
         doubts[i] = found if armed[i] else Doubt.NONE
+        if doubts[i] == Doubt.LATE:
+            held_s[i] = last_s[i] - late_s[i]
 
 
 class Contradictions:
@@ -124,7 +136,8 @@ class Contradictions:
 
     Attributes:
         doubts: (n,) `Doubt` of each.
-        held_s: (n,) since when each position is the same: the last one that was new arrived then.
+        held_s: (n,) since when each position is the same: the last one that was new arrived then, or would
+            have if it were not late.
     """
 
     def __init__(self, count: int) -> None:
@@ -135,13 +148,13 @@ class Contradictions:
         self._moved = np.zeros((count, 3)), np.zeros((count, 3)), np.zeros((count, 3))
         self._now_s = np.nan
 
-    def look(self, now_s: float, reported: tuple[Array, Array, Array, Mask], asked_m_s: Array) -> None:
+    def look(self, now_s: float, reported: tuple[Array, Array, Array, Mask, Array], asked_m_s: Array) -> None:
         """Compare the newest telemetry, once a tick.
 
         Args:
             now_s: of this tick.
             reported: positions and velocities (n, 3), show frame, NaN unknown; their times of arrival (n,),
-                -inf before the first; and which vehicles are armed (n,).
+                -inf before the first; which vehicles are armed (n,); and how late positions are (n,).
             asked_m_s: (n, 3) setpoints of the last tick; NaN: not commanded.
         """
         dt_s = 0.0 if np.isnan(self._now_s) else max(now_s - self._now_s, 0.0)

@@ -194,8 +194,8 @@ def judge(
     """
     for i in range(len(time_s)):
         jumped = False
-        if resets[i] != known_resets[i] and known_resets[i] >= 0:
-            counted_s[i] = now_s
+        counted = resets[i] != known_resets[i] and known_resets[i] >= 0
+        counted_s[i] = now_s if counted else counted_s[i]
         known_resets[i] = resets[i]
         if time_s[i] > reported_s[i]:
             off_m, before_m = _apart_m(position_m[i], believed_m[i]), _apart_m(position_m[i], reported_m[i])
@@ -219,6 +219,8 @@ def judge(
                     if off_m > ANNOUNCED_M:
                         stepped_s[i], stepped_m[i] = now_s, off_m
                 believed_m[i], believed_s[i] = position_m[i], time_s[i]
+            elif doubts[i] == Doubt.LATE and can_be and exists[i]:  # where it was, though not where it is
+                believed_m[i], believed_s[i], believed_m_s[i] = position_m[i], held_s[i], velocity_m_s[i]
         if believed_s[i] == time_s[i]:
             believed_m_s[i] = velocity_m_s[i]
         believed_s[i] = _new_s(doubts[i], believed_s[i], held_s[i])
@@ -359,9 +361,10 @@ class Table:
             self._columns(part, before)
             for part, before in zip_longest(telemetry, self._links[: len(telemetry)])
         ]
-        doubtful = np.zeros(n, np.bool_)
+        doubtful, late_s = np.zeros(n, np.bool_), np.zeros(n)
         for part, known in zip(telemetry, self._links, strict=True):
             doubtful[known.rows] = part.fix_type < FIX_3D  # False for NaN
+            late_s[known.rows] = part.position_late_s
             into_frame(
                 known.rows,
                 (part.latitude_deg, part.longitude_deg, part.altitude_amsl_m, part.yaw_deg),
@@ -373,7 +376,7 @@ class Table:
             )
         found = self._contradictions
         asked_m_s = self._not_asked if asked_m_s is None else asked_m_s
-        found.look(now_s, (position_m, velocity_m_s, time_s, armed), asked_m_s)
+        found.look(now_s, (position_m, velocity_m_s, time_s, armed, late_s), asked_m_s)
         self.reset_time_s = self.reset_time_s.copy()  # holders of the old arrays keep them unchanged
         self.jumped_m = self.jumped_m.copy()
         new = (position_m, time_s, velocity_m_s, exists, armed, resets)

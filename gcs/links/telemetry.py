@@ -17,7 +17,7 @@ from gcs.mavlink.batteries import Packs
 from gcs.mavlink.codec import frame
 from gcs.mavlink.kernels import Bytes, Whole
 from gcs.mavlink.reports import OTHER_MODE, TERMINATED_MODE, UNKNOWN_MODE, Columns, read_reports
-from gcs.mavlink.sample_order import Clocks
+from gcs.mavlink.sample_times import Clocks
 from gcs.model.state import Array, Landed, Mask, Mode, StatusText, Telemetry, VehicleId
 
 log = logging.getLogger(__name__)
@@ -59,7 +59,7 @@ def mode_of(autopilot: Autopilot, custom_mode: int) -> Mode:
 class FleetTelemetry:
     """Newest values of n vehicles, rows as on the link. Arrays are updated row by row as frames arrive.
 
-    A sample older than the newest of its kind changes nothing: see `gcs.mavlink.sample_order`.
+    A sample older than the newest of its kind changes nothing: see `gcs.mavlink.sample_times`.
 
     PX4 sends one BATTERY_STATUS for each pack, and a SYS_STATUS that reports its emptiest pack. A vehicle
     with a full and an empty pack is in danger, thus the least counts, whichever message arrived last. Packs
@@ -81,7 +81,8 @@ class FleetTelemetry:
         waiting: events of rows whose next heartbeat is awaited.
         position_resets: (n,) how often the estimator's reset counter has changed.
         version_time_s: (n,) arrival of its newest version, -inf before.
-        sync_sent_ns: (n,) TIMESYNC.ts1 of our newest request, set by the sender.
+        asked_ns: (n, REQUESTS) TIMESYNC.ts1 of our requests without an answer, set by the sender.
+        clock_late_s: (n,) how late each newest position is by its clock alone.
     """
 
     def __init__(self, ids: Sequence[VehicleId], autopilots: Sequence[Autopilot] | None = None) -> None:
@@ -102,7 +103,7 @@ class FleetTelemetry:
         self.connection_count, self.reboot_count = columns.connection_count, columns.reboot_count
         self.landed, self.custom_mode = columns.landed, columns.custom_mode
         self.position_resets, self.version_time_s = columns.position_resets, columns.version_time_s
-        self.sync_sent_ns = columns.sync_sent_ns
+        self.asked_ns, self.clock_late_s = self._clocks.asked_ns, self._clocks.clock_late_s
         self.texts = tuple(StatusTexts() for _ in ids)
         self._texts_reported: tuple[tuple[StatusText, ...], ...] = ((),) * n
         self.waiting: dict[int, asyncio.Event] = {}
@@ -221,7 +222,8 @@ class FleetTelemetry:
             fix_type=now.fix_type.copy(),
             unhealthy_sensors=now.unhealthy_sensors.copy(),
             clock_base_s=now.clock_base_s.copy(),
-            round_trip_s=now.round_trip_s.copy(),
+            round_trip_s=self._clocks.round_trip_s.copy(),
+            position_late_s=self._clocks.late_s.copy(),
             texts=self._texts_reported,
             version=self._version_reported.values,
         )

@@ -25,7 +25,18 @@ from gcs.mavlink.kernels import (
     Number,
     Whole,
 )
-from gcs.mavlink.sample_order import DATED, KIND_OF, LATE, ODOMETRY, RESTARTED, UNJUDGED, Clocks, judged
+from gcs.mavlink.sample_times import (
+    DATED,
+    KIND_OF,
+    LATE,
+    ODOMETRY,
+    RESTARTED,
+    UNJUDGED,
+    Clocks,
+    judged,
+    note_answer,
+    note_position,
+)
 from gcs.model.jit import kernel, kernel_within
 from gcs.model.state import FIX_3D, Array, Landed, Mask
 
@@ -110,8 +121,6 @@ class Columns(NamedTuple):
     estimator_flags: Whole  # of EKF_STATUS_REPORT, -1: not reported
     version: Whole  # flight_sw_version, 0: not reported
     version_time_s: Array  # its arrival, -inf before
-    sync_sent_ns: Whole  # TIMESYNC.ts1 of our newest request; 0: none, or it was answered
-    round_trip_s: Array  # of the newest answer to one, NaN before
     fix_type: Array
     clock_base_s: Array
     accuracy_m: Array  # (n, 2) horizontal, vertical; inf without a fix
@@ -142,8 +151,6 @@ class Columns(NamedTuple):
             estimator_flags=np.full(n, -1, np.int64),
             version=np.zeros(n, np.int64),
             version_time_s=np.full(n, -np.inf),
-            sync_sent_ns=np.zeros(n, np.int64),
-            round_trip_s=np.full(n, np.nan),
             fix_type=np.full(n, np.nan),
             clock_base_s=np.full(n, np.nan),
             accuracy_m=np.full((n, 2), np.nan),
@@ -267,18 +274,6 @@ def _note_resets(data: Bytes, start: Number, end: Number, row: Number, into: Col
 
 
 @kernel_within
-def _note_round_trip(
-    data: Bytes, start: Number, end: Number, row: Number, time_s: float, into: Columns
-) -> None:
-    """An answer to our newest request. Requests of the vehicle's own, and answers to others, are none."""
-    theirs_ns = _unsigned(data, start + _SYNC_THEIRS, end, 8)
-    ours_ns = _unsigned(data, start + _SYNC_OURS, end, 8)
-    if theirs_ns != 0 and ours_ns != 0 and ours_ns == into.sync_sent_ns[row]:
-        into.round_trip_s[row] = max(time_s - ours_ns * 1e-9, 0.0)
-        into.sync_sent_ns[row] = 0
-
-
-@kernel_within
 def _clock_ms(data: Bytes, start: Number, end: Number, kind: Number) -> np.int64:
     """The autopilot's clock in a message, of 32 bits; -1: it has none."""
     if kind == ODOMETRY:
@@ -302,7 +297,7 @@ def read_reports(  # noqa: C901, PLR0912, PLR0915  (within one function, no mess
         rows: (k,) vehicle of each.
         time_s: (k,) of arrival.
         into: written, as the next two.
-        clocks: which samples are late.
+        clocks: when samples were sent.
         packs: the batteries.
 
     Returns: (b,) places of the heartbeats of autopilots, and (t,) of their status texts.
@@ -326,6 +321,7 @@ def read_reports(  # noqa: C901, PLR0912, PLR0915  (within one function, no mess
         into.life_time_s[row] = time_s[k]
         if message == _GLOBAL:
             _note_position(data, start, end, row, time_s[k], into)
+            note_position(row, time_s[k], clocks)
         elif message == _BEAT:
             if _unsigned(data, start + _BEAT_AUTOPILOT, end, 1) != _NO_AUTOPILOT:
                 beats[beat_count] = k
@@ -360,8 +356,8 @@ def read_reports(  # noqa: C901, PLR0912, PLR0915  (within one function, no mess
         elif message == _VERSION:
             into.version_time_s[row] = time_s[k]
             _set(into.version, row, _unsigned(data, start + _VERSION_SOFTWARE, end, 4), into.changes)
-        elif message == _SYNC:
-            _note_round_trip(data, start, end, row, time_s[k], into)
+        elif message == _SYNC and _unsigned(data, start + _SYNC_THEIRS, end, 8) != 0:  # no request of its own
+            note_answer(row, _unsigned(data, start + _SYNC_OURS, end, 8), time_s[k], clocks)
     return beats[:beat_count], texts[:text_count]
 
 

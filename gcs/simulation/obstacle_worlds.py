@@ -51,17 +51,15 @@ class _Draw:
         return self.random.uniform(self.settings.half_length_min_m, self.settings.half_length_max_m, 2)
 
     def course(self) -> tuple[Array, Array]:
-        """(2,) unit vector of a course, and (2,) unit vector to its right."""
-        heading_rad = self.random.uniform(-pi, pi)
-        ahead, aside = (cos(heading_rad), sin(heading_rad)), (-sin(heading_rad), cos(heading_rad))
-        return np.array(ahead), np.array(aside)
+        """(2,) unit vector of a random course, and (2,) unit vector to its right."""
+        return _along(self.random.uniform(-pi, pi))
 
 
 def draw_world(
     random: np.random.Generator, settings: RandomObstacles, avoidance: AvoidanceSettings, sphere_m: float
 ) -> ObstacleWorld:
     worlds = {"one": _one_in_the_way, "on-orbit": _one_on_the_orbit, "many": _many}
-    worlds |= {"closing": _closing, "walls": _walled, "closed": _walled, "held": _held}
+    worlds |= {"closing": _closing, "surround": _surround, "walls": _walled, "closed": _walled, "held": _held}
     return worlds[settings.kind](_Draw(random, settings, avoidance, sphere_m))
 
 
@@ -116,6 +114,7 @@ def _many(draw: _Draw) -> ObstacleWorld:
 
 
 CELL_M, MOVED_S = 3.0, 2.0
+GRID_M = np.arange(-120.0, 120.0 + CELL_M, CELL_M)
 """Grid and step of the search for a way out between moving boxes: 1.5 m/s, less than any centre flies."""
 
 
@@ -137,21 +136,48 @@ def _closing(draw: _Draw) -> ObstacleWorld:
     raise ConfigError("no boxes found that leave a way out")
 
 
+def _surround(draw: _Draw) -> ObstacleWorld:
+    """Three to six boxes that drive at a standing formation from all sides. Each vehicle has a way out."""
+    random, sphere_m = draw.random, draw.sphere_m
+    for _ in range(BOX_TRIES):
+        count, first_rad = int(random.integers(3, 7)), random.uniform(-pi, pi)
+        boxes = []
+        for index in range(count):
+            course_rad = first_rad + 2.0 * pi * (index + random.uniform(-0.3, 0.3)) / count
+            ahead, aside = _along(course_rad)
+            half_m, speed_m_s = random.uniform(2.5, 15.0, 2), random.uniform(0.5, 2.0)
+            until_m = speed_m_s * random.uniform(5.0, 60.0)  # its way until it reaches the sphere
+            deep_m = float(np.abs(ahead) @ half_m)
+            place_m = (sphere_m + deep_m + until_m) * ahead + random.uniform(-0.5, 0.5) * sphere_m * aside
+            velocity_m_s = _pair(-speed_m_s * ahead)
+            height_m = random.uniform(20.0, 60.0)
+            boxes.append(_box(f"box {index + 1}", place_m, half_m, height_m, velocity_m_s))
+        start_m = np.hypot(*np.meshgrid(GRID_M, GRID_M, indexing="ij"))
+        if _escaping(boxes, draw.avoidance.margin_m)[start_m < sphere_m].all():
+            return ObstacleWorld((0.0, 0.0), draw.speed_m_s(), tuple(boxes), (0.0,) * count)
+    raise ConfigError("no boxes found that leave each vehicle a way out")
+
+
 def _escapes(boxes: list[Obstacle], clear_m: float) -> bool:
     """Whether a centre that starts at the origin can keep `clear_m` from all boxes at 1.5 m/s."""
-    axis_m = np.arange(-120.0, 120.0 + CELL_M, CELL_M)
-    x_m, y_m = np.meshgrid(axis_m, axis_m, indexing="ij")
-    reached = (np.abs(x_m) < CELL_M / 2) & (np.abs(y_m) < CELL_M / 2)
-    for time_s in np.arange(0.0, MOMENTS_S[-1], MOVED_S):
-        wider = reached.copy()
+    middle = len(GRID_M) // 2
+    return bool(_escaping(boxes, clear_m)[middle, middle])
+
+
+def _escaping(boxes: list[Obstacle], clear_m: float) -> Array:
+    """(cells, cells) of the grid: where who starts can keep `clear_m` from all boxes at 1.5 m/s."""
+    x_m, y_m = np.meshgrid(GRID_M, GRID_M, indexing="ij")
+    kept = np.ones(x_m.shape, dtype=bool)
+    for time_s in np.arange(MOMENTS_S[-1] - MOVED_S, -MOVED_S, -MOVED_S):
+        wider = kept.copy()
         for axis in (0, 1):
-            wider |= np.roll(reached, 1, axis) | np.roll(reached, -1, axis)
+            wider |= np.roll(kept, 1, axis) | np.roll(kept, -1, axis)
         for box in boxes:
             box_x_m, box_y_m = box.position_m(float(time_s))
             inside_x = np.abs(x_m - box_x_m) < box.half_length_x_m + clear_m
             wider &= ~(inside_x & (np.abs(y_m - box_y_m) < box.half_length_y_m + clear_m))
-        reached = wider
-    return bool(reached.any())
+        kept = wider
+    return kept
 
 
 def _walled(draw: _Draw) -> ObstacleWorld:
@@ -230,6 +256,12 @@ def _held(draw: _Draw) -> ObstacleWorld:
     place_m = far_m * ahead + random.uniform(-10.0, 10.0) * aside
     moved = [replace(box, x_m=box.x_m + place_m[0], y_m=box.y_m + place_m[1]) for box in boxes]
     return ObstacleWorld(_pair(place_m + inside_m), draw.speed_m_s(), tuple(moved), (0.0,) * len(moved))
+
+
+def _along(course_rad: float) -> tuple[Array, Array]:
+    """(2,) unit vector of a course, and (2,) unit vector to its right."""
+    ahead, aside = (cos(course_rad), sin(course_rad)), (-sin(course_rad), cos(course_rad))
+    return np.array(ahead), np.array(aside)
 
 
 def _pair(vector: Array) -> tuple[float, float]:

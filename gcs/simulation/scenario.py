@@ -112,7 +112,7 @@ class Box(StandingBox):
 class RandomObstacles(Settings):
     """Random boxes for every seed, in the way of a formation that starts at once."""
 
-    kind: Literal["one", "many", "on-orbit", "closing", "walls", "closed", "held"]
+    kind: Literal["one", "many", "on-orbit", "closing", "surround", "walls", "closed", "held"]
     half_length_min_m: Positive = 1.5
     half_length_max_m: Positive = 8.0
     height_min_m: Positive = 8.0
@@ -134,7 +134,7 @@ class RandomObstacles(Settings):
     @property
     def arrives(self) -> bool:
         """Whether the formation is to arrive somewhere, where the flight ends."""
-        return self.kind not in {"closing", "closed", "held"}
+        return self.kind not in {"closing", "surround", "closed", "held"}
 
 
 class Radio(Settings):

@@ -53,6 +53,7 @@ class ReceivedFlight(Flight):
                     unhealthy_sensors=np.zeros(4, np.int64),
                     clock_base_s=np.zeros(4),
                     round_trip_s=np.zeros(4),
+                    position_late_s=np.zeros(4),
                     texts=((),) * 4,
                     version=(0,) * 4,
                 )

@@ -48,6 +48,7 @@ def telemetry(velocity_m_s: Array, *, near_s: float = LAST_S) -> Telemetry:
         unhealthy_sensors=np.zeros(2, np.int64),
         clock_base_s=np.zeros(2),
         round_trip_s=np.zeros(2),
+        position_late_s=np.zeros(2),
         texts=((), ()),
         version=(0,) * 2,
     )

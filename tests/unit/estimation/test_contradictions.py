@@ -27,12 +27,19 @@ class Reports:
         self.doubts: list[Doubt] = []
 
     def hear(
-        self, position_m: Array, velocity_m_s: Array, asked_m_s: Array | None, *, armed: bool = True
+        self,
+        position_m: Array,
+        velocity_m_s: Array,
+        asked_m_s: Array | None,
+        *,
+        armed: bool = True,
+        late_s: float = 0.0,
     ) -> None:
         """One message, and two ticks."""
         position_m = np.round(position_m / DIGITS_M) * DIGITS_M
         asked = np.full((1, 3), np.nan) if asked_m_s is None else asked_m_s[np.newaxis]
-        reported = position_m[np.newaxis], velocity_m_s[np.newaxis], np.array([self.now_s]), np.array([armed])
+        here = position_m[np.newaxis], velocity_m_s[np.newaxis], np.array([self.now_s])
+        reported = *here, np.array([armed]), np.array([late_s])
         for _ in range(2):
             self.found.look(self.now_s, reported, asked)
             self.now_s += TICK_S
@@ -83,6 +90,15 @@ def test_velocity_of_the_wrong_sign_is_found(speed_m_s: float) -> None:
     for _ in range(20):
         reports.hear(reports.now_s * speed_m_s * ALONG, -speed_m_s * ALONG, None)
     assert reports.first(Doubt.STRAYS) <= 1.3
+
+
+@pytest.mark.parametrize(("late_s", "doubt"), [(0.5, Doubt.NONE), (0.7, Doubt.LATE)])
+def test_late_position_is_doubted_until_it_is_prompt(late_s: float, doubt: Doubt) -> None:
+    reports = Reports()
+    honest(reports, 1.0, 2.0)
+    for late in (late_s, 0.4, 0.2):
+        reports.hear(reports.now_s * 2.0 * ALONG, 2.0 * ALONG, None, late_s=late)
+    assert reports.doubts == [doubt, doubt, Doubt.NONE]
 
 
 def test_vehicle_that_stands_still_is_believed() -> None:

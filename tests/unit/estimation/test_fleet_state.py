@@ -43,6 +43,7 @@ def telemetry(ids: tuple[str, ...], *, received_s: float, altitude_amsl_m: float
         unhealthy_sensors=np.zeros(n, np.int64),
         clock_base_s=np.zeros(n),
         round_trip_s=np.zeros(n),
+        position_late_s=np.zeros(n),
         texts=((),) * n,
         version=(0,) * n,
     )

@@ -42,6 +42,7 @@ def telemetry(
         unhealthy_sensors=np.zeros(n, np.int64),
         clock_base_s=unknown.copy(),
         round_trip_s=unknown.copy(),
+        position_late_s=unknown.copy(),
         version=(0,) * n,
         texts=((),) * n,
     )

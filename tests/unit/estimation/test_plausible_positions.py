@@ -61,6 +61,7 @@ class ReportedVehicle:
                     unhealthy_sensors=np.zeros(1, np.int64),
                     clock_base_s=np.zeros(1),
                     round_trip_s=np.zeros(1),
+                    position_late_s=np.zeros(1),
                     texts=((),) * 1,
                     version=(0,),
                 )

@@ -47,6 +47,7 @@ GOOD = Telemetry(
     unhealthy_sensors=np.zeros(3, np.int64),
     clock_base_s=np.zeros(3),
     round_trip_s=np.zeros(3),
+    position_late_s=np.zeros(3),
     texts=((),) * 3,
     version=(0,) * 3,
 )

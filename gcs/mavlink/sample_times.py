@@ -1,4 +1,4 @@
-"""In which order a vehicle's samples were sent, whatever the order of their arrival. Compiled.
+"""When a vehicle's samples were sent: in which order, and how long before they arrived. Compiled.
 
 Bonded links, meshes and cellular networks deliver datagrams late, in another order, and twice. A message with
 the autopilot's clock is dated by it; the others by the number of their frame, which MAVLink counts in 8 bits.
@@ -7,6 +7,10 @@ A sample older than the newest of its kind is late, and worth nothing.
 The clock is continued beyond its 32 bits. A clock that leaves its course is believed once several messages
 agree on the new one, and none continues the old one in between: one message alone changes nothing. It is a
 restart if the new clock began after the newest sample of the old one; otherwise the clock was set.
+
+Positions that come regularly may still be old. They are late by the difference of their clock to the time of
+arrival, over the least that it was; not later than answers to our requests are, because a clock that is set,
+or that stands with its simulation, delays no answer. Or they are behind what the vehicle sends beside them.
 """
 
 from typing import Final, NamedTuple
@@ -37,6 +41,7 @@ NUMBERED: Final = (
 """Messages without it; GPS_RAW_INT has the time of its receiver, of any kind."""
 
 UNJUDGED: Final = -1
+POSITION: Final = DATED.index(framing.GLOBAL_POSITION_INT)
 TIME: Final = DATED.index(framing.SYSTEM_TIME)
 ODOMETRY: Final = len(DATED)
 CLOCKED: Final = ODOMETRY + 1
@@ -74,6 +79,18 @@ ALONE_S: Final = 0.5
 OVERTAKEN_MS: Final = 100
 """A SYSTEM_TIME that other messages overtook by this says nothing about the clocks any more."""
 
+LEAST_OF_S: Final = 0.3
+"""Of the positions of so much time, and of as much before it, the least late counts: links vary."""
+
+PROMPT_S: Final = 0.1
+"""An answer that takes so much longer than the soonest of all is prompt, and so are positions beside it."""
+
+RATE_AFTER_S, RATE_ANEW_S, RATE_MAX = 20.0, 60.0, 0.05
+"""A clock's rate is measured between two prompt positions so far apart: a simulator's loses 2 %."""
+
+REQUESTS: Final = 8
+"""So many requests wait for an answer."""
+
 _CLOCK_BITS: Final = np.int64(32)
 _NUMBER_MAX: Final = np.int64(0xFF)
 
@@ -90,6 +107,16 @@ class Clocks(NamedTuple):
     anew_since_s: Array  # (n,) arrival of the first that agreed
     anew_count: Whole  # (n,) how many agree
     late: Whole  # (n,) samples dropped: late, or of a clock that is not believed
+    soonest_s: Array  # (n, 2) of positions, arrival less clock: the least, NaN before; and when it arrived
+    first_s: Array  # (n, 2) of a prompt position, arrival less clock, and arrival; NaN: none
+    rate: Array  # (n,) by which the difference of arrival and clock grows, where it is measured
+    least_s: Array  # (n, 2, 2) least late in this window and the one before; by clock, and behind others
+    window_s: Array  # (n,) begin of this window
+    asked_ns: Whole  # (n, REQUESTS) our time in requests without an answer, the newest last; 0: none
+    round_trip_s: Array  # (n,) of the newest answer to one, NaN before
+    soonest_trip_s: Array  # (n,) of all answers, inf before
+    clock_late_s: Array  # (n,) newest position, by its clock alone: how late at least
+    late_s: Array  # (n,) newest position: how late at least
 
     @staticmethod
     def unknown(n: int) -> "Clocks":
@@ -104,6 +131,16 @@ class Clocks(NamedTuple):
             anew_since_s=np.full(n, -np.inf),
             anew_count=np.zeros(n, np.int64),
             late=np.zeros(n, np.int64),
+            soonest_s=np.full((n, 2), np.nan),
+            first_s=np.full((n, 2), np.nan),
+            rate=np.zeros(n),
+            least_s=np.full((n, 2, 2), np.inf),
+            window_s=np.full(n, -np.inf),
+            asked_ns=np.zeros((n, REQUESTS), np.int64),
+            round_trip_s=np.full(n, np.nan),
+            soonest_trip_s=np.full(n, np.inf),
+            clock_late_s=np.zeros(n),
+            late_s=np.zeros(n),
         )
 
 
@@ -192,6 +229,7 @@ def _by_clock(
     into.clock_ms[row], into.clock_at_s[row], into.anew_count[row] = clock_ms, time_s, 0
     into.newest[row, :CLOCKED] = -1
     into.newest[row, kind] = clock_ms
+    into.soonest_s[row], into.first_s[row] = np.nan, np.nan
     return RESTARTED if began_later else GOOD, True
 
 
@@ -215,3 +253,81 @@ def _difference_ms(one_ms: Number, other_ms: Number) -> np.int64:
     """By how much one clock is ahead of the other, where both count in 32 bits."""
     half = np.int64(1) << (_CLOCK_BITS - 1)
     return ((one_ms - other_ms + half) & ((np.int64(1) << _CLOCK_BITS) - 1)) - half
+
+
+@kernel
+def note_answer(row: Number, asked_ns: Number, time_s: float, into: Clocks) -> None:
+    """Take what a vehicle answered at `time_s`. What answers none of our requests counts for nothing.
+
+    Args:
+        row: the vehicle.
+        asked_ns: our time in the request.
+        time_s: of arrival.
+        into: written.
+    """
+    for at in range(REQUESTS):
+        if asked_ns != 0 and into.asked_ns[row, at] == asked_ns:
+            into.asked_ns[row, : at + 1] = 0  # an answer to one before was lost
+            trip_s = max(time_s - 1e-9 * asked_ns, 0.0)
+            into.round_trip_s[row] = trip_s
+            into.soonest_trip_s[row] = min(into.soonest_trip_s[row], trip_s)
+            if trip_s - into.soonest_trip_s[row] <= PROMPT_S:
+                into.soonest_s[row] = np.nan  # the next position is a prompt one
+            return
+
+
+@kernel
+def _due_s(row: Number, time_s: float, clocks: Clocks) -> float:
+    """How long the second of the requests that have no answer waits for it; a single one may be lost."""
+    waiting = 0
+    for at in range(REQUESTS):
+        waiting += clocks.asked_ns[row, at] != 0
+        if waiting == 2:
+            return float(time_s - 1e-9 * clocks.asked_ns[row, at])
+    return 0.0
+
+
+@kernel
+def _by_clock_s(row: Number, base_s: float, time_s: float, into: Clocks) -> float:
+    """How late a position is by its clock, which was 0 at `base_s` by ours; else as of `note_position`."""
+    soonest_s, first_s = into.soonest_s[row], into.first_s[row]
+    expected_s = soonest_s[0] + into.rate[row] * (time_s - soonest_s[1])
+    if abs(base_s - expected_s) <= 1e-3 * LATE_MAX_MS:
+        if base_s < expected_s:
+            soonest_s[0], soonest_s[1] = base_s, time_s
+        return float(max(base_s - expected_s, 0.0))
+    was_set = not np.isnan(soonest_s[0])
+    soonest_s[0], soonest_s[1] = base_s, time_s
+    since_s = np.inf if was_set else time_s - first_s[1]
+    if RATE_AFTER_S <= since_s < np.inf:
+        into.rate[row] = min(max((base_s - first_s[0]) / since_s, -RATE_MAX), RATE_MAX)
+    if not since_s < RATE_ANEW_S:
+        first_s[0], first_s[1] = base_s, time_s
+    return 0.0
+
+
+@kernel
+def note_position(row: Number, time_s: float, into: Clocks) -> None:
+    """Find how late the position is that has just arrived, and was judged as good.
+
+    Args:
+        row: the vehicle.
+        time_s: of arrival.
+        into: written.
+    """
+    sent_ms = into.newest[row, POSITION]
+    late_s = _by_clock_s(row, time_s - 1e-3 * sent_ms, time_s, into)
+    least_s, passed_s = into.least_s[row], time_s - into.window_s[row]
+    if passed_s > LEAST_OF_S:
+        for of in range(len(least_s)):
+            least_s[of, 1] = least_s[of, 0] if passed_s <= 2.0 * LEAST_OF_S else np.inf
+            least_s[of, 0] = np.inf
+        into.window_s[row] = time_s
+    least_s[0, 0] = min(least_s[0, 0], late_s)
+    least_s[1, 0] = min(least_s[1, 0], 1e-3 * (into.clock_ms[row] - sent_ms))
+    by_clock_s, behind_s = min(least_s[0, 0], least_s[0, 1]), min(least_s[1, 0], least_s[1, 1])
+    answered_s = max(_due_s(row, time_s, into), into.round_trip_s[row]) - into.soonest_trip_s[row]
+    if not answered_s > 0.0:  # NaN, -inf: none came
+        answered_s = 0.0
+    into.clock_late_s[row] = by_clock_s
+    into.late_s[row] = max(min(by_clock_s, answered_s), behind_s)
