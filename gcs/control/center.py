@@ -43,6 +43,11 @@ class Lead:
         """Whether there is a centre, and it stands: its slots do too; what lies beyond is not in the way."""
         return self.center is not None and hypot(*self.center.velocity_m_s[:2]) <= STANDS_M_S
 
+    @property
+    def is_stuck(self) -> bool:
+        """Whether the centre stands because no way leads anywhere: each vehicle then finds its own."""
+        return self.stands and self.detour is not None and self.detour.active and not self.detour.reaches
+
 
 def move_center(now: TickInputs, memory: Memory, shared: FormationState | None = None) -> Lead:
     """Create, move or remove the formation's centre and radius, and update the joining times.

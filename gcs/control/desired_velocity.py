@@ -29,7 +29,7 @@ from gcs.formation.steering import avoid_all
 from gcs.formation.trajectory import trajectory_velocity
 from gcs.model.jit import kernel
 from gcs.model.plan import LawName
-from gcs.model.state import TINY, Array
+from gcs.model.state import TINY, Array, Mask
 from gcs.safety.constraints import DECELERATION, ESCAPE, REACTION, allowed_speed_m_s
 
 
@@ -233,7 +233,13 @@ def _momentum(now: TickInputs, memory: Memory, formed: Formed) -> Array:
 
 
 def desired_velocity(
-    now: TickInputs, lead: Lead, places: Spread, slot_m: Array, aim_m: Array, aiming: NDArray[np.intp]
+    now: TickInputs,
+    lead: Lead,
+    places: Spread,
+    slot_m: Array,
+    aim_m: Array,
+    aiming: NDArray[np.intp],
+    straight: Mask,
 ) -> Array:
     """(n, 3) velocities that law and goals require, with obstacles avoided, within the speed limits.
 
@@ -244,6 +250,7 @@ def desired_velocity(
         slot_m: (m, 3) as of `slots_m`.
         aim_m: (n, 3) to where vehicles with goals of their own, or on routes to their slots, fly now.
         aiming: (k,) rows of these vehicles.
+        straight: (n,) which of them fly straight there, whatever obstacles are near.
     """
     law, limits = now.settings.law, now.settings.safety.limits
     drawn, own_m_s = now.drawn_rows, places.velocity_m_s
@@ -265,7 +272,8 @@ def desired_velocity(
             now.position_m[aiming], aim_m[aiming], settings=law, speed_max_m_s=fastest_m_s
         )
         half_m_s = 0.5 * np.hypot(to_aim_m_s[:, 0], to_aim_m_s[:, 1])
-        desired_m_s[aiming] = _avoiding(now, aiming, to_aim_m_s, {}, half_m_s, {})
+        round_m_s = _avoiding(now, aiming, to_aim_m_s, {}, half_m_s, {})
+        desired_m_s[aiming] = np.where(straight[aiming, None], to_aim_m_s, round_m_s)
     if len(drawn):
         desired_m_s[drawn] = _as_drawn(now, drawn, columns)
     scaled_m_s = scale_to_limits(desired_m_s, limits.horizontal_m_s, limits.up_m_s, limits.down_m_s)

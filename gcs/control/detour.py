@@ -143,12 +143,13 @@ def _searched(scene: Scene, before: Detour, searching: Searching) -> Detour:
     tries, after_s = _tries(scene, searching.goals), time_s - searching.begun_s
     nth, clear, height_m = tries[min(searching.tried, len(tries) - 1)]
     goal = searching.goals[nth].later(after_s)
-    boxes = scene.boxes(clear, height_m, goal.place_m)
-    route = find_route(boxes, scene.place_m, goal, scene.speed_to_m_s(goal), scene.fence_m)
+    climb_s, boxes, then = _once_aloft(scene, goal, clear, height_m)
+    route = find_route(boxes, scene.place_m, then, scene.speed_to_m_s(goal), scene.fence_m)
     led_to = _led_to(searching, time_s, before)
     kept = None if led_to is None else _kept(scene, searching.goals[led_to].later(after_s), before)
     if route.reaches and _climbs_in_time(scene, height_m):
-        if kept is not None and nth == led_to and route.arrival_s[-1] > (1.0 - KEPT_SHARE) * kept[1] - KEPT_S:
+        there_s = climb_s + route.arrival_s[-1]
+        if kept is not None and nth == led_to and there_s > (1.0 - KEPT_SHARE) * kept[1] - KEPT_S:
             return kept[0]
         return _detour(scene, goal, boxes, route, clear, height_m, before)
     if searching.tried == 0 and kept is None and not before.goes_instead:
@@ -218,18 +219,18 @@ def _detour(
 
 def _kept(scene: Scene, goal: Goal, before: Detour) -> tuple[Detour, float] | None:
     """The detour before, planned now, and its arrival; None where it no longer leads to the goal."""
-    boxes = scene.boxes(before.clear, before.height_m, goal.place_m)
+    climb_s, boxes, then = _once_aloft(scene, goal, before.clear, before.height_m)
     corners = boxes.numbers(before.corners)
     if len(corners) < len(before.corners):
         return None
-    leg = next_leg(boxes, scene.place_m, corners, goal, scene.speed_to_m_s(goal), reaches=True)
+    leg = next_leg(boxes, scene.place_m, corners, then, scene.speed_to_m_s(goal), reaches=True)
     if leg is None:
         return None
-    route = timed(boxes, scene.place_m, leg[0], goal, scene.speed_to_m_s(goal))
+    route = timed(boxes, scene.place_m, leg[0], then, scene.speed_to_m_s(goal))
     if route is None:
         return None
     detour = _detour(scene, goal, boxes, route, before.clear, before.height_m, before)
-    return detour, route.arrival_s[-1]
+    return detour, climb_s + route.arrival_s[-1]
 
 
 def _choices(scene: Scene) -> Iterator[tuple[float, float | None]]:
@@ -246,12 +247,23 @@ def _choices(scene: Scene) -> Iterator[tuple[float, float | None]]:
         yield clear, None
 
 
+def _once_aloft(scene: Scene, goal: Goal, clear: float, height_m: float | None) -> tuple[float, Boxes, Goal]:
+    """Time of the climb to that height, and the boxes in the way there and the goal, both after it."""
+    climb_s, boxes = _climb_s(scene, height_m), scene.boxes(clear, height_m, goal.place_m)
+    return (
+        (climb_s, boxes.later(climb_s, scene.place_m), goal.later(climb_s)) if climb_s else (0.0, boxes, goal)
+    )
+
+
+def _climb_s(scene: Scene, height_m: float | None) -> float:
+    """Time of a climb straight up to that height, before which the centre flies nowhere."""
+    height_m = scene.height_m if height_m is None else height_m
+    return max(height_m - scene.height_m, 0.0) / scene.now.settings.law.climb_max_m_s
+
+
 def _climbs_in_time(scene: Scene, height_m: float | None) -> bool:
-    """Whether no box comes over the centre while it climbs to that height, straight up."""
-    if height_m is None:
-        return True
-    climb_s = max(height_m - scene.height_m, 0.0) / scene.now.settings.law.climb_max_m_s
-    return stays_free(scene.boxes(1.0, None, None), scene.place_m, climb_s)
+    """Whether no box comes over the centre while it climbs to that height."""
+    return stays_free(scene.boxes(1.0, None, None), scene.place_m, _climb_s(scene, height_m))
 
 
 def _may_wait(scene: Scene, boxes: Boxes, goal: Goal) -> bool:

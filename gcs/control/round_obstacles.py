@@ -2,6 +2,7 @@
 
 The tangent of one obstacle leads into the corner of several, and stops before the middle of a wide one. Each
 tick takes the first corner of the shortest way: nothing is remembered, and a box that moves changes the way.
+Out of the way of a box that moves, a vehicle flies straight; boxes then count as boxes, and not as ellipses.
 """
 
 from typing import Final
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from gcs.control.inputs import TickInputs
 from gcs.formation.obstacles import Outlines
-from gcs.formation.ways_round import away_m, passes, way_round
+from gcs.formation.ways_round import HORIZON_S, away_m, free_s, passes, way_out, way_round
 from gcs.model.jit import kernel
 from gcs.model.state import Array, Mask
 
@@ -31,10 +32,13 @@ OVER_M: Final = 1.0
 
 INSIDE_FENCE_M: Final = 1.0
 
+HURRIES: Final = 0.7
+"""Of the law's speed this much counts for a vehicle that gets out of the way: it speeds up first."""
+
 
 def round_obstacles(
-    now: TickInputs, aim_m: Array, aiming: NDArray[np.intp], slot_m: Array, *, stands: bool
-) -> tuple[Array, NDArray[np.intp]]:
+    now: TickInputs, aim_m: Array, aiming: NDArray[np.intp], slot_m: Array, *, stands: bool, stuck: bool
+) -> tuple[Array, NDArray[np.intp], Mask]:
     """Where vehicles aim at, (n, 3), and which do so, (k,): as of `follow_routes`, led round obstacles.
 
     Vehicles that descend or follow a planned path aim where they did.
@@ -46,41 +50,57 @@ def round_obstacles(
         slot_m: (m, 3) of the m vehicles in formation.
         stands: whether the formation's centre does: then a vehicle farther than the lookahead from its slot
             goes round to it.
+        stuck: whether it stands because no way leads anywhere: each vehicle then finds its own.
+
+    Returns: also (n,) which fly straight there: out of the way of a box that moves, see `way_out`.
     """
+    straight = np.zeros(len(aim_m), np.bool_)
     if not now.ellipses:
-        return aim_m, aiming
+        return aim_m, aiming, straight
+    outlines, fence = Outlines.of(now.ellipses), now.settings.safety.fence
+    within_m, moving = fence.distance_max_m - INSIDE_FENCE_M, not outlines.stand.all()
     led = now.to_goal & ~now.descending
     if now.tasks.follows_planned_path is not None:
         led &= ~now.tasks.follows_planned_path
-    goal_m = np.array(aim_m)
-    behind = np.zeros(0, np.intp)
-    if stands:
+    goal_m, own, far = np.array(aim_m), np.zeros(0, np.intp), np.zeros(0, np.intp)
+    if stands or moving:
         off_m = slot_m - now.of_formed(now.position_m)
         far = left_behind(now, slot_m, np.hypot(off_m[:, 0], off_m[:, 1]))
-        behind = np.setdiff1d(now.rows[far], aiming)
-        goal_m[now.rows[far]] = slot_m[far]
-    rows = np.concatenate([np.flatnonzero(led), behind])
+        own = np.flatnonzero(np.isfinite(off_m[:, 0])) if stuck else far
+        goal_m[now.rows[own]] = slot_m[own]
+        own = np.setdiff1d(now.rows[own], aiming)
+    rows = np.concatenate([np.flatnonzero(led), own])
     if len(rows) == 0:
-        return aim_m, aiming
-    outlines, fence, avoidance = (
-        Outlines.of(now.ellipses),
-        now.settings.safety.fence,
-        now.settings.law.avoidance,
-    )
-    goal_m[rows], round_them = _aims(
-        now.position_m[rows],
-        goal_m[rows],
-        (np.array(outlines.center_m), np.array(outlines.velocity_m_s)),
+        return aim_m, aiming, straight
+    aims_m, avoidance = np.array(aim_m), now.settings.law.avoidance
+    top_m, speed_m_s = np.array(outlines.top_height_m), now.settings.law.speed_m_s
+    places = np.array(outlines.center_m), np.array(outlines.velocity_m_s)
+    if moving:
+        out_m, threatened = _ways_out(
+            now.position_m[rows],
+            goal_m[rows],
+            (*places, outlines.half_length_m),
+            top_m,
+            HURRIES * speed_m_s,
+            within_m,
+        )
+        straight[rows], aims_m[rows[threatened]] = threatened, out_m[threatened]
+    if stands:
+        led[now.rows[far]] = True
+    others = rows[led[rows] & ~straight[rows]]
+    goal_m[others], round_them = _aims(
+        now.position_m[others],
+        goal_m[others],
+        places,
         outlines.semi_m + avoidance.near_m + SPARE_M,
-        np.array(outlines.top_height_m),
-        now.settings.law.speed_m_s,
-        (fence.distance_max_m - INSIDE_FENCE_M, fence.height_max_m - INSIDE_FENCE_M),
+        top_m,
+        speed_m_s,
+        (within_m, fence.height_max_m - INSIDE_FENCE_M),
         avoidance.climbs,
     )
-    changed = rows[round_them]
-    aims_m = np.array(aim_m)
+    changed = others[round_them]
     aims_m[changed] = goal_m[changed]
-    return aims_m, np.union1d(aiming, changed)
+    return aims_m, np.union1d(aiming, np.concatenate([changed, np.flatnonzero(straight)])), straight
 
 
 def left_behind(now: TickInputs, slot_m: Array, off_m: Array) -> NDArray[np.intp]:
@@ -97,6 +117,30 @@ def left_behind(now: TickInputs, slot_m: Array, off_m: Array) -> NDArray[np.intp
     for ellipse in now.ellipses.values():
         left = left[ellipse.distance_m(slot_m[left]) > 0.0]
     return left
+
+
+@kernel
+def _ways_out(
+    place_m: Array,
+    goal_m: Array,
+    boxes: tuple[Array, Array, Array],
+    top_m: Array,
+    speed_m_s: float,
+    within_m: float,
+) -> tuple[Array, Mask]:
+    """(k, 3) where vehicles at (k, 3) aim at, and (k,) over which of their places a box will move.
+
+    The other arguments are those of `way_out` and `_aims`.
+    """
+    aim_m, threatened = goal_m.copy(), np.zeros(len(goal_m), np.bool_)
+    for i in range(len(place_m)):
+        beside = np.flatnonzero(top_m > -place_m[i, 2])
+        among = boxes[0][beside], boxes[1][beside], boxes[2][beside]
+        here_m = place_m[i, :2].copy()
+        threatened[i] = free_s(here_m, here_m, speed_m_s, among) < HORIZON_S
+        if threatened[i]:
+            aim_m[i, :2] = way_out(here_m, goal_m[i, :2].copy(), speed_m_s, among, within_m)
+    return aim_m, threatened
 
 
 @kernel
@@ -167,4 +211,6 @@ def _towards(here_m: Array, corner_m: Array, goal_m: Array) -> Array:
 def warm_up() -> None:
     """Compile or load the kernels, so that nothing is compiled in flight."""
     place_m, at_m = np.zeros((1, 3)), (np.array([[5.0, 0.0]]), np.zeros((1, 2)))
-    _aims(place_m, place_m + 10.0, at_m, np.ones((1, 2)), np.full(1, 50.0), 5.0, (100.0, 100.0), True)
+    one, top_m = np.ones((1, 2)), np.full(1, 50.0)
+    _aims(place_m, place_m + 10.0, at_m, one, top_m, 5.0, (100.0, 100.0), True)
+    _ways_out(place_m, place_m + 10.0, (*at_m, one), top_m, 5.0, 100.0)

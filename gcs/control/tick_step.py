@@ -111,8 +111,10 @@ def tick(
     places = spread(now, lead, memory, sight, shared)
     slot_m = slots_m(now, lead, places)
     aim_m, aiming, routes = follow_routes(now, memory.routes, slot_m)
-    aim_m, aiming = round_obstacles(now, aim_m, aiming, slot_m, stands=lead.stands)
-    desired_m_s = desired_velocity(now, lead, places, slot_m, aim_m, aiming)
+    aim_m, aiming, straight = round_obstacles(
+        now, aim_m, aiming, slot_m, stands=lead.stands, stuck=lead.is_stuck
+    )
+    desired_m_s = desired_velocity(now, lead, places, slot_m, aim_m, aiming, straight)
     desired_m_s = _in_traffic(now, aim_m, desired_m_s)[now.own]
     possible_m_s = limit_change(
         desired_m_s, memory.desired_m_s, mine.velocity_m_s, mine.acceleration_max_m_s2, now.dt_s

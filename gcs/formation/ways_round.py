@@ -4,6 +4,9 @@ Each obstacle is an ellipse, grown by what the way keeps. A way leads from corne
 the ellipses: what sees what, and the shortest way in that graph. At first only the ellipses count that the
 straight way meets, then those that the way found meets as well: few of many are looked at, and a shortest way
 past some that meets no other is a shortest way past all.
+
+Before a box that moves a vehicle cannot wait, and the shortest way past where boxes are now may be closed
+when it gets there. `way_out` compares straight ways, to its goal and to places around, in space and time.
 """
 
 from typing import Final
@@ -11,13 +14,19 @@ from typing import Final
 import numpy as np
 
 from gcs.model.jit import kernel, kernel_apart
-from gcs.model.state import Array, Mask
+from gcs.model.state import TINY, Array, Mask
 
 POINTS: Final = 12
 """Corners of the polygon about an ellipse."""
 
 OUTSIDE: Final = float(1.001 / np.cos(np.pi / POINTS))
 """So far outside, in radii of the ellipse, lie the corners of a polygon about it that does not cut it."""
+
+DIRECTIONS, REACHES_M = 24, (6.0, 12.0, 24.0, 40.0)
+"""Places around a vehicle that are compared as ways out."""
+
+HORIZON_S: Final = 20.0
+"""What stays free of boxes for so long counts as free."""
 
 COUNTED_MAX: Final = 10
 """A way that meets more ellipses than this is not looked for."""
@@ -149,3 +158,75 @@ def away_m(one_m: Array, other_m: Array) -> float:
     """Distance of two places (2,)."""
     distance_m: float = np.hypot(one_m[0] - other_m[0], one_m[1] - other_m[1])
     return distance_m
+
+
+@kernel
+def _enters_s(
+    at_m: tuple[float, float], moves_m_s: tuple[float, float], half_m: tuple[float, float]
+) -> float:
+    """When a point that moves relative to a box about the origin enters it; inf: never."""
+    begin_s, end_s = 0.0, np.inf
+    for axis in range(2):
+        place_m, speed_m_s, half = at_m[axis], moves_m_s[axis], half_m[axis]
+        if abs(speed_m_s) < TINY:
+            if abs(place_m) >= half:
+                return np.inf
+            continue
+        one_s, other_s = (-half - place_m) / speed_m_s, (half - place_m) / speed_m_s
+        begin_s, end_s = max(begin_s, min(one_s, other_s)), min(end_s, max(one_s, other_s))
+    return begin_s if begin_s < end_s else np.inf
+
+
+@kernel
+def free_s(start_m: Array, end_m: Array, speed_m_s: float, boxes: tuple[Array, Array, Array]) -> float:
+    """How long the straight way from start to end, and then the end, stay free of all boxes; inf: for ever.
+
+    Args:
+        start_m: (2,) show frame, now. A box that it is in only counts farther in.
+        end_m: (2,).
+        speed_m_s: of the vehicle.
+        boxes: (m, 2) places now, velocities, and half-lengths with all that the way keeps.
+    """
+    along_m, first_s = end_m - start_m, np.inf
+    lasts_s = np.hypot(along_m[0], along_m[1]) / speed_m_s
+    x_m_s, y_m_s = along_m[0] / max(lasts_s, TINY), along_m[1] / max(lasts_s, TINY)
+    for k in range(len(boxes[0])):
+        off_m, own_m_s, (half_x_m, half_y_m) = start_m - boxes[0][k], boxes[1][k], boxes[2][k]
+        inside_x_m, inside_y_m = half_x_m - abs(off_m[0]), half_y_m - abs(off_m[1])
+        if min(inside_x_m, inside_y_m) > 0.0:
+            if inside_x_m < inside_y_m:
+                half_x_m -= inside_x_m
+            else:
+                half_y_m -= inside_y_m
+        goes_m_s = x_m_s - own_m_s[0], y_m_s - own_m_s[1]
+        enters_s = _enters_s((off_m[0], off_m[1]), goes_m_s, (half_x_m, half_y_m))
+        if enters_s >= lasts_s:
+            then_m = off_m + along_m - lasts_s * own_m_s
+            stands_m_s = -own_m_s[0], -own_m_s[1]
+            enters_s = lasts_s + _enters_s((then_m[0], then_m[1]), stands_m_s, (half_x_m, half_y_m))
+        first_s = min(first_s, enters_s)
+    return first_s
+
+
+@kernel
+def way_out(
+    start_m: Array, goal_m: Array, speed_m_s: float, boxes: tuple[Array, Array, Array], within_m: float
+) -> Array:
+    """(2,) where a vehicle flies straight to, to stay clear of boxes that move, and to come to its goal.
+
+    To the goal, if that way is free; else where it stays clear longest, and of such places to the one nearest
+    to the goal. The arguments are those of `free_s` and `way_round`.
+    """
+    best_m, best_s, left_m = goal_m.copy(), free_s(start_m, goal_m, speed_m_s, boxes), np.inf
+    if best_s >= HORIZON_S:
+        return best_m
+    for reach_m in REACHES_M:
+        for direction in range(DIRECTIONS):
+            turn_rad = 2.0 * np.pi * direction / DIRECTIONS
+            end_m = start_m + reach_m * np.array([np.cos(turn_rad), np.sin(turn_rad)])
+            if np.hypot(end_m[0], end_m[1]) > within_m:
+                continue
+            clear_s, away = min(free_s(start_m, end_m, speed_m_s, boxes), HORIZON_S), away_m(end_m, goal_m)
+            if clear_s > best_s or (clear_s == best_s and away < left_m):
+                best_m, best_s, left_m = end_m, clear_s, away
+    return best_m

@@ -30,7 +30,12 @@ from gcs.planning.return_paths.paths import (
     lowest_beside_m,
     may_hand_over,
 )
-from gcs.planning.return_paths.planner import plan_return_paths, return_places_m, return_planner
+from gcs.planning.return_paths.planner import (
+    closed_places,
+    plan_return_paths,
+    return_places_m,
+    return_planner,
+)
 from gcs.planning.return_paths.planner import warm_up as warm_up_planner
 from gcs.safety.floor import Floor, pairs_that_count, scaled_distance_m
 from gcs.simulation import initial_states as layout
@@ -105,6 +110,7 @@ class SimulatedFlight:
         self._some_led = False  # whether one has been led there
         self._progress: PathProgress | None = None
         self._returning = np.arange(0)  # (k,) rows of the return's plan
+        self._takeoff_height_m = 0.0  # of those
         self.memory = Memory.fresh(n, 0.0)
         alike = Traits.alike(n, layout.reported_uncertainty_m(scenario))
         self.traits = replace(alike, response=responses(scenario.world, n))
@@ -139,7 +145,22 @@ class SimulatedFlight:
         """Do what operator, commander and maneuvers would do before this tick."""
 
     def lost_now(self) -> None:
-        """Do what follows when vehicles are taken for lost."""
+        """Do what follows when vehicles are taken for lost.
+
+        Those whose landing places are closed by now leave the return's plan and land beside, as in flight.
+        """
+        if self._progress is None:
+            return
+        self.record.expected = self.record.expected & ~(self.losses.known & self.world.in_air)
+        going = self._returning[(self.task[self._returning] == Task.GOAL) & ~self.descending[self._returning]]
+        uncertainty_m = np.array(self.traits.uncertainty_m)
+        lost = self.losses.segments_m, uncertainty_m[self.losses.segments_of]
+        over_m, floor = self._takeoff_height_m, self.settings.safety.floor
+        away = going[closed_places(self.record.goal_m[going], over_m, floor, uncertainty_m[going], lost)]
+        if len(away):
+            self.record.goal_m = goal_m = np.array(self.record.goal_m)
+            goal_m[away] = self._return_places_m(away, over_m)[away]
+            self._lead_down(np.isin(np.arange(len(self.task)), away), goal_m, returns=True)
 
     def finished(self) -> bool:
         return False
@@ -326,6 +347,7 @@ class SimulatedFlight:
                 return
             self.task[flying] = Task.GOAL
             self._returning = rows = np.flatnonzero(flying)
+            self._takeoff_height_m = takeoff_height_m
             self.record.goal_m = self._return_places_m(rows, takeoff_height_m)
             self.record.expected = flying.copy()
             paths = self._return_paths(rows, takeoff_height_m)
@@ -333,7 +355,7 @@ class SimulatedFlight:
         pads_m, progress, rows = self.record.goal_m, self._progress, self._returning
         if progress is None:
             return
-        flown = (self.task == Task.GOAL) & self.present
+        flown = (self.task == Task.GOAL) & self.present & np.isnan(self._site_m[:, 0])
         led = flown & ~self.descending
         progress.advance(0.0 if begin else self.world.tick_s, here_m[rows], led[rows])
         arrived = np.zeros_like(led)

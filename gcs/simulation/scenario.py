@@ -54,6 +54,7 @@ class World(Settings):
     reported_share: Positive = 1.0  # of the true standard deviation that receivers report; below 1 they lie
     telemetry_delay_s: NotNegative = 0.0  # one way
     setpoint_delay_s: NotNegative = 0.0  # one way
+    telemetry_hz: Annotated[float, Field(ge=1.0, le=50.0)] = 50.0  # at most once a tick; vehicles by turns
     loss: Share = 0.0  # of telemetry and of setpoints
     slow_share: Share = 0.0  # of the vehicles, at random, fly no faster than `slow_m_s`
     slow_m_s: Positive = 2.0  # over the ground, as by MPC_XY_VEL_MAX

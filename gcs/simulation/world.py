@@ -145,10 +145,13 @@ class TrueWorld:
         kept = ~self._silent
         if world.loss:
             kept &= self._random.random(n) >= world.loss
+        if seldom := world.telemetry_hz < world.tick_rate_hz:
+            now = self.time_s * world.telemetry_hz + np.arange(n) / n
+            kept &= np.floor(now + 1e-9) > np.floor(now - world.telemetry_hz * self.tick_s + 1e-9)
         self._telemetry.append((self.time_s + world.telemetry_delay_s, kept, position_m, velocity_m_s))
         while self._telemetry and self._telemetry[0][0] <= self.time_s + 1e-9:
             _, arrived, position_m, velocity_m_s = self._telemetry.popleft()
-            if not world.loss and not self._cut:
+            if not (world.loss or seldom or self._cut):
                 self.received_m, self.received_m_s = position_m, velocity_m_s
                 self._received_s = np.full(n, self.time_s)
                 continue

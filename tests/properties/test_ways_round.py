@@ -6,7 +6,7 @@ import numpy as np
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from gcs.formation.ways_round import passes, way_round
+from gcs.formation.ways_round import HORIZON_S, free_s, passes, way_out, way_round
 from gcs.model.state import Array
 
 FAR_M = 400.0
@@ -95,3 +95,60 @@ def test_start_inside_a_margin_is_led_out() -> None:
     way_m, is_way = way_round(np.array([4.5, 1.0]), np.array([-30.0, 0.0]), center_m, semi_m, FAR_M)
     assert is_way
     assert passes(np.array([4.5, 1.0]), way_m[0], center_m[0], semi_m[0])
+
+
+MOVES = st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0))
+MOVING = st.lists(st.tuples(BOX, MOVES), min_size=1, max_size=6)
+
+
+def clear(
+    start_m: Array, end_m: Array, speed_m_s: float, boxes: tuple[Array, Array, Array], until_s: float
+) -> bool:
+    """Whether a vehicle that flies there and stays is outside of all boxes at many moments until then."""
+    time_s = np.linspace(0.0, until_s, 400)[:, None]
+    lasts_s = max(float(np.linalg.norm(end_m - start_m)) / speed_m_s, 1e-9)
+    place_m = start_m + np.minimum(time_s / lasts_s, 1.0) * (end_m - start_m)
+    off_m = np.abs(place_m[:, None] - boxes[0] - time_s[:, None] * boxes[1]) - boxes[2]
+    return bool((off_m.max(axis=2) > -1e-6).all())
+
+
+@given(MOVING, PLACE, PLACE, st.floats(1.0, 8.0))
+def test_way_is_free_of_moving_boxes_until_it_says(
+    drawn: list[tuple[tuple[float, float, float, float], tuple[float, float]]],
+    start: tuple[float, float],
+    end: tuple[float, float],
+    speed_m_s: float,
+) -> None:
+    place_m, half_m = arrays([box for box, _ in drawn])
+    boxes = place_m, np.array([moves for _, moves in drawn]), half_m
+    start_m, end_m = np.array(start), np.array(end)
+    assume((np.abs(start_m - boxes[0]) - boxes[2]).max(axis=1).min() > 0.0)
+    until_s = free_s(start_m, end_m, speed_m_s, boxes)
+    assert clear(start_m, end_m, speed_m_s, boxes, min(until_s, 60.0))
+
+
+@given(MOVING, PLACE, PLACE)
+def test_way_out_stays_clear_no_shorter_than_the_goal(
+    drawn: list[tuple[tuple[float, float, float, float], tuple[float, float]]],
+    start: tuple[float, float],
+    goal: tuple[float, float],
+) -> None:
+    place_m, half_m = arrays([box for box, _ in drawn])
+    boxes = place_m, np.array([moves for _, moves in drawn]), half_m
+    start_m, goal_m = np.array(start), np.array(goal)
+    out_m = way_out(start_m, goal_m, 4.0, boxes, FAR_M)
+    straight_s = free_s(start_m, goal_m, 4.0, boxes)
+    assert free_s(start_m, out_m, 4.0, boxes) >= min(straight_s, HORIZON_S)
+    if straight_s >= HORIZON_S:
+        assert (out_m == goal_m).all()
+
+
+def test_vehicle_flies_through_a_gap_that_closes() -> None:
+    """Two walls close in, a third comes from behind: it flies on while there is room, and not back."""
+    boxes = (
+        np.array([[20.0, 12.0], [20.0, -12.0], [-20.0, 0.0]]),
+        np.array([[0.0, -1.0], [0.0, 1.0], [2.0, 0.0]]),
+        np.array([[10.0, 4.0], [10.0, 4.0], [4.0, 30.0]]),
+    )
+    out_m = way_out(np.zeros(2), np.array([60.0, 0.0]), 6.0, boxes, FAR_M)
+    assert out_m[0] > 30.0
