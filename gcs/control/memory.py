@@ -37,6 +37,9 @@ class Detour:
     gained_s: float = 0.0  # when
     held_by: str = ""  # the obstacle, once the centre has made no headway for the configured time
     searching: Searching | None = None  # this detour is followed until the search ends
+    courses: tuple[tuple[str, float, float], ...] = ()  # of obstacles that move, by id, since they turned
+    turned_s: float = -np.inf  # when one turned last
+    lost: Goal | None = None  # to this one no way is believed while obstacles turn
 
     @property
     def goes_instead(self) -> bool:

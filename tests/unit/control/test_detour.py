@@ -1,6 +1,6 @@
 """The centre's plan past obstacles: searches spread over ticks, climbing, splitting, standing."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
@@ -156,3 +156,32 @@ def test_target_that_moves_through_a_mast_is_followed_round_it() -> None:
     assert nearest_m > RADIUS_M + 1.5
     assert highest_m < HEIGHT_M + 1.0
     assert run.center_m[:2] == pytest.approx((90.0, 18.0), abs=2.0)
+
+
+def turning_ring(turned_rad: float) -> tuple[Obstacle, ...]:
+    """Six boxes about the target that go round it, as they are after this turn."""
+    boxes = list[Obstacle]()
+    for turn_rad in turned_rad + np.pi / 3.0 * np.arange(6):
+        ahead, aside = np.cos(turn_rad), np.sin(turn_rad)
+        x_m, y_m, now_s = 70.0 + RING_M * ahead, RING_M * aside, turned_rad * RING_M / RING_M_S
+        moves = {"velocity_x_m_s": -RING_M_S * aside, "velocity_y_m_s": RING_M_S * ahead, "time_s": now_s}
+        boxes.append(Obstacle(f"b{len(boxes)}", x_m, y_m, 8.0, 8.0, 60.0, **moves))
+    return tuple(boxes)
+
+
+RING_M, RING_M_S, RING_STEP_RAD = 26.0, 1.2, np.pi / 12.0
+
+
+def test_centre_waits_before_obstacles_that_turn() -> None:
+    """Each gap seems open until it has turned away: the centre does not follow it round and round."""
+    run = Run(turning_ring(0.0), height_max_m=50.0, target=Target(70.0, 0.0))
+    place_m, named = list[Array](), list[str]()
+    for step in range(1, 25):
+        named.append(run.fly(RING_STEP_RAD * RING_M / RING_M_S).held_by)
+        run.plan = replace(run.plan, obstacles=turning_ring(step * RING_STEP_RAD))
+        place_m.append(run.center_m.copy())
+    assert np.ptp(place_m[8:], axis=0).max() < 1.0
+    assert all(named[8:])
+    run.plan = replace(run.plan, obstacles=(Obstacle("far", 0.0, -120.0, 4.0, 4.0, 20.0),))
+    run.fly(60.0)
+    assert np.linalg.norm(run.center_m[:2] - (70.0, 0.0)) < 1.0, "it goes on once they are gone"
