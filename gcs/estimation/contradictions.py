@@ -31,13 +31,13 @@ Doubts = NDArray[np.int64]
 REPEATS, MOVES_M = 2, 0.01
 """A position that arrived so often again, each time with a velocity that leads so far, is a repeated one."""
 
-TRAVEL_M: Final = 0.2
+TRAVEL_M: Final = 0.1
 """By its velocities the vehicle has left the position that it repeats: far above the last digit."""
 
 ANSWER_S, COMMANDED_M = 1.0, 1.0
 """As TRAVEL_M, by setpoints: later, since a vehicle answers late, and farther, since it may lag."""
 
-STRAYS_M: Final = 1.5
+STRAYS_M: Final = 1.3
 """How far positions may go from where velocities lead: estimators drift by a few dm within STRAYS_S."""
 
 UP_SHARE: Final = 0.5
