@@ -302,9 +302,7 @@ def _choices(scene: Scene) -> Iterator[tuple[float, float | None]]:
 def _once_aloft(scene: Scene, goal: Goal, clear: float, height_m: float | None) -> tuple[float, Boxes, Goal]:
     """Time of the climb to that height, and the boxes in the way there and the goal, both after it."""
     climb_s, boxes = _climb_s(scene, height_m), scene.boxes(clear, height_m, goal.place_m)
-    return (
-        (climb_s, boxes.later(climb_s, scene.place_m), goal.later(climb_s)) if climb_s else (0.0, boxes, goal)
-    )
+    return climb_s, boxes.later(climb_s, scene.place_m) if climb_s else boxes, goal.later(climb_s)
 
 
 def _climb_s(scene: Scene, height_m: float | None) -> float:
@@ -315,7 +313,8 @@ def _climb_s(scene: Scene, height_m: float | None) -> float:
 
 def _climbs_in_time(scene: Scene, height_m: float | None) -> bool:
     """Whether no box comes over the centre while it climbs to that height."""
-    return stays_free(scene.boxes(1.0, None, None), scene.place_m, _climb_s(scene, height_m))
+    climb_s = _climb_s(scene, height_m)
+    return climb_s == 0.0 or stays_free(scene.boxes(1.0, None, None), scene.place_m, climb_s)
 
 
 def _may_wait(scene: Scene, boxes: Boxes, goal: Goal) -> bool:
