@@ -6,8 +6,9 @@ import pytest
 from gcs.estimation.fleet_state import Table
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Formation
-from gcs.model.state import Array, FleetState, Landed, Mode, Telemetry
+from gcs.model.state import Array, FleetState
 from tests.support.control_flight import TICK_S, Flight, Sample, closest_m_and_violations
+from tests.support.reported import reported
 
 FRAME = ShowFrame(47.0, 8.0, 400.0)
 IDS = ("d1", "d2", "d3", "d4")
@@ -28,34 +29,13 @@ class ReceivedFlight(Flight):
         latitude, longitude, altitude = FRAME.geodetic(self.bodies.position_m + self.jump_m)
         self._received = self._table.state(
             [
-                Telemetry(
-                    ids=IDS,
-                    position_time_s=np.full(4, self.time_s),
-                    heartbeat_time_s=np.full(4, self.time_s),
-                    life_time_s=np.full(4, self.time_s),
+                reported(
+                    IDS,
+                    self.time_s,
                     latitude_deg=latitude,
                     longitude_deg=longitude,
                     altitude_amsl_m=altitude,
-                    velocity_ned_m_s=self.bodies.velocity_m_s.copy(),
-                    yaw_deg=np.zeros(4),
-                    battery_remaining=np.ones(4),
-                    armed=(True,) * 4,
-                    mode=(Mode.OFFBOARD,) * 4,
-                    in_failsafe=(False,) * 4,
-                    landed=(Landed.IN_AIR,) * 4,
-                    ready=(True,) * 4,
-                    horizontal_accuracy_m=np.full(4, np.nan),
-                    vertical_accuracy_m=np.full(4, np.nan),
-                    gnss_altitude_amsl_m=np.full(4, np.nan),
-                    reboot_count=(0,) * 4,
-                    position_resets=(0,) * 4,
-                    fix_type=np.full(4, 3.0),
-                    unhealthy_sensors=np.zeros(4, np.int64),
-                    clock_base_s=np.zeros(4),
-                    round_trip_s=np.zeros(4),
-                    position_late_s=np.zeros(4),
-                    texts=((),) * 4,
-                    version=(0,) * 4,
+                    velocity_ned_m_s=self.bodies.velocity_m_s,
                 )
             ],
             self.time_s,

@@ -9,8 +9,9 @@ from gcs.control import ControlSettings, Memory, Task, Tasks, tick
 from gcs.estimation.fleet_state import Table
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Formation, Plan
-from gcs.model.state import Array, FleetState, Landed, Mode, Telemetry, Traits
+from gcs.model.state import Array, FleetState, Telemetry, Traits
 from tests.support.law_fleets import vectors
+from tests.support.reported import reported
 from tests.support.safety_fleets import CALM, NO_PATHS
 
 FRAME = ShowFrame(47.0, 8.0, 400.0)
@@ -22,35 +23,13 @@ PLACE_M = np.array([[0.0, 0.0, -30.0], [9.0, 0.0, -30.0]])
 def telemetry(velocity_m_s: Array, *, near_s: float = LAST_S) -> Telemetry:
     """The newest of both vehicles, of which `lost` was last received at `LAST_S`."""
     latitude_deg, longitude_deg, altitude_m = FRAME.geodetic(PLACE_M)
-    time_s = np.array([LAST_S, near_s])
-    return Telemetry(
-        ids=IDS,
-        position_time_s=time_s,
-        heartbeat_time_s=time_s.copy(),
-        life_time_s=time_s.copy(),
+    return reported(
+        IDS,
+        np.array([LAST_S, near_s]),
         latitude_deg=latitude_deg,
         longitude_deg=longitude_deg,
         altitude_amsl_m=altitude_m,
-        velocity_ned_m_s=velocity_m_s.copy(),
-        yaw_deg=np.zeros(2),
-        battery_remaining=np.ones(2),
-        armed=(True, True),
-        mode=(Mode.OFFBOARD, Mode.OFFBOARD),
-        in_failsafe=(False, False),
-        landed=(Landed.IN_AIR, Landed.IN_AIR),
-        ready=(True, True),
-        horizontal_accuracy_m=np.full(2, np.nan),
-        vertical_accuracy_m=np.full(2, np.nan),
-        gnss_altitude_amsl_m=np.full(2, np.nan),
-        reboot_count=(0, 0),
-        position_resets=(0, 0),
-        fix_type=np.full(2, 3.0),
-        unhealthy_sensors=np.zeros(2, np.int64),
-        clock_base_s=np.zeros(2),
-        round_trip_s=np.zeros(2),
-        position_late_s=np.zeros(2),
-        texts=((), ()),
-        version=(0,) * 2,
+        velocity_ned_m_s=velocity_m_s,
     )
 
 

@@ -10,42 +10,22 @@ from gcs.estimation.fleet_state import FORWARD_MAX_S, Table, tuple3
 from gcs.model.errors import GcsError, InvalidError, ShapeError
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Formation, Obstacle, Orbit, Target, Yaw
-from gcs.model.state import FleetState, Landed, Mode, Setpoints, Telemetry
+from gcs.model.state import FleetState, Setpoints, Telemetry
+from tests.support.reported import reported
 
 FRAME = ShowFrame(47.0, 8.0, 400.0, heading_deg=90.0)
 
 
 def telemetry(ids: tuple[str, ...], *, received_s: float, altitude_amsl_m: float = 420.0) -> Telemetry:
     """All at the show's origin, 20 m up, flying east at 2 m/s and looking south."""
-    n = len(ids)
-    return Telemetry(
-        ids=ids,
-        position_time_s=np.full(n, received_s),
-        heartbeat_time_s=np.full(n, received_s),
-        life_time_s=np.full(n, received_s),
-        latitude_deg=np.full(n, 47.0),
-        longitude_deg=np.full(n, 8.0),
-        altitude_amsl_m=np.full(n, altitude_amsl_m),
-        velocity_ned_m_s=np.tile((0.0, 2.0, 0.0), (n, 1)),
-        yaw_deg=np.full(n, 180.0),
-        battery_remaining=np.ones(n),
-        armed=(True,) * n,
-        mode=(Mode.OFFBOARD,) * n,
-        in_failsafe=(False,) * n,
-        landed=(Landed.IN_AIR,) * n,
-        ready=(True,) * n,
-        horizontal_accuracy_m=np.full(n, np.nan),
-        vertical_accuracy_m=np.full(n, np.nan),
-        gnss_altitude_amsl_m=np.full(n, np.nan),
-        reboot_count=(0,) * n,
-        position_resets=(0,) * n,
-        fix_type=np.full(n, 3.0),
-        unhealthy_sensors=np.zeros(n, np.int64),
-        clock_base_s=np.zeros(n),
-        round_trip_s=np.zeros(n),
-        position_late_s=np.zeros(n),
-        texts=((),) * n,
-        version=(0,) * n,
+    return reported(
+        ids,
+        received_s,
+        latitude_deg=47.0,
+        longitude_deg=8.0,
+        altitude_amsl_m=altitude_amsl_m,
+        velocity_ned_m_s=np.tile((0.0, 2.0, 0.0), (len(ids), 1)),
+        yaw_deg=180.0,
     )
 
 

@@ -5,7 +5,8 @@ import pytest
 
 from gcs.estimation.height_bias import WINDOW, HeightBias, HeightComparison, HeightSettings
 from gcs.links.telemetry import FleetTelemetry
-from gcs.model.state import Array, Landed, Mode, Telemetry
+from gcs.model.state import Array, Landed, Telemetry
+from tests.support.reported import reported
 from tests.support.tlog_files import frames, read
 
 SETTINGS = HeightSettings()
@@ -16,35 +17,14 @@ def telemetry(
     altitude_m: Array, gnss_m: Array, *, armed: bool, accuracy_m: float, down_m_s: float = 0.0
 ) -> Telemetry:
     n = len(altitude_m)
-    unknown = np.full(n, np.nan)
-    return Telemetry(
-        ids=tuple(f"d{row + 1}" for row in range(n)),
-        position_time_s=np.zeros(n),
-        heartbeat_time_s=np.zeros(n),
-        life_time_s=np.zeros(n),
-        latitude_deg=unknown.copy(),
-        longitude_deg=unknown.copy(),
-        altitude_amsl_m=altitude_m.copy(),
+    return reported(
+        [f"d{row + 1}" for row in range(n)],
+        altitude_amsl_m=altitude_m,
         velocity_ned_m_s=np.tile([0.0, 0.0, down_m_s], (n, 1)),
-        yaw_deg=unknown.copy(),
-        battery_remaining=unknown.copy(),
         armed=(armed,) * n,
-        mode=(Mode.OFFBOARD,) * n,
-        in_failsafe=(False,) * n,
         landed=(Landed.UNKNOWN,) * n,
-        ready=(True,) * n,
-        horizontal_accuracy_m=unknown.copy(),
-        vertical_accuracy_m=np.full(n, accuracy_m),
-        gnss_altitude_amsl_m=gnss_m.copy(),
-        reboot_count=(0,) * n,
-        position_resets=(0,) * n,
-        fix_type=np.full(n, 3.0),
-        unhealthy_sensors=np.zeros(n, np.int64),
-        clock_base_s=unknown.copy(),
-        round_trip_s=unknown.copy(),
-        position_late_s=unknown.copy(),
-        version=(0,) * n,
-        texts=((),) * n,
+        vertical_accuracy_m=accuracy_m,
+        gnss_altitude_amsl_m=gnss_m,
     )
 
 

@@ -5,7 +5,8 @@ import pytest
 
 from gcs.estimation.fleet_state import CONSISTENT_S, FAR_M, FORWARD_MAX_S, Table, into_frame
 from gcs.model.frames import ShowFrame, wrap_rad
-from gcs.model.state import FleetState, Landed, Mode, Telemetry
+from gcs.model.state import FleetState, Landed
+from tests.support.reported import reported
 
 FRAME = ShowFrame(47.0, 8.0, 400.0)
 STEP_S = 0.1
@@ -36,34 +37,17 @@ class ReportedVehicle:
             latitude, longitude = np.zeros(1), np.zeros(1)
         return self.table.state(
             [
-                Telemetry(
-                    ids=("a",),
-                    position_time_s=np.array([self.time_s]),
-                    heartbeat_time_s=np.array([self.time_s]),
-                    life_time_s=np.array([self.time_s]),
+                reported(
+                    ("a",),
+                    self.time_s,
                     latitude_deg=latitude,
                     longitude_deg=longitude,
                     altitude_amsl_m=altitude,
                     velocity_ned_m_s=np.array([velocity]),
-                    yaw_deg=np.zeros(1),
-                    battery_remaining=np.ones(1),
                     armed=(armed,),
-                    mode=(Mode.OFFBOARD,),
-                    in_failsafe=(False,),
                     landed=(Landed.IN_AIR if armed else Landed.ON_GROUND,),
-                    ready=(True,),
-                    horizontal_accuracy_m=np.full(1, np.nan),
-                    vertical_accuracy_m=np.full(1, np.nan),
-                    gnss_altitude_amsl_m=np.full(1, np.nan),
-                    reboot_count=(0,) * 1,
                     position_resets=(self.resets,),
-                    fix_type=np.full(1, fix),
-                    unhealthy_sensors=np.zeros(1, np.int64),
-                    clock_base_s=np.zeros(1),
-                    round_trip_s=np.zeros(1),
-                    position_late_s=np.zeros(1),
-                    texts=((),) * 1,
-                    version=(0,),
+                    fix_type=fix,
                 )
             ],
             self.time_s,

@@ -15,6 +15,7 @@ from gcs.preflight.pad_distances import TO_THE_NEXT, spacing
 from gcs.preflight.vehicles import PAD_HEIGHT_MAX_M, PreflightInputs, own_checks
 from gcs.safety.floor import Floor
 from gcs.safety.walls import Fence
+from tests.support.reported import reported
 
 IDS = ("a", "b", "c")
 FLOOR = Floor(horizontal_m=2.0, margin_m=0.8, deviations=2.0 * 2.0**0.5)  # 3 m with RTK
@@ -22,34 +23,14 @@ P = Positioning()
 NEVER = np.full(3, np.inf)
 FENCE = Fence(distance_max_m=300.0)
 
-GOOD = Telemetry(
-    ids=IDS,
-    position_time_s=np.zeros(3),
-    heartbeat_time_s=np.zeros(3),
-    life_time_s=np.zeros(3),
-    latitude_deg=np.zeros(3),
-    longitude_deg=np.zeros(3),
-    altitude_amsl_m=np.zeros(3),
-    velocity_ned_m_s=np.zeros((3, 3)),
-    yaw_deg=np.zeros(3),
-    battery_remaining=np.ones(3),
+GOOD = reported(
+    IDS,
     armed=(False,) * 3,
     mode=(Mode.HOLD,) * 3,
-    in_failsafe=(False,) * 3,
     landed=(Landed.ON_GROUND,) * 3,
-    ready=(True,) * 3,
-    horizontal_accuracy_m=np.full(3, 0.05),
-    vertical_accuracy_m=np.full(3, 0.1),
-    gnss_altitude_amsl_m=np.full(3, np.nan),
-    reboot_count=(0,) * 3,
-    position_resets=(0,) * 3,
-    fix_type=np.full(3, 6.0),
-    unhealthy_sensors=np.zeros(3, np.int64),
-    clock_base_s=np.zeros(3),
-    round_trip_s=np.zeros(3),
-    position_late_s=np.zeros(3),
-    texts=((),) * 3,
-    version=(0,) * 3,
+    horizontal_accuracy_m=0.05,
+    vertical_accuracy_m=0.1,
+    fix_type=6.0,
 )
 LINE_M = (0.0, 4.0, 8.0)
 
