@@ -196,12 +196,7 @@ class Link(ABC):
         )
         self._versions, self._round_trips = (
             VersionRequests(self._system_ids, request),
-            RoundTrips(
-                self._telemetry.asked_ns,
-                self._telemetry.clock_late_s,
-                self._telemetry.position_time_s,
-                self._outbox.broadcast,
-            ),
+            RoundTrips(self._telemetry, self._outbox.broadcast),
         )
         self._parameters = ParameterUpdates(self.ids)
         self._inbox = Inbox(

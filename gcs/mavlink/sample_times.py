@@ -82,8 +82,8 @@ OVERTAKEN_MS: Final = 100
 LEAST_OF_S: Final = 0.3
 """Of the positions of so much time, and of as much before it, the least late counts: links vary."""
 
-PROMPT_S: Final = 0.1
-"""An answer that takes so much longer than the soonest of all is prompt, and so are positions beside it."""
+PROMPT_S, BESIDE_S = 0.1, 0.5
+"""An answer that takes so much longer than the soonest of all is prompt, as is a position so long before."""
 
 RATE_AFTER_S, RATE_ANEW_S, RATE_MAX = 20.0, 60.0, 0.05
 """A clock's rate is measured between two prompt positions so far apart: a simulator's loses 2 %."""
@@ -107,14 +107,15 @@ class Clocks(NamedTuple):
     anew_since_s: Array  # (n,) arrival of the first that agreed
     anew_count: Whole  # (n,) how many agree
     late: Whole  # (n,) samples dropped: late, or of a clock that is not believed
-    soonest_s: Array  # (n, 2) of positions, arrival less clock: the least, NaN before; and when it arrived
-    first_s: Array  # (n, 2) of a prompt position, arrival less clock, and arrival; NaN: none
+    least_base_s: Array  # (n, 2) of positions, arrival less clock: the least, NaN before; and when it arrived
+    rate_base_s: Array  # (n, 2) the same of the prompt position from which the rate is measured; NaN: none
+    newest_base_s: Array  # (n, 2) the same of the newest position
     rate: Array  # (n,) by which the difference of arrival and clock grows, where it is measured
-    least_s: Array  # (n, 2, 2) least late in this window and the one before; by clock, and behind others
+    least_late_s: Array  # (n, 2, 2) least late in this window and the one before; by clock, and behind others
     window_s: Array  # (n,) begin of this window
     asked_ns: Whole  # (n, REQUESTS) our time in requests without an answer, the newest last; 0: none
     round_trip_s: Array  # (n,) of the newest answer to one, NaN before
-    soonest_trip_s: Array  # (n,) of all answers, inf before
+    least_trip_s: Array  # (n,) of all answers, inf before
     clock_late_s: Array  # (n,) newest position, by its clock alone: how late at least
     late_s: Array  # (n,) newest position: how late at least
 
@@ -131,14 +132,15 @@ class Clocks(NamedTuple):
             anew_since_s=np.full(n, -np.inf),
             anew_count=np.zeros(n, np.int64),
             late=np.zeros(n, np.int64),
-            soonest_s=np.full((n, 2), np.nan),
-            first_s=np.full((n, 2), np.nan),
+            least_base_s=np.full((n, 2), np.nan),
+            rate_base_s=np.full((n, 2), np.nan),
+            newest_base_s=np.full((n, 2), -np.inf),
             rate=np.zeros(n),
-            least_s=np.full((n, 2, 2), np.inf),
+            least_late_s=np.full((n, 2, 2), np.inf),
             window_s=np.full(n, -np.inf),
             asked_ns=np.zeros((n, REQUESTS), np.int64),
             round_trip_s=np.full(n, np.nan),
-            soonest_trip_s=np.full(n, np.inf),
+            least_trip_s=np.full(n, np.inf),
             clock_late_s=np.zeros(n),
             late_s=np.zeros(n),
         )
@@ -229,7 +231,7 @@ def _by_clock(
     into.clock_ms[row], into.clock_at_s[row], into.anew_count[row] = clock_ms, time_s, 0
     into.newest[row, :CLOCKED] = -1
     into.newest[row, kind] = clock_ms
-    into.soonest_s[row], into.first_s[row] = np.nan, np.nan
+    into.least_base_s[row], into.rate_base_s[row] = np.nan, np.nan
     return RESTARTED if began_later else GOOD, True
 
 
@@ -270,10 +272,23 @@ def note_answer(row: Number, asked_ns: Number, time_s: float, into: Clocks) -> N
             into.asked_ns[row, : at + 1] = 0  # an answer to one before was lost
             trip_s = max(time_s - 1e-9 * asked_ns, 0.0)
             into.round_trip_s[row] = trip_s
-            into.soonest_trip_s[row] = min(into.soonest_trip_s[row], trip_s)
-            if trip_s - into.soonest_trip_s[row] <= PROMPT_S:
-                into.soonest_s[row] = np.nan  # the next position is a prompt one
+            into.least_trip_s[row] = min(into.least_trip_s[row], trip_s)
+            newest_s = into.newest_base_s[row]
+            if trip_s - into.least_trip_s[row] <= PROMPT_S and time_s - newest_s[1] <= BESIDE_S:
+                _measure_clock(row, newest_s[0], newest_s[1], into)
             return
+
+
+@kernel
+def _measure_clock(row: Number, base_s: float, time_s: float, into: Clocks) -> None:
+    """Take a prompt position, which arrived at `time_s`: its vehicle's clock was 0 at `base_s` by ours."""
+    least_s, from_s = into.least_base_s[row], into.rate_base_s[row]
+    least_s[0], least_s[1] = base_s, time_s
+    since_s = time_s - from_s[1]
+    if since_s >= RATE_AFTER_S:
+        into.rate[row] = min(max((base_s - from_s[0]) / since_s, -RATE_MAX), RATE_MAX)
+    if not since_s < RATE_ANEW_S:
+        from_s[0], from_s[1] = base_s, time_s
 
 
 @kernel
@@ -288,22 +303,17 @@ def _due_s(row: Number, time_s: float, clocks: Clocks) -> float:
 
 
 @kernel
-def _by_clock_s(row: Number, base_s: float, time_s: float, into: Clocks) -> float:
-    """How late a position is by its clock, which was 0 at `base_s` by ours; else as of `note_position`."""
-    soonest_s, first_s = into.soonest_s[row], into.first_s[row]
-    expected_s = soonest_s[0] + into.rate[row] * (time_s - soonest_s[1])
-    if abs(base_s - expected_s) <= 1e-3 * LATE_MAX_MS:
-        if base_s < expected_s:
-            soonest_s[0], soonest_s[1] = base_s, time_s
-        return float(max(base_s - expected_s, 0.0))
-    was_set = not np.isnan(soonest_s[0])
-    soonest_s[0], soonest_s[1] = base_s, time_s
-    since_s = np.inf if was_set else time_s - first_s[1]
-    if RATE_AFTER_S <= since_s < np.inf:
-        into.rate[row] = min(max((base_s - first_s[0]) / since_s, -RATE_MAX), RATE_MAX)
-    if not since_s < RATE_ANEW_S:
-        first_s[0], first_s[1] = base_s, time_s
-    return 0.0
+def _late_by_clock_s(row: Number, base_s: float, time_s: float, into: Clocks) -> float:
+    """How late a position is that arrived at `time_s`, by its vehicle's clock, which was 0 at `base_s`."""
+    least_s = into.least_base_s[row]
+    expected_s = least_s[0] + into.rate[row] * (time_s - least_s[1])
+    is_set = not abs(base_s - expected_s) <= 1e-3 * LATE_MAX_MS  # also the first
+    if is_set:
+        into.rate[row], into.rate_base_s[row] = 0.0, np.nan
+    if is_set or base_s < expected_s:
+        least_s[0], least_s[1] = base_s, time_s
+        return 0.0
+    return float(base_s - expected_s)
 
 
 @kernel
@@ -316,8 +326,10 @@ def note_position(row: Number, time_s: float, into: Clocks) -> None:
         into: written.
     """
     sent_ms = into.newest[row, POSITION]
-    late_s = _by_clock_s(row, time_s - 1e-3 * sent_ms, time_s, into)
-    least_s, passed_s = into.least_s[row], time_s - into.window_s[row]
+    base_s = time_s - 1e-3 * sent_ms
+    late_s = _late_by_clock_s(row, base_s, time_s, into)
+    into.newest_base_s[row, 0], into.newest_base_s[row, 1] = base_s, time_s
+    least_s, passed_s = into.least_late_s[row], time_s - into.window_s[row]
     if passed_s > LEAST_OF_S:
         for of in range(len(least_s)):
             least_s[of, 1] = least_s[of, 0] if passed_s <= 2.0 * LEAST_OF_S else np.inf
@@ -326,7 +338,7 @@ def note_position(row: Number, time_s: float, into: Clocks) -> None:
     least_s[0, 0] = min(least_s[0, 0], late_s)
     least_s[1, 0] = min(least_s[1, 0], 1e-3 * (into.clock_ms[row] - sent_ms))
     by_clock_s, behind_s = min(least_s[0, 0], least_s[0, 1]), min(least_s[1, 0], least_s[1, 1])
-    answered_s = max(_due_s(row, time_s, into), into.round_trip_s[row]) - into.soonest_trip_s[row]
+    answered_s = max(_due_s(row, time_s, into), into.round_trip_s[row]) - into.least_trip_s[row]
     if not answered_s > 0.0:  # NaN, -inf: none came
         answered_s = 0.0
     into.clock_late_s[row] = by_clock_s

@@ -62,6 +62,15 @@ def test_position_is_late_when_the_answer_was_late() -> None:
     assert found_s(vehicle, 0.0, from_s=12.7) == pytest.approx([0.0] * 10, abs=5e-3)
 
 
+def test_delay_that_begins_just_after_a_prompt_answer_is_found() -> None:
+    """The first position after that answer is late already: it says nothing about the clock."""
+    vehicle = known()
+    answer(vehicle, 10.01, TRIP_S)
+    for asked_s in (10.4, 10.65):
+        asked(vehicle, asked_s)
+    assert found_s(vehicle, 1.5)[-1] == pytest.approx(1.5, abs=0.01)
+
+
 def test_few_late_positions_among_prompt_ones_are_jitter() -> None:
     vehicle = known()
     answer(vehicle, 10.0, 1.54)
@@ -83,8 +92,8 @@ def test_simulation_that_is_slow_for_an_hour_is_no_delay() -> None:
     """Its clock loses 5 %; even with answers that are lost later it does not count as late."""
     vehicle = known()
     for second in range(0, 3600, 2):
-        answer(vehicle, 10.05 + second, TRIP_S)
         reported = vehicle.fly([START_MS + 100 + 950 * second], 10.1 + second)
+        answer(vehicle, 10.15 + second, TRIP_S)
     for second in range(8):
         asked(vehicle, 3610.0 + second)
         reported = vehicle.fly([START_MS + 100 + round(950 * (3600.4 + second))], 3610.5 + second)
