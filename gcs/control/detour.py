@@ -45,9 +45,6 @@ GAINED_M = 1.0
 OVERSHOOT_M = 1.0
 """A centre that turns at a corner may leave its route by this much; the boxes are grown by more than that."""
 
-TURNS_FROM_M_S, TURNED = 0.2, 0.5
-"""An obstacle that is faster has a course; it has turned when the cosine of the angle to that is less."""
-
 TURNED_FOR_S = 60.0
 """So long after an obstacle turned no way without headway is believed: motion is not what it seemed."""
 
@@ -63,10 +60,10 @@ def follow_detour(scene: Scene, desired_m_s: Array, before: Detour | None) -> tu
     due = time_s >= detour.planned_s + PLANNED_EVERY_S - 1e-6
     planning = stale or due or detour.searching is not None
     if planning:
-        detour = _planned_anew(scene, detour)
+        detour = _planned(scene, detour)
     led_m_s = _followed(scene, desired_m_s, detour)
     if led_m_s is None and not planning:
-        detour = _planned_anew(scene, detour)
+        detour = _planned(scene, detour)
         led_m_s = _followed(scene, desired_m_s, detour)
     if led_m_s is None:
         led_m_s = np.array([0.0, 0.0, desired_m_s[2]])
@@ -124,20 +121,21 @@ def _turning_speed_m_s(along: Array, beyond: Array, speed_m_s: float, most_m_s2:
     return min(speed_m_s, sqrt(2.0 * most_m_s2 * OVERSHOOT_M) / max(sine, 1e-9))
 
 
-def _planned_anew(scene: Scene, before: Detour) -> Detour:
-    """As `_planned`; without headway among obstacles that turn the centre waits, or gets out of their way."""
-    courses, turned_s = _turns(scene, before)
-    before = replace(before, courses=courses, turned_s=turned_s)
-    lost = _lost(scene, before)
-    found = _planned(scene, before) if lost is None else _waits_out(scene, before, lost)
-    return replace(found, courses=courses, turned_s=turned_s, lost=lost)
+def _planned(scene: Scene, before: Detour) -> Detour:
+    """The detour after at most one search more; where no way is believed, one that waits."""
+    courses = before.courses.seen(scene.outlines, scene.now.fleet.time_s)
+    before = replace(before, courses=courses)
+    distrusted = _distrusted(scene, before)
+    found = _searched_anew(scene, before) if distrusted is None else _waits_out(scene, before, distrusted)
+    return replace(found, courses=courses, distrusted=distrusted)
 
 
-def _lost(scene: Scene, before: Detour) -> Goal | None:
-    """The goal to which the ways are not what they seemed: there was no headway, and obstacles turn."""
-    time_s, goal = scene.now.fleet.time_s, before.lost
-    if time_s - before.turned_s > TURNED_FOR_S or scene.outlines.stand.all():
+def _distrusted(scene: Scene, before: Detour) -> Goal | None:
+    """The goal to which no way is believed: there was no headway, and an obstacle has turned of late."""
+    turned_for_s = scene.now.fleet.time_s - before.courses.turned_s
+    if turned_for_s > TURNED_FOR_S or scene.outlines.stand.all():
         return None
+    goal = before.distrusted
     if goal is None and before.held_by and not before.goes_instead:
         goal = before.goal
     target = next(goals_of(scene, before), None) if goal is not None else None
@@ -148,29 +146,16 @@ def _lost(scene: Scene, before: Detour) -> Goal | None:
 
 def _waits_out(scene: Scene, before: Detour, goal: Goal) -> Detour:
     """The detour of a centre that waits where it is while it can, and goes to open ground else."""
-    time_s = scene.now.fleet.time_s
-    if before.searching is None and stays_free(scene.boxes(1.0, None, None), scene.place_m, WAITS_S):
+    time_s, searching = scene.now.fleet.time_s, before.searching
+    if searching is None and stays_free(scene.boxes(1.0, None, None), scene.place_m, WAITS_S):
         return replace(before, planned_s=time_s, goal=goal, corners=(), reaches=False, active=True)
-    searching = before.searching
     if searching is None:
         places = tuple(instead_of(scene, goal.place_m, goal.velocity_m_s, before))
         searching = Searching(time_s, places or (goal,), widened=True)
     return _searched(scene, before, searching)
 
 
-def _turns(scene: Scene, before: Detour) -> tuple[tuple[tuple[str, float, float], ...], float]:
-    """The courses of obstacles that move, and when one last turned: `Detour.courses` and `turned_s`."""
-    courses, turned_s = {name: (x, y) for name, x, y in before.courses}, before.turned_s
-    for name, (x_m_s, y_m_s) in zip(scene.outlines.names, scene.outlines.velocity_m_s.tolist(), strict=True):
-        if hypot(x_m_s, y_m_s) < TURNS_FROM_M_S:
-            continue
-        first = courses.setdefault(name, (x_m_s, y_m_s))
-        if first[0] * x_m_s + first[1] * y_m_s < TURNED * hypot(*first) * hypot(x_m_s, y_m_s):
-            courses[name], turned_s = (x_m_s, y_m_s), scene.now.fleet.time_s
-    return tuple((name, *courses[name]) for name in scene.outlines.names if name in courses), turned_s
-
-
-def _planned(scene: Scene, before: Detour) -> Detour:
+def _searched_anew(scene: Scene, before: Detour) -> Detour:
     """The detour after at most one search more: a better one, or the one before while none is known."""
     if before.searching is not None:
         return _searched(scene, before, before.searching)

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from gcs.control.courses import Courses
 from gcs.formation.neighbours import Belief
 from gcs.formation.orbit import Center
 from gcs.formation.route import Goal
@@ -37,9 +38,8 @@ class Detour:
     gained_s: float = 0.0  # when
     held_by: str = ""  # the obstacle, once the centre has made no headway for the configured time
     searching: Searching | None = None  # this detour is followed until the search ends
-    courses: tuple[tuple[str, float, float], ...] = ()  # of obstacles that move, by id, since they turned
-    turned_s: float = -np.inf  # when one turned last
-    lost: Goal | None = None  # to this one no way is believed while obstacles turn
+    courses: Courses = Courses()  # of the obstacles
+    distrusted: Goal | None = None  # no way to this goal is believed while obstacles turn
 
     @property
     def goes_instead(self) -> bool:

@@ -32,8 +32,8 @@ OVER_M: Final = 1.0
 
 INSIDE_FENCE_M: Final = 1.0
 
-HURRIES: Final = 0.7
-"""Of the law's speed this much counts for a vehicle that gets out of the way: it speeds up first."""
+OUT_SHARE: Final = 0.7
+"""Share of the law's speed that counts for a vehicle on its way out: it speeds up first."""
 
 
 def round_obstacles(
@@ -57,50 +57,59 @@ def round_obstacles(
     straight = np.zeros(len(aim_m), np.bool_)
     if not now.ellipses:
         return aim_m, aiming, straight
-    outlines, fence = Outlines.of(now.ellipses), now.settings.safety.fence
-    within_m, moving = fence.distance_max_m - INSIDE_FENCE_M, not outlines.stand.all()
-    led = now.to_goal & ~now.descending
-    if now.tasks.follows_planned_path is not None:
-        led &= ~now.tasks.follows_planned_path
-    goal_m, own, far = np.array(aim_m), np.zeros(0, np.intp), np.zeros(0, np.intp)
-    if stands or moving:
-        off_m = slot_m - now.of_formed(now.position_m)
-        far = left_behind(now, slot_m, np.hypot(off_m[:, 0], off_m[:, 1]))
-        own = np.flatnonzero(np.isfinite(off_m[:, 0])) if stuck else far
-        goal_m[now.rows[own]] = slot_m[own]
-        own = np.setdiff1d(now.rows[own], aiming)
-    rows = np.concatenate([np.flatnonzero(led), own])
+    outlines, fence, law = Outlines.of(now.ellipses), now.settings.safety.fence, now.settings.law
+    moving, within_m = not outlines.stand.all(), fence.distance_max_m - INSIDE_FENCE_M
+    goal_m, rows, go_round = _goals(now, aim_m, aiming, slot_m, stands=stands, stuck=stuck, moving=moving)
     if len(rows) == 0:
         return aim_m, aiming, straight
-    aims_m, avoidance = np.array(aim_m), now.settings.law.avoidance
-    top_m, speed_m_s = np.array(outlines.top_height_m), now.settings.law.speed_m_s
+    aims_m, top_m = np.array(aim_m), np.array(outlines.top_height_m)
     places = np.array(outlines.center_m), np.array(outlines.velocity_m_s)
     if moving:
-        out_m, threatened = _ways_out(
-            now.position_m[rows],
-            goal_m[rows],
-            (*places, outlines.half_length_m),
-            top_m,
-            HURRIES * speed_m_s,
-            within_m,
-        )
+        boxes, speed_m_s = (*places, outlines.half_length_m), OUT_SHARE * law.speed_m_s
+        out_m, threatened = _ways_out(now.position_m[rows], goal_m[rows], boxes, top_m, speed_m_s, within_m)
         straight[rows], aims_m[rows[threatened]] = threatened, out_m[threatened]
-    if stands:
-        led[now.rows[far]] = True
-    others = rows[led[rows] & ~straight[rows]]
-    goal_m[others], round_them = _aims(
-        now.position_m[others],
-        goal_m[others],
+    rows = rows[go_round[rows] & ~straight[rows]]
+    round_m, led_round = _aims(
+        now.position_m[rows],
+        goal_m[rows],
         places,
-        outlines.semi_m + avoidance.near_m + SPARE_M,
+        outlines.semi_m + law.avoidance.near_m + SPARE_M,
         top_m,
-        speed_m_s,
+        law.speed_m_s,
         (within_m, fence.height_max_m - INSIDE_FENCE_M),
-        avoidance.climbs,
+        law.avoidance.climbs,
     )
-    changed = others[round_them]
-    aims_m[changed] = goal_m[changed]
-    return aims_m, np.union1d(aiming, np.concatenate([changed, np.flatnonzero(straight)])), straight
+    aims_m[rows[led_round]] = round_m[led_round]
+    changed = np.concatenate([rows[led_round], np.flatnonzero(straight)])
+    return aims_m, np.union1d(aiming, changed), straight
+
+
+def _goals(
+    now: TickInputs,
+    aim_m: Array,
+    aiming: NDArray[np.intp],
+    slot_m: Array,
+    *,
+    stands: bool,
+    stuck: bool,
+    moving: bool,
+) -> tuple[Array, NDArray[np.intp], Mask]:
+    """(n, 3) places that vehicles fly to, (k,) rows that obstacles may hinder, (n,) which go round.
+
+    `moving`: whether an obstacle does; the other arguments are those of `round_obstacles`.
+    """
+    goes_round = now.to_goal & ~now.descending
+    if now.tasks.follows_planned_path is not None:
+        goes_round &= ~now.tasks.follows_planned_path
+    goal_m, rows = np.array(aim_m), np.flatnonzero(goes_round)
+    if not (stands or moving):
+        return goal_m, rows, goes_round
+    off_m = slot_m - now.of_formed(now.position_m)
+    far = left_behind(now, slot_m, np.hypot(off_m[:, 0], off_m[:, 1]))
+    formed = np.flatnonzero(np.isfinite(off_m[:, 0])) if stuck else far
+    goal_m[now.rows[formed]] = slot_m[formed]
+    goes_round[now.rows[far]] |= stands
+    return goal_m, np.concatenate([rows, np.setdiff1d(now.rows[formed], aiming)]), goes_round
 
 
 def left_behind(now: TickInputs, slot_m: Array, off_m: Array) -> NDArray[np.intp]:
