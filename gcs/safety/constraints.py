@@ -242,24 +242,20 @@ def nearest(desired_m_s: Array, first: Rows, second: Rows, normal: Array, bound_
             break
         settled_m_s = ROUGHLY_M_S if many > before else SETTLED_M_S
         in_hand = row[:many], other[:many], along[:many], least_m_s[:many]
-        sweep, left = _settle(velocity_m_s, force_m_s, moved_in, sweep, in_hand, settled_m_s, left)
+        state = velocity_m_s, force_m_s, moved_in
+        sweep, left = _settle(state, sweep, in_hand, settled_m_s, left)
     return velocity_m_s
 
 
 InHand: TypeAlias = tuple[Rows, Rows, Array, Array]
 """Rows (k,), rows or NO_ROW (k,), normals (k, 3) and bounds (k,)."""
 
+Swept: TypeAlias = tuple[Array, Array, NDArray[np.int64]]
+"""Velocities (n, 3), the push of each constraint (k,), the last sweep that moved each row (n,); changed."""
+
 
 @kernel
-def _settle(
-    velocity_m_s: Array,
-    force_m_s: Array,
-    moved_in: NDArray[np.int64],
-    sweep: int,
-    in_hand: InHand,
-    settled_m_s: float,
-    left: int,
-) -> tuple[int, int]:
+def _settle(swept: Swept, sweep: int, in_hand: InHand, settled_m_s: float, left: int) -> tuple[int, int]:
     """Sweep until no velocity changes by `settled_m_s`; the other arguments are those of `_sweep`.
 
     Returns: the last sweep, and how many visits of constraints are `left`.
@@ -267,63 +263,48 @@ def _settle(
     many = len(in_hand[0])
     for _ in range(FIRST_SWEEPS):
         sweep, left = sweep + 1, left - many
-        if _sweep(velocity_m_s, force_m_s, moved_in, sweep, in_hand, 1.0) < settled_m_s:
+        if _sweep(swept, sweep, in_hand, 1.0) < settled_m_s:
             return sweep, left
-    last = _relaxed(velocity_m_s, force_m_s, moved_in, sweep, in_hand, settled_m_s)
+    last = _relaxed(swept, sweep, in_hand, settled_m_s)
     if last > sweep:
         return last, left
     for _ in range(min(SWEEPS, max(FEWEST, left // many))):
         sweep, left = sweep + 1, left - many
-        if _sweep(velocity_m_s, force_m_s, moved_in, sweep, in_hand, 1.0) < settled_m_s:
+        if _sweep(swept, sweep, in_hand, 1.0) < settled_m_s:
             break
     return sweep, left
 
 
 @kernel
-def _relaxed(
-    velocity_m_s: Array,
-    force_m_s: Array,
-    moved_in: NDArray[np.int64],
-    sweep: int,
-    in_hand: InHand,
-    settled_m_s: float,
-) -> int:
+def _relaxed(swept: Swept, sweep: int, in_hand: InHand, settled_m_s: float) -> int:
     """Continue with over-relaxed sweeps, and keep their result if they settle. Returns: the last sweep kept.
 
     Contradictory constraints never settle, and over-relaxed velocities are then far off. The arguments are
     those of `_settle`.
     """
-    faster_m_s, pushed_m_s, moved, last = velocity_m_s.copy(), force_m_s.copy(), moved_in.copy(), sweep
+    velocity_m_s, force_m_s, moved_in = swept
+    faster, last = (velocity_m_s.copy(), force_m_s.copy(), moved_in.copy()), sweep
     for _ in range(min(RELAXED_SWEEPS, RELAXED_VISITS // len(in_hand[0]))):
         last += 1
-        if _sweep(faster_m_s, pushed_m_s, moved, last, in_hand, RELAXATION) < settled_m_s:
-            velocity_m_s[:], force_m_s[:], moved_in[:] = faster_m_s, pushed_m_s, moved
+        if _sweep(faster, last, in_hand, RELAXATION) < settled_m_s:
+            velocity_m_s[:], force_m_s[:], moved_in[:] = faster
             return last
     return sweep
 
 
 @kernel
-def _sweep(
-    velocity_m_s: Array,
-    force_m_s: Array,
-    moved_in: NDArray[np.int64],
-    sweep: int,
-    in_hand: InHand,
-    relaxation: float,
-) -> float:
+def _sweep(swept: Swept, sweep: int, in_hand: InHand, relaxation: float) -> float:
     """Push the rows of every constraint in turn, in place, until it just holds or is not needed.
 
     Args:
-        velocity_m_s: (n, 3), changed.
-        force_m_s: (k,) push of each constraint, changed.
-        moved_in: (n,) the last sweep that moved each row, changed.
+        swept: what the sweeps before left; changed.
         sweep: the number of this one; every other plain one goes backwards.
         in_hand: the active constraints.
         relaxation: factor of each push; 1.0: a plain sweep.
 
     Returns: the largest change of a velocity.
     """
-    row, other, normal, bound_m_s = in_hand
+    (velocity_m_s, force_m_s, moved_in), (row, other, normal, bound_m_s) = swept, in_hand
     largest_m_s = 0.0
     for place in range(len(row)):
         k = place if sweep % 2 == 1 or relaxation > 1.0 else len(row) - 1 - place
