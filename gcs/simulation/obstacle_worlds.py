@@ -165,7 +165,7 @@ def _escapes(boxes: list[Obstacle], clear_m: float) -> bool:
 
 
 def _escaping(boxes: list[Obstacle], clear_m: float) -> Array:
-    """(cells, cells) of the grid: where who starts can keep `clear_m` from all boxes at 1.5 m/s."""
+    """(cells, cells) of the grid: from which a centre can keep `clear_m` from all boxes at 1.5 m/s."""
     x_m, y_m = np.meshgrid(GRID_M, GRID_M, indexing="ij")
     kept = np.ones(x_m.shape, dtype=bool)
     for time_s in np.arange(MOMENTS_S[-1] - MOVED_S, -MOVED_S, -MOVED_S):

@@ -18,8 +18,8 @@ from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.return_paths.planner import closed_places
 from gcs.shows import Flaw, LoadedShow, Played
 from gcs.shows.following import TrackErrors, assigned
-from gcs.simulation.flight import SimulatedFlight
 from gcs.simulation.scenario import Adversity, Box, FormationFlight, Judged, Scenario, Wind, World
+from gcs.simulation.simulated_flight import SimulatedFlight
 
 ASSEMBLED_BY_S = 120.0
 """Time limit of the assembly."""

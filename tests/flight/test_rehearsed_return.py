@@ -9,7 +9,7 @@ from gcs.model.plan import Obstacle
 from gcs.model.state import Array, Mask
 from gcs.planning.return_paths.paths import WELL_IN_PLACE_M, PathProgress
 from gcs.service import ShowAction
-from gcs.simulation.flight import FormationRun
+from gcs.simulation.formation_run import FormationRun
 from gcs.simulation.scenario import FormationFlight, Judged, Scenario
 from tests.support.virtual_show import Show, fly, show_config
 

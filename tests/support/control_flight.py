@@ -16,7 +16,7 @@ from gcs.planning.return_paths.paths import is_above, may_hand_over
 from gcs.safety.floor import minimum_separation
 from gcs.sim.vehicle.dynamics import PointMasses, Response
 from gcs.sim.vehicle.sensors import draw_errors, step_errors
-from gcs.simulation.flight import HANDOVER_HEIGHT_M
+from gcs.simulation.simulated_flight import HANDOVER_HEIGHT_M
 from gcs.simulation.world import TOUCHDOWN_M_S
 
 TICK_S = 0.05

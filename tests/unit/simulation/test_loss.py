@@ -12,7 +12,7 @@ from gcs.failsafe.policy import FailsafePolicy, VehicleLost
 from gcs.model.state import Setpoints
 from gcs.planning.lost_space import COLUMNS_APART_M
 from gcs.safety.floor import Floor
-from gcs.simulation.flight import FormationRun
+from gcs.simulation.formation_run import FormationRun
 from gcs.simulation.loss import Losses
 from gcs.simulation.metrics import report
 from gcs.simulation.scenario import FormationFlight, Judged, Loss, Scenario, World

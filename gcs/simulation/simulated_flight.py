@@ -1,0 +1,406 @@
+"""A flight in virtual time: `gcs.control.tick` controls a simulated world, and brings all home."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from gcs.config.sections import OperationSettings
+from gcs.control import ControlSettings, Memory, Task, Tasks, ellipses_of, tick, warm_up
+from gcs.control.late_links import fleet_delay_s, for_late_links
+from gcs.failsafe.policy import Action
+from gcs.flight.commander import STOPS_WITHIN_S
+from gcs.flight.ticker import garbage_between_ticks
+from gcs.formation.neighbours import Sight
+from gcs.model.plan import Obstacle, Plan
+from gcs.model.state import Array, FleetState, Mask, Traits
+from gcs.planning.feasibility import check_obstacle
+from gcs.planning.landing_sites import distinct_sites_m
+from gcs.planning.return_paths.paths import (
+    PathProgress,
+    ReturnPaths,
+    above_place_m,
+    is_above,
+    keeps_to_path,
+    lowest_beside_m,
+    may_hand_over,
+)
+from gcs.planning.return_paths.planner import (
+    closed_places,
+    plan_return_paths,
+    return_places_m,
+    return_planner,
+)
+from gcs.planning.return_paths.planner import warm_up as warm_up_planner
+from gcs.safety.floor import Floor, pairs_that_count, scaled_distance_m
+from gcs.simulation import initial_states as layout
+from gcs.simulation.autopilots import responses
+from gcs.simulation.loss import FAR_M, Losses, ServiceFailsafes
+from gcs.simulation.record import NOWHERE, THROUGH_M, Record, closest_m
+from gcs.simulation.scenario import (
+    ArticleFlight,
+    FormationFlight,
+    Loss,
+    Scenario,
+    ShowFlight,
+)
+from gcs.simulation.stations import Decided, SimulatedStations
+from gcs.simulation.world import TOUCHDOWN_M_S, TrueWorld
+
+HANDOVER_HEIGHT_M: Final[float] = OperationSettings.model_fields["handover_height_m"].default
+
+MANY = 2000
+"""With more vehicles distances are searched in a tree, not pair by pair."""
+
+
+def nearest_m(position_m: Array, inside_m: float) -> tuple[float, set[tuple[int, int]]]:
+    """Smallest distance of any two of (n, 3) points, and the pairs within `inside_m`, by a search tree."""
+    tree = scipy.spatial.cKDTree(position_m, compact_nodes=False, balanced_tree=False)
+    least_m = float(np.asarray(tree.query(position_m, k=2)[0])[:, 1].min())
+    return least_m, tree.query_pairs(inside_m) if least_m < inside_m else set()
+
+
+def over_links(scenario: Scenario) -> ControlSettings:
+    """The settings of a service that has measured its links."""
+    delay_s = (scenario.world.telemetry_delay_s + scenario.world.setpoint_delay_s) / 2
+    return for_late_links(scenario.control, fleet_delay_s(np.array([delay_s]), np.ones(1, np.bool_)))
+
+
+class SimulatedFlight:
+    """Base of all simulated flights: receive telemetry, tick, send setpoints, record the true states."""
+
+    def __init__(self, scenario: Scenario, start_m: Array, goal_m: Array, plan: Plan, seed: int) -> None:
+        n = len(start_m)
+        self.scenario, self.plan = scenario, plan
+        self.settings: ControlSettings = over_links(scenario)
+        self.world = TrueWorld(start_m, scenario.world, seed)
+        self.record = Record(scenario, seed, start_m, goal_m, self.floor.horizontal_m)
+        self.task = np.full(n, Task.NONE, dtype=np.int8)
+        self.goal_m = np.array(goal_m)
+        self.descending = np.zeros(n, dtype=bool)
+        self.present = np.ones(n, dtype=bool)
+        flight = scenario.flight
+        loss = Loss() if isinstance(flight, ArticleFlight | ShowFlight) else flight.loss
+        joining = flight.join if isinstance(flight, FormationFlight) else 0
+        self.losses = Losses(loss, n, seed, joining=joining)
+        self.record.lost_rows = frozenset(np.flatnonzero(self.losses.rows).tolist())
+        self.center_moves = False
+        self.stands = False  # a sphere that only assembles: each vehicle flies to its slot, and stays
+        self.pads_m: Array | None = None  # (n, 3) landing positions; None: below the start
+        policy = scenario.failsafes
+        self.failsafes = (
+            None if policy is None else ServiceFailsafes(policy, n, layout.reported_accuracy_m(scenario))
+        )
+        self._site_m = np.full((n, 3), np.nan)  # where vehicles come down that a failsafe lands or returns
+        self._lands = np.zeros(n, dtype=bool)  # of these, the ones that land: the lowest descends first
+        self._some_led = False  # whether one has been led there
+        self._progress: PathProgress | None = None
+        self._returning = np.arange(0)  # (k,) rows of the return's plan
+        self._takeoff_height_m = 0.0  # of those
+        self.memory = Memory.fresh(n, 0.0)
+        alike = Traits.alike(n, layout.reported_uncertainty_m(scenario))
+        self.traits = replace(alike, response=responses(scenario.world, n))
+        several = scenario.stations.count > 1
+        self._stations = SimulatedStations(scenario.stations, self.world, seed) if several else None
+
+    @property
+    def floor(self) -> Floor:
+        return self.settings.safety.floor
+
+    @property
+    def time_s(self) -> float:
+        """Virtual time since engagement."""
+        return self.world.time_s
+
+    def fly(self, on_progress: Callable[[float], None] | None = None) -> Record:
+        """Fly to the end. `on_progress` is called with the share of the longest duration that is flown."""
+        warm_up()
+        self._closest_m([self.world.position_m])  # compiles or loads its kernel
+        began_s = time.process_time()
+        with garbage_between_ticks() as collect_garbage:
+            while self.time_s < self.scenario.duration_s - 1e-9 and not self.finished():
+                self.before_tick()
+                self._tick()
+                collect_garbage(self.time_s)
+                if on_progress is not None:
+                    on_progress(self.time_s / self.scenario.duration_s)
+        self.record.busy_s = time.process_time() - began_s
+        return self.record
+
+    def before_tick(self) -> None:
+        """Do what operator, commander and maneuvers would do before this tick."""
+
+    def lost_now(self) -> None:
+        """Do what follows when vehicles are taken for lost.
+
+        Vehicles whose landing sites they close leave the plan of the return, and land at the next free sites.
+        """
+        if self._progress is None:
+            return
+        self.record.expected = self.record.expected & ~(self.losses.known & self.world.in_air)
+        going = self._returning[(self.task[self._returning] == Task.GOAL) & ~self.descending[self._returning]]
+        uncertainty_m = np.array(self.traits.uncertainty_m)
+        lost = self.losses.segments_m, uncertainty_m[self.losses.segments_of]
+        over_m, floor = self._takeoff_height_m, self.settings.safety.floor
+        away = going[closed_places(self.record.goal_m[going], over_m, floor, uncertainty_m[going], lost)]
+        if len(away):
+            self.record.goal_m = goal_m = np.array(self.record.goal_m)
+            goal_m[away] = self._return_places_m(away, over_m)[away]
+            self._lead_down(np.isin(np.arange(len(self.task)), away), goal_m, returns=True)
+
+    def finished(self) -> bool:
+        return False
+
+    def led(self, tasks: Tasks) -> Tasks:
+        """Return the tasks as a drawn show, if one leads, has them."""
+        return tasks
+
+    def sight(self) -> Sight | None:
+        """What the vehicles received from each other by now; None: the law is computed on the ground."""
+        return None
+
+    def _tick(self) -> None:
+        fleet = self.world.receive()
+        if self.losses.advance(self.world, fleet, self.memory, self.settings.telemetry_age_max_s):
+            self.task[self.losses.known] = Task.NONE
+            self.lost_now()
+        self._come_down()
+        paused = self.failsafes is not None and self.failsafes.paused
+        tasks = Tasks(
+            self.task.copy(),
+            self.goal_m.copy(),
+            self.world.in_air & self.present & ~self.losses.known,
+            self.descending.copy(),
+            self.losses.segments_m.copy(),
+            center_moves=self.center_moves and not paused,
+            formation_waits=paused,
+            follows_planned_path=self._follows_planned_path(),
+            segments_of=self.losses.segments_of,
+            drift=self.losses.drift,
+            silent_segments=self.losses.silent_segments,
+        )
+        decided = self._decide(fleet, self.led(tasks))
+        self.memory = decided.memory
+        self._mind_failsafes(fleet)
+        self._keep(decided)
+        self.world.send(decided.setpoints)
+        seen_m = self.world.advance()
+        self.record.closest_m.append(self._closest_m(seen_m))
+
+    def _decide(self, fleet: FleetState, tasks: Tasks) -> Decided:
+        """Compute the tick of the station, or of each of several."""
+        if self._stations is not None:
+            return self._stations.decide(fleet, tasks, self.plan, self.traits, self.settings)
+        sight = self.sight()
+        began_s = time.thread_time()
+        result = tick(fleet, tasks, self.plan, self.traits, self.memory, self.settings, sight)
+        memory = result.memory
+        took_s = time.thread_time() - began_s
+        limited = len(result.limited_by) - result.limited_by.count("")
+        return Decided(result.setpoints, memory, limited, (took_s,))
+
+    def _mind_failsafes(self, fleet: FleetState) -> None:
+        """Execute what the service's failsafes request, as the commander does."""
+        if self.failsafes is None:
+            return
+        flying = self.world.in_air & self.present & (self.task != Task.NONE)
+        formed, lost, fence = self.task == Task.FORMATION, self.losses.known, self.settings.safety.fence
+        for request in self.failsafes.advance(fleet, self.memory.desired_m_s, fence, flying, formed, lost):
+            self.record.failsafes.append((self.time_s, request.cause.value, request.action.value))
+            rows = flying if request.whole_show else np.isin(np.arange(len(flying)), request.rows)
+            if request.action in {Action.HOLD, Action.PAUSE}:
+                self.task[rows] = Task.GOAL
+                self.goal_m[rows] = fleet.position_m[rows] + STOPS_WITHIN_S * fleet.velocity_m_s[rows]
+            elif request.action is Action.LAND:
+                self._lead_down(rows, self._landing_sites_m(rows))
+            elif request.action is Action.RETURN and request.whole_show:
+                self.return_now()
+            elif request.action is Action.RETURN:
+                self._lead_down(rows, self.world.home_m if self.pads_m is None else self.pads_m, returns=True)
+
+    def return_now(self) -> None:
+        """Begin the collective return on a failsafe."""
+
+    def _landing_sites_m(self, rows: Mask) -> Array:
+        """(n, 3) sites near the vehicles in `rows`, as in flight: clear of pads and other vehicles."""
+        here_m = self.world.received_m
+        taken_m = np.concatenate([self.world.home_m[~rows, :2], here_m[~rows, :2]])
+        spacing_m = OperationSettings.model_fields["landing_site_spacing_m"].default
+        sites_m = np.zeros_like(here_m)
+        ellipses = ellipses_of(self.plan, self.settings, self.time_s)
+        sites_m[rows, :2] = distinct_sites_m(here_m[rows, :2], taken_m, spacing_m, ellipses)
+        return sites_m
+
+    def _lead_down(self, rows: Mask, site_m: Array, *, returns: bool = False) -> None:
+        """Lead vehicles above their places (n, 3) and down, as `gcs.flight.landings` does."""
+        flight, least_m = self.scenario.flight, -np.inf
+        if returns and isinstance(flight, FormationFlight):
+            least_m = flight.takeoff_height_m
+        self.task[rows], self._site_m[rows], self._some_led = Task.GOAL, site_m[rows], True
+        self._lands[rows] = not returns
+        self.goal_m[rows] = above_place_m(self.world.received_m[rows], site_m[rows], least_m)
+
+    def _come_down(self) -> None:
+        if not self._some_led:
+            return
+        here_m, led = self.world.received_m, (self.task == Task.GOAL) & np.isfinite(self._site_m[:, 0])
+        lands = led & self._lands
+        waits = lands & (here_m[:, 2] < lowest_beside_m(here_m[lands], self._site_m[lands]))
+        self._descend(led & ~waits & ~self.descending & is_above(here_m, self._site_m), self._site_m)
+        self._hand_over(led & self.descending, self._site_m)
+
+    def _descend(self, arrived: Mask, place_m: Array) -> None:
+        self.descending = self.descending | arrived
+        self.goal_m[arrived] = place_m[arrived]
+
+    def _hand_over(self, flown: Mask, place_m: Array) -> None:
+        low = flown & may_hand_over(self.world.received_m, place_m, HANDOVER_HEIGHT_M)
+        self.task[low] = Task.NONE
+        self.world.leave_to_themselves(low, TOUCHDOWN_M_S)
+
+    def _keep(self, decided: Decided) -> None:
+        record, memory = self.record, decided.memory
+        counts = self.stands or len(self.losses.segments_m) > 0
+        if counts and memory.center is not None and self._progress is None:
+            record.slot_m = slot_m = memory.center.position_m + memory.radius_m * memory.place
+            off_m = np.linalg.norm(self.world.position_m - slot_m, axis=1)
+            if memory.unfollowed_s is not None:
+                off_m[memory.unfollowed_s < 0.0] += FAR_M  # held: its slot has come to it
+            if not record.orbit_radius_m:  # a formation that stands cannot leave closed space behind
+                kept_m = self.floor.widest_m(self.traits.uncertainty_m)
+                closed = self.losses.apart_m(slot_m, self.floor) <= kept_m
+                off_m[closed & (off_m > THROUGH_M)] = np.nan
+            record.off_slot_m.append(off_m)
+        record.tick_s.extend(decided.took_s)
+        record.time_s.append(self.time_s)
+        record.position_m.append(self.world.position_m.astype(np.float32))
+        record.formed.append((self.task == Task.FORMATION) & self.present)
+        record.in_air.append(self.world.in_air & self.present)
+        record.center_m.append(NOWHERE if memory.center is None else memory.center.position_m)
+        record.radius_m.append(memory.radius_m)
+        record.target_m.append(np.array(self.plan.target.position_m(self.time_s)))
+        record.boxes.append(tuple(map(self._placed, self.plan.obstacles)))
+        record.held_by.append("" if memory.detour is None else memory.detour.held_by)
+        record.limited.append(decided.limited)
+
+    def check_box(self, box: Obstacle) -> None:
+        """Check, as in flight, that a box can stand where it is now. Raises: RefusedError."""
+        world, flying = self.world, np.flatnonzero(self.world.in_air & self.present).tolist()
+        check_obstacle(
+            self._placed(box),
+            self.settings.law.avoidance,
+            {world.ids[row]: world.position_m[row] for row in flying},
+            {},
+            velocities_m_s={world.ids[row]: world.velocity_m_s[row] for row in flying},
+            braking=self.settings.safety.braking.of_slowest(self.traits.response),
+        )
+
+    def _placed(self, box: Obstacle) -> Obstacle:
+        if not box.speed_m_s:
+            return box  # the same at all times
+        x_m, y_m = box.position_m(self.time_s)
+        return replace(box, x_m=x_m, y_m=y_m, time_s=self.time_s)
+
+    def _closest_m(self, seen_m: Sequence[Array]) -> float:
+        """Smallest distance of the pairs that count at any of those positions, (n, 3) each."""
+        floor, least_m, in_air = self.floor, np.inf, self.world.in_air & self.present
+        limits = floor.horizontal_m / floor.vertical_m, floor.pad_height_m, floor.horizontal_m
+        scale = np.array([1.0, 1.0, limits[0]])
+        for position_m in seen_m:
+            high = in_air.all() and (-position_m[:, 2] >= floor.pad_height_m).all()
+            if len(in_air) > MANY and high:  # every pair counts
+                distance_m, pairs = nearest_m(position_m * scale, floor.horizontal_m)
+                self.record.violating.update(pairs)
+                least_m = min(least_m, distance_m)
+                continue
+            distance_m, inside = closest_m(position_m, in_air, self.present, *limits)
+            least_m = min(least_m, distance_m)
+            if inside:
+                rows = np.flatnonzero(self.present)
+                first, second = pairs_that_count(position_m[rows], in_air[rows], floor)
+                near = scaled_distance_m(position_m[rows], first, second, floor) < floor.horizontal_m
+                found = zip(rows[first[near]].tolist(), rows[second[near]].tolist(), strict=True)
+                self.record.violating.update(found)
+        return least_m
+
+    def come_home(self, takeoff_height_m: float, *, begin: bool) -> None:
+        """Lead all vehicles home and down through the safety filter. Call once a tick, first with `begin`."""
+        here_m = self.world.received_m
+        if begin:
+            self.record.changed_s = self.time_s
+            flying = self.present & self.world.in_air & ~self.losses.known & np.isnan(self._site_m[:, 0])
+            if not flying.any():
+                return
+            self.task[flying] = Task.GOAL
+            self._returning = rows = np.flatnonzero(flying)
+            self._takeoff_height_m = takeoff_height_m
+            self.record.goal_m = self._return_places_m(rows, takeoff_height_m)
+            self.record.expected = flying.copy()
+            paths = self._return_paths(rows, takeoff_height_m)
+            self._progress = PathProgress(paths, self.record.goal_m[rows])
+        pads_m, progress, rows = self.record.goal_m, self._progress, self._returning
+        if progress is None:
+            return
+        flown = (self.task == Task.GOAL) & self.present & np.isnan(self._site_m[:, 0])
+        led = flown & ~self.descending
+        progress.advance(0.0 if begin else self.world.tick_s, here_m[rows], led[rows])
+        arrived = np.zeros_like(led)
+        self.goal_m[rows[led[rows]]] = progress.goal_m[led[rows]]
+        arrived[rows] = led[rows] & progress.arrived
+        self._descend(arrived, pads_m)
+        self._hand_over(flown & self.descending, pads_m)
+
+    def _follows_planned_path(self) -> Mask | None:
+        if self._progress is None:
+            return None
+        follows = np.zeros_like(self.descending)
+        follows[self._returning] = ~self.descending[self._returning] & ~self._progress.late
+        follows[self._returning[list(self._progress.return_paths.unplanned)]] = False
+        return keeps_to_path(follows, self.world.received_m, self.goal_m)
+
+    def _return_places_m(self, rows: NDArray[np.intp], takeoff_height_m: float) -> Array:
+        """(n, 3) pads, or for these vehicles the places where they land instead, as in flight."""
+        place_m, losses = np.array(self.world.home_m if self.pads_m is None else self.pads_m), self.losses
+        uncertainty_m = np.array(self.traits.uncertainty_m)
+        down = ~self.world.in_air & self.present
+        taken_m = np.vstack([np.delete(place_m, rows, axis=0), self.world.received_m[down]])[:, :2]
+        place_m[rows] = return_places_m(
+            place_m[rows],
+            taken_m,
+            takeoff_height_m,
+            OperationSettings.model_fields["landing_site_spacing_m"].default,
+            self.settings,
+            self.plan,
+            self.time_s,
+            uncertainty_m[rows],
+            (losses.segments_m, uncertainty_m[losses.segments_of]),
+        )
+        return place_m
+
+    def _return_paths(self, rows: NDArray[np.intp], takeoff_height_m: float) -> ReturnPaths:
+        """Plan the return of these vehicles with the planner of real flights."""
+        losses, uncertainty_m = self.losses, np.array(self.traits.uncertainty_m)
+        warm_up_planner()
+        began_s = time.thread_time()
+        planner = return_planner(
+            self.world.received_m[rows].copy(),
+            self.record.goal_m[rows],
+            (takeoff_height_m, HANDOVER_HEIGHT_M),
+            self.settings,
+            self.plan,
+            self.time_s,
+            uncertainty_m[rows],
+            (losses.segments_m, uncertainty_m[losses.segments_of]),
+        )
+        paths = plan_return_paths(planner)
+        self.record.planning_s = time.thread_time() - began_s
+        return paths
+
+    def vanish(self, rows: Mask) -> None:
+        self.present = self.present & ~rows
+        self.task[rows] = Task.NONE
+        self.world.remove(rows)
