@@ -41,7 +41,7 @@ IN_WORDS: Final = {
     Doubt.STANDS: "its position stands still, though it reports that it moves",
     Doubt.STANDS_COMMANDED: "its position stands still, though setpoints move it",
     Doubt.STRAYS: "its position goes elsewhere than its velocity",
-    Doubt.LATE: "its position comes late",
+    Doubt.LATE: "its positions arrive late",
 }
 """Why a position is not believed, in words."""
 

@@ -18,7 +18,8 @@ CLOSED_S: Final = 75.0
 BROKEN: Final = [(20, 8001), (20, 8036), (8, 102)]
 """Climbed for boxes as they were at the begin; a centre without a way; a vehicle parted from the others."""
 
-SOAKED: Final = [(count, seed) for count in (8, 20, 50) for seed in range(8100, 8167)]
+SOAKED: Final = [(count, seed) for count in (8, 20, 50) for seed in range(8100, 8110)]
+"""`gcs simulate boxes-surround-random --judged` flies 201 others."""
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 SECONDS: Final = 30.0
 NAMED_S, ON_A_LIE_M = 2.0, 5.0
 STANDS, STRAYS = "its position stands still", "its position goes elsewhere than its velocity"
-LATE, LATE_S = "its position comes late", {"late": 1.5, "answers-late": 1.0}
+LATE, LATE_S = "its positions arrive late", {"late": 1.5, "answers-late": 1.0}
 """And by so much: before that nothing arrives that could be a lie."""
 
 LIES: Final[dict[str, tuple[tuple[str, dict[str, Any]], ...]]] = {
