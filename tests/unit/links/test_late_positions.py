@@ -1,9 +1,12 @@
 """How late positions are: by the vehicle's clock as far as answers are late, or behind its other messages."""
 
+import numpy as np
 import pytest
 from pymavlink.dialects.v20 import development as dialect
 
+from gcs.links.telemetry import FleetTelemetry
 from gcs.mavlink.sample_times import LEAST_OF_S, PROMPT_S
+from tests.support.tlog_files import frames, read
 from tests.unit.links.test_sample_order import START_MS, Vehicle, clocks, flying
 
 TRIP_S = 0.04
@@ -113,3 +116,13 @@ def test_vehicle_without_answers_is_dated_by_arrival() -> None:
     vehicle = flying()
     reported = vehicle.fly([START_MS + 100], 1.6)
     assert reported.position_late_s[0] == 0.0
+
+
+@pytest.mark.parametrize("name", ["session", "kill"])
+def test_no_recorded_position_is_late(name: str) -> None:
+    fleet, most_s = FleetTelemetry(("d1",)), 0.0
+    for time_s, frame in frames(f"ardupilot/{name}.tlog.xz"):
+        read(fleet, time_s, frame)
+        most_s = max(most_s, float(fleet.clock_late_s[0]), float(fleet.telemetry().position_late_s[0]))
+    assert np.isfinite(fleet.position_time_s[0])
+    assert most_s < 0.1
