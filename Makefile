@@ -74,12 +74,13 @@ compiled: .venv/ready  ## the law as machine code, so that no flight waits for t
 	@$(BIN)/python -c "from gcs.flight.orchestrator import WARM_UPS; from gcs.mavlink import codec, reports; \
 	  [load() for load in (*WARM_UPS, codec.warm_up, reports.warm_up)]"
 
-check: .venv/ready  ## vocabulary, ruff, mypy, import contracts
+check: .venv/ready  ## vocabulary, ruff, mypy, import contracts, the project's own files
 	$(BIN)/python -m tests.vocabulary
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+	$(BIN)/pytest -n 0 tests/unit/test_project_files.py
 
 bench: .venv/ready  ## speed, as ratios against a named alternative in the same run
 	$(BIN)/python -m tests.bench.run
