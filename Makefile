@@ -72,7 +72,8 @@ tested-with: .venv/ready  ## docs/reference/tested-with.md, from the tables of v
 
 compiled: .venv/ready  ## the law as machine code, so that no flight waits for the compiler
 	@$(BIN)/python -c "from gcs.flight.orchestrator import WARM_UPS; from gcs.mavlink import codec, reports; \
-	  [load() for load in (*WARM_UPS, codec.warm_up, reports.warm_up)]"
+	  from gcs.stations import publishing; \
+	  [load() for load in (*WARM_UPS, publishing.warm_up, codec.warm_up, reports.warm_up)]"
 
 check: .venv/ready  ## vocabulary, ruff, mypy, import contracts, the project's own files
 	$(BIN)/python -m tests.vocabulary

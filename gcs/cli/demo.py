@@ -24,7 +24,7 @@ from gcs.cli.demo_script import DemoScript, Marks, Scale, StoppedEarlyError
 from gcs.cli.demo_show import ShowScript
 from gcs.cli.output import REFUSED, Say, answer, failed, lines
 from gcs.cli.process import ignore_the_terminal, run_exactly, set_up_log
-from gcs.cli.serve import running
+from gcs.cli.serve import StationService, running
 from gcs.cli.supervisor import hangs_up
 from gcs.client import Client
 from gcs.config import schema as configuration
@@ -32,7 +32,6 @@ from gcs.config.sections import LinkSettings
 from gcs.config.site import station_config
 from gcs.control import warm_up
 from gcs.estimation.positioning import uncertainty_m
-from gcs.flight.orchestrator import Orchestrator
 from gcs.links.autopilots import AUTOPILOTS, DEFAULT
 from gcs.links.settings import SYSTEM_ID_MAX
 from gcs.model.errors import ConfigError, GcsError
@@ -231,13 +230,13 @@ async def _fly(
     places = None if loaded is None else demo_show.grid_options(loaded)
     parts: list[int] = []
     with fake_fleet(config, arguments, truth, places), beside as others:
-        async with running(own, site=site) as (orchestrator, port):
+        async with running(own, site=site) as (service, port):
             url = f"http://{config.api.host}:{port}"
             describe(
                 f"{arguments.vehicles} fake vehicles; look at them at {url}/ ; API at {url}/docs", url=url
             )
             rows: list[tuple[float, ...]] = []
-            recorder = asyncio.create_task(_follow(orchestrator, rows), name="history")
+            recorder = asyncio.create_task(_follow(service, rows), name="history")
             with Client(url) as client:
                 scale = _scale(config)
                 seconds = arguments.seconds or max(demo_script.DEFAULT_S, scale.whole_s)
@@ -246,11 +245,11 @@ async def _fly(
                     script = ShowScript(client, loaded, describe)
                 failure = await _fly_script(script)
             marks = script.marks
-            if (run := orchestrator.player.flight.show_run) is not None:
+            if (run := service.player.flight.show_run) is not None:
                 parts = [run.parts.get(name, 0) for name in config.ids]
             recorder.cancel()
-            tick_p99_ms = orchestrator.view.value.tick.duration_p99_ms or 0.0
-            sent = orchestrator.view.value.setpoints_sent
+            tick_p99_ms = service.view.value.tick.duration_p99_ms or 0.0
+            sent = service.view.value.setpoints_sent
             ticks_ms = await asyncio.to_thread(demo_site.tick_figures, others)
     if failure is not None:
         raise failure
@@ -266,9 +265,9 @@ async def _fly(
     return figures
 
 
-async def _follow(orchestrator: Orchestrator, rows: list[tuple[float, ...]]) -> None:
+async def _follow(service: StationService, rows: list[tuple[float, ...]]) -> None:
     """Record what the service commanded in every tick."""
-    async for view in orchestrator.view.values():
+    async for view in service.view.values():
         center_m = view.center_m or (np.nan, np.nan, np.nan)
         radius_m = np.nan if view.radius_m is None else view.radius_m
         clock_s = 0.0 if view.selected is None else view.selected.clock_s

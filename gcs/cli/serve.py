@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, TypeAlias
 
 from pydantic import ValidationError
 
@@ -35,7 +36,6 @@ from gcs.config.setting_errors import Misfit, explained
 from gcs.config.site import station_config
 from gcs.config.yaml_files import Source
 from gcs.flight.orchestrator import Heart, Orchestrator
-from gcs.flight.site_member import Membership
 from gcs.flight.timecode import Timecode
 from gcs.links import rtk
 from gcs.links.batch_link import Link
@@ -55,8 +55,13 @@ from gcs.service import FleetView, ShowAction
 from gcs.service.access import ACCESS_OFF, is_loopback
 from gcs.service.folder_lock import owned
 from gcs.shows.timecode import Reading, receiver
+from gcs.site.member import Membership
+from gcs.site.service import SiteService
 
 log = logging.getLogger(__name__)
+
+StationService: TypeAlias = Orchestrator | SiteService
+"""The service of a station that flies alone, or of one of a site."""
 
 
 def make_link(settings: LinkSettings, config: Config, record: Path | None = None) -> Link:
@@ -90,8 +95,8 @@ async def running(
     *,
     priority: scheduling.PriorityRequest = "usual",
     site: Config | None = None,
-) -> AsyncIterator[tuple[Orchestrator, int]]:
-    """Run the service with its API until the block ends. Yields the orchestrator and the API's port.
+) -> AsyncIterator[tuple[StationService, int]]:
+    """Run the service with its API until the block ends. Yields the service and the API's port.
 
     The API has a process of its own; a failed one is replaced without effect on control. An error of control
     ends the block. `heart` is notified of every tick in time. `priority` is
@@ -104,14 +109,14 @@ async def running(
         RefusedError: another service writes the folder of records.
     """
     with nullcontext() if config.record is None else owned(config.record.folder):
-        async with _served(config, heart, priority, site) as (orchestrator, port):
-            yield orchestrator, port
+        async with _served(config, heart, priority, site) as (service, port):
+            yield service, port
 
 
 @asynccontextmanager
 async def _served(
     config: Config, heart: Heart | None, priority: scheduling.PriorityRequest, site: Config | None
-) -> AsyncIterator[tuple[Orchestrator, int]]:
+) -> AsyncIterator[tuple[StationService, int]]:
     async with api_process(config) as api:  # it loads its modules while control is made
         record = make_record(config, site)
         keeps_frames = config.record is not None and config.record.frames
@@ -119,32 +124,32 @@ async def _served(
         links = [make_link(link, config, folder) for link in config.links]
         planning = ThreadPoolExecutor(1, thread_name_prefix="ways", initializer=scheduling.step_down)
         reading = ThreadPoolExecutor(1, thread_name_prefix="shows", initializer=scheduling.step_down)
-        membership = None if site is None else make_membership(config, site)
-        problems = map_problems(config)
-        orchestrator = Orchestrator(
-            config,
-            links,
-            record,
-            clock_problem=wall_clock.problem,
-            heart=heart,
-            planning=planning,
-            reading=reading,
-            problems=problems,
-            membership=membership,
-        )
-        raise_priority(orchestrator, priority)
+        given: dict[str, Any] = {
+            "clock_problem": wall_clock.problem,
+            "heart": heart,
+            "planning": planning,
+            "problems": map_problems(config),
+        }
+        service: StationService
+        if site is None:
+            service = local = Orchestrator(config, links, record, **given)
+        else:
+            membership = make_membership(config, site)
+            service = SiteService(config, links, membership, record, reading=reading, **given)
+            local = service.local
+        raise_priority(local, priority)
         with nullcontext() if record is None else record:
             log_access(config)
-            keeper = asyncio.create_task(api.keep(orchestrator), name="api")
+            keeper = asyncio.create_task(api.keep(service), name="api")
             try:
                 async with asyncio.TaskGroup() as group:
-                    control = group.create_task(orchestrator.run(), name="service")
+                    control = group.create_task(service.run(), name="service")
                     sources = [
-                        group.create_task(keep_corrections(config, orchestrator), name="rtk"),
-                        group.create_task(keep_timecode(config, orchestrator), name="timecode"),
+                        group.create_task(keep_corrections(config, local), name="rtk"),
+                        group.create_task(keep_timecode(config, local), name="timecode"),
                     ]
                     await api.tried.wait()
-                    yield orchestrator, api.port
+                    yield service, api.port
                     for source in sources:
                         source.cancel()
                     control.cancel()
@@ -289,7 +294,7 @@ async def serve(config: Config, say: Say, notifier: Notifier, *, site: Config | 
     """
     stop = StopRequests()
     ignore_the_terminal()
-    async with running(config, notifier, priority=config.scheduling, site=site) as (orchestrator, port):
+    async with running(config, notifier, priority=config.scheduling, site=site) as (service, port):
         notifier.ready()
         scheme = "http" if config.access.tls is None else "https"
         url = f"{scheme}://{config.api.host}:{port}"
@@ -301,25 +306,25 @@ async def serve(config: Config, say: Say, notifier: Notifier, *, site: Config | 
             say("access_off", off)
         await stop.first.wait()
         notifier.stopping()
-        if not _any_airborne(orchestrator.view.value):
+        if not _any_airborne(service.view.value):
             return
         try:
-            orchestrator.commands.command_show(ShowAction.STOP)
+            service.commands.command_show(ShowAction.STOP)
         except RefusedError as refused:
             say("stop_refused", f"{refused}")  # still wait until no vehicle is airborne
         say(
             "coming_home",
             "coming home; press Ctrl-C again to stop at once (the vehicles' own failsafe takes over)",
         )
-        landed = asyncio.create_task(_landed(orchestrator), name="landed")
+        landed = asyncio.create_task(_landed(service), name="landed")
         again = asyncio.create_task(stop.second.wait(), name="again")
         await asyncio.wait((landed, again), return_when=asyncio.FIRST_COMPLETED)
         landed.cancel()
         again.cancel()
 
 
-async def _landed(orchestrator: Orchestrator) -> None:
-    async for view in orchestrator.view.values():
+async def _landed(service: StationService) -> None:
+    async for view in service.view.values():
         if not _any_airborne(view):
             return
 

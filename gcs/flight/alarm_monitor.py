@@ -98,7 +98,6 @@ class Findings:
     obstacles_wait: Sequence[str] = ()  # why obstacles of the show have not appeared yet
     not_recorded: Sequence[str] = ()
     failed_links: Mapping[str, str] = field(default_factory=dict)  # reason by name of the link
-    lost_stations: Mapping[str, str] = field(default_factory=dict)  # of the site: reason by name
     interrupted: InterruptedFlight | None = None
     return_problem: str = ""  # why the vehicles return without a common plan
     clock_doubt: str = ""  # why a show may begin at a wrong time
@@ -239,8 +238,7 @@ class AlarmMonitor:
         if why := flight.corrections.why_stopped(flight.fleet.time_s):
             consequence = "Margins grow with the accuracy that the vehicles report."
             yield Condition(AlarmCause.CORRECTIONS_STOPPED, why, consequence=consequence)
-        for name, why in findings.lost_stations.items():
-            yield Condition(AlarmCause.STATION_LOST, why, about=name)
+        yield from flight.elsewhere.hooks.conditions()
         for link in flight.links:
             for vehicle_id, why in link.conflicts.items():
                 yield Condition(AlarmCause.DUPLICATE_SYSTEM_ID, why, (vehicle_id,))

@@ -27,10 +27,10 @@ PLANNED_WITHIN_S = 10.0
 """The best plan at that time is flown; the first is always completed. 50 vehicles take less than a second."""
 
 LEAD_FOLLOWS_S = 2.0
-"""A lead that does not return as well by then plans nothing for this station."""
+"""A lead that does not return as well by then plans nothing for this flight."""
 
 SHARED_WITHIN_S = 90.0
-"""By then another station's plan must have arrived; otherwise each station plans for its own vehicles."""
+"""By then another flight's plan must have arrived; otherwise each plans for its own vehicles."""
 
 TOGETHER_MAX = 1500
 """Larger fleets return without planned paths: their first plan would take more than half a minute."""
@@ -50,9 +50,9 @@ class CollectiveReturn:
         self._rows: dict[VehicleId, int] = {}
         self._places: list[int] = []  # rows of FleetState, in the plan's order
         self._home_m = np.zeros((0, 3))  # (n, 3) landing positions, in the same order
-        self._elsewhere = np.zeros(0, np.intp)  # rows of other stations' vehicles, after the own in the plan
-        self._others = None if flight.site is None else flight.site.returns  # of other stations
-        self._number = 0 if self._others is None else self._others.number  # of an earlier return
+        self._elsewhere = np.zeros(0, np.intp)  # rows of vehicles flown elsewhere, after the own in the plan
+        self._others = flight.elsewhere.returns
+        self._number = self._others.newest  # of an earlier return
         self._is_off = False  # no plan: the vehicles return one by one
         self._closing: frozenset[VehicleId] = frozenset()  # lost vehicles that the landing places allow for
         self._left: set[VehicleId] = set()  # left the plan: their landing places were closed meanwhile
@@ -112,8 +112,8 @@ class CollectiveReturn:
             self.give_up()
 
     def _waits_for_paths(self, since_s: float) -> bool:
-        """Whether another station plans the return; take its paths once they have arrived."""
-        if self._others is None or self._others.plans_returns is not False or since_s > SHARED_WITHIN_S:
+        """Whether another flight plans the return; take its paths once they have arrived."""
+        if self._others.plans_returns is not False or since_s > SHARED_WITHIN_S:
             return False
         if since_s > LEAD_FOLLOWS_S and not self._others.lead_returns:
             return False
@@ -132,18 +132,17 @@ class CollectiveReturn:
     def _begin_following(self, paths: ReturnPaths, home_m: Array) -> None:
         self._home_m = home_m
         self._progress = PathProgress(paths, self._home_m)
-        if self._others is not None and len(self._elsewhere):
+        if len(self._elsewhere):
             self._others.publish_paths(paths, self._elsewhere, self._home_m[len(self._places) :])
 
     def _follow(self, progress: PathProgress, step_s: float) -> None:
         position_m, flown, led_s = self._flight.fleet.position_m[self._places], self._flown(), np.nan
-        if self._others is not None:
-            if len(self._elsewhere):
-                their_m, under_way = self._others.under_way(self._elsewhere)
-                position_m, flown = np.concatenate([position_m, their_m]), np.concatenate([flown, under_way])
-            elif self._others.plans_returns is False:
-                led_s = self._others.led_s()
-            self._others.note_return(progress.time_s)
+        if len(self._elsewhere):
+            their_m, under_way = self._others.under_way(self._elsewhere)
+            position_m, flown = np.concatenate([position_m, their_m]), np.concatenate([flown, under_way])
+        elif self._others.plans_returns is False:
+            led_s = self._others.led_s()
+        self._others.note_return(progress.time_s)
         progress.advance(step_s, position_m, flown, led_s)
         self._leave_closed_places()
 
@@ -194,7 +193,7 @@ class CollectiveReturn:
         """Whether every participating vehicle is under control and nearly at rest."""
         ours = [vehicle for vehicle in self._expected.values() if vehicle.phase in FLYING | {Phase.PILOT}]
         stands = np.linalg.norm(self._flight.fleet.velocity_m_s, axis=1) < STANDS_M_S
-        if self._others is not None and self._others.plans_returns and not self._others.stands(STANDS_M_S):
+        if self._others.plans_returns and not self._others.stands(STANDS_M_S):
             return False
         return all(vehicle.id in self._stopping and stands[vehicle.row] for vehicle in ours)
 
@@ -203,19 +202,16 @@ class CollectiveReturn:
         ready = [vehicle for vehicle in self._stopping.values() if vehicle.phase is Phase.RETURN]
         known = [vehicle for vehicle in ready if np.isfinite(flight.position_m(vehicle)).all()]
         homing = [vehicle for vehicle in known if vehicle.home_m is not None]
-        theirs = self._others.returning() if self._others is not None and self._others.plans_returns else None
+        theirs = self._others.returning() if self._others.plans_returns else Returning.none()
         if self._exchanges_pads:
             theirs = self._exchange_pads(homing, theirs)
         self._places = rows = [vehicle.row for vehicle in homing]
         operation, uncertainty_m = flight.config.operation, flight.traits.uncertainty_m
         start_m, own_m = flight.fleet.position_m[rows], uncertainty_m[rows]
         places_m = homes_of(flight, homing, theirs)
-        if theirs is not None:
-            self._elsewhere = theirs.rows
-            start_m, own_m = (
-                np.concatenate([start_m, theirs.position_m]),
-                np.concatenate([own_m, theirs.uncertainty_m]),
-            )
+        self._elsewhere = theirs.rows
+        start_m = np.concatenate([start_m, theirs.position_m])
+        own_m = np.concatenate([own_m, theirs.uncertainty_m])
         if not len(start_m) or len(start_m) > TOGETHER_MAX:
             self._is_off = True
             return
@@ -237,7 +233,7 @@ class CollectiveReturn:
     def _exchanges_pads(self) -> bool:
         return self._flight.show_run is not None and self._flight.show_run.exchanges_pads
 
-    def _exchange_pads(self, homing: Sequence[Vehicle], theirs: Returning | None) -> Returning | None:
+    def _exchange_pads(self, homing: Sequence[Vehicle], theirs: Returning) -> Returning:
         """Assign the pads of all returning vehicles anew; from then on they are their own.
 
         Returns: `theirs` with their new pads.
@@ -245,9 +241,8 @@ class CollectiveReturn:
         count, flight = len(homing), self._flight
         home_m = np.array([vehicle.home_m for vehicle in homing]).reshape(-1, 3)
         start_m = np.array([flight.position_m(vehicle) for vehicle in homing]).reshape(-1, 3)
-        if theirs is not None:
-            home_m = np.concatenate([home_m, theirs.home_m])
-            start_m = np.concatenate([start_m, theirs.position_m])
+        home_m = np.concatenate([home_m, theirs.home_m])
+        start_m = np.concatenate([start_m, theirs.position_m])
         if not len(home_m):
             return theirs
         pads = assigned(start_m, home_m)
@@ -255,7 +250,7 @@ class CollectiveReturn:
             vehicle.home_m = home_m[pad].copy()
         moved = int(np.count_nonzero(pads != np.arange(len(pads))))
         log.info("pads_exchanged", extra={"count": moved})
-        return None if theirs is None else theirs._replace(home_m=home_m[pads[count:]])
+        return theirs._replace(home_m=home_m[pads[count:]])
 
     def _plan(
         self, places_m: Callable[[], Array], planner_for: Callable[[Array], Planner]

@@ -73,17 +73,19 @@ class Commander(VehicleCommands):
     # automatically
 
     def execute_show_failsafe(self, action: ShowAction, reason: str) -> CommandRecord:
-        """Pause, stop or abort automatically; vehicles that already come down continue.
+        """Pause, stop or abort automatically, all flights; vehicles that already come down continue.
 
         Takes no control of vehicles outside it: that needs an operator's command.
         """
+        own = self.execute_own_failsafe(action, reason)
+        return self.flight.elsewhere.hooks.spread(own, action, reason)
+
+    def execute_own_failsafe(self, action: ShowAction, reason: str) -> CommandRecord:
+        """The same with the vehicles of this flight only."""
         if action is ShowAction.PAUSE:
             return self._pause(reason, reclaim=False)
         spared = self.flight.in_phase(Phase.LANDING)
         return self._bring_down(ShowEvent(action.value), reason, spared, reclaim=False)
-
-    def end_show(self, reason: str) -> CommandRecord:
-        return self._bring_down(ShowEvent.STOP, reason, reclaim=False)
 
     def note_re_formed(self) -> CommandRecord:
         """Record that the remaining vehicles close a gap; nothing is sent."""

@@ -153,13 +153,13 @@ class Fleet:
         `clock_problem` says why `unix_s` is not to be trusted; empty: it is.
         """
         self.config = config
-        self.site: Elsewhere | None = None  # None: this station flies all vehicles
         self.unix_s = unix_s
         self.clock_problem = clock_problem
         self.book = book or CommandLog(None)
         self.links = tuple(links)
         self.link_of: Mapping[VehicleId, Link] = {name: link for link in links for name in link.ids}
         self.vehicles = self._made_vehicles()
+        self.elsewhere = Elsewhere(len(self.vehicles))  # of a flight alone
         self._states = VehicleStates(self.vehicles.values())
         self.parameters: dict[VehicleId, Mapping[str, ParameterValue]] = {}  # as last read on the ground
         self._fall_on_ground = [one for one in self.vehicles.values() if one.autopilot.falls_on_ground]
@@ -219,8 +219,7 @@ class Fleet:
     def intakes(self) -> Sequence[Intake]:
         """What bounds the inputs beside the vehicles' own."""
         others = chain.from_iterable(link.counters.intakes for link in self.links)
-        of_site = () if self.site is None else self.site.intakes
-        return self.corrections.intake, self.timecode.intake, *of_site, *others
+        return self.corrections.intake, self.timecode.intake, *self.elsewhere.intakes, *others
 
     def _made_vehicles(self) -> dict[VehicleId, Vehicle]:
         """Return the configured vehicles, in order."""
@@ -247,9 +246,9 @@ class Fleet:
         self.fleet = self._table.state(parts, now_s, self.memory.asked_m_s[: len(self.vehicles)])
         if self._fall_on_ground:
             self.telemetry = self._without_falling(self.telemetry)
-        if (site := self.site) is not None and not site.owned.all():  # others say where these are
-            position_m, elsewhere = self.fleet.position_m.copy(), ~site.owned
-            position_m[elsewhere] = np.nan
+        if not (owned := self.elsewhere.owned).all():  # others say where these are
+            position_m = self.fleet.position_m.copy()
+            position_m[~owned] = np.nan
             self.fleet = replace(self.fleet, position_m=position_m)
         jumps = now_s - self._table.reset_time_s, self._table.jumped_m
         about = self.uncertainty_on_pads_m, *jumps, self.control.safety.floor.deviations
@@ -314,16 +313,14 @@ class Fleet:
         return self.traits.uncertainty_m[[vehicle.row for vehicle in vehicles]]
 
     def in_formation_m(self, vehicles: Sequence[Vehicle]) -> Array:
-        """(k,) the same of these, and of the other stations' vehicles that take part with them."""
-        own_m = self.uncertainty_m(vehicles)
-        return own_m if self.site is None else np.concatenate([own_m, self.site.uncertainty_m()])
+        """(k,) the same of these, and of those flown elsewhere that take part with them."""
+        return np.concatenate([self.uncertainty_m(vehicles), self.elsewhere.uncertainty_m()])
 
     @property
     def control_now(self) -> ControlSettings:
         """The control settings of this tick: `control`, slower and wider where links are late."""
-        late_s = self.link_delay.delay_s
-        if self.site is not None:  # pairs across stations know each other later by the bus
-            late_s = late_s + self.site.delay_s
+        # pairs across flights know each other later
+        late_s = self.link_delay.delay_s + self.elsewhere.delay_s
         flying = np.array([phase in AIRBORNE for phase in self.phases], dtype=np.bool_)
         before = self._slowed
         delay_s = fleet_delay_s(late_s, flying, 0.0 if before is None else before[1])
@@ -384,7 +381,7 @@ class Fleet:
 
     async def execute(self, command: Command) -> None:
         """Send a command to the vehicle's link. Raises: CommandError."""
-        if self.site is not None and not self.site.owned[self.vehicles[command.vehicle_id].row]:
+        if not self.elsewhere.owned[self.vehicles[command.vehicle_id].row]:
             raise CommandError(f"{command.vehicle_id} is flown by another station")
         await self.link_of[command.vehicle_id].execute(command)
 
@@ -505,9 +502,9 @@ class Fleet:
     def assembled(self) -> bool:
         """Whether the formation's vehicles are on the sphere and spread over all of it.
 
-        The lead of a site decides for all: vehicles that pass the space of lost ones are never spread evenly.
+        The leading flight decides for all: vehicles that pass the space of lost ones are never spread evenly.
         """
-        if self.site is not None and self.site.lead_runs:
+        if self.elsewhere.lead_runs:
             return True
         if self.show_run is not None and self.show_run.goals is not None:
             return self.show_run.there
@@ -515,10 +512,9 @@ class Fleet:
         rows = [vehicle.row for vehicle in self.in_phase(Phase.FORMATION)]
         if center is None or not rows:
             return False
-        here_m, charge = self.fleet.position_m[rows], self.traits.charge[rows]
-        if self.site is not None:
-            their_m, their_charge = self.site.formed_m()
-            here_m, charge = np.concatenate([here_m, their_m]), np.concatenate([charge, their_charge])
+        their_m, their_charge = self.elsewhere.formed_m()
+        here_m = np.concatenate([self.fleet.position_m[rows], their_m])
+        charge = np.concatenate([self.traits.charge[rows], their_charge])
         on_sphere = here_m - center.position_m, radius_m, charge
         now_s = self.fleet.time_s
         self._stands_since_s = min(self._stands_since_s, now_s) if stands(*on_sphere) else np.inf
@@ -601,18 +597,16 @@ class Fleet:
         )
 
     def closed(self) -> tuple[Array, Array]:
-        """(m, 2, 3) paths that lost vehicles of any station may take, and (m,) the uncertainty of each."""
+        """(m, 2, 3) paths that lost vehicles of any flight may take, and (m,) the uncertainty of each."""
         segments_m, segments_of = self.uncontrolled.swept(self.fleet.age_s)
         uncertainty_m = self.traits.uncertainty_m[segments_of]
-        if self.site is None:
-            return segments_m, uncertainty_m
-        their_m, their_uncertainty_m = self.site.closed()
+        their_m, their_uncertainty_m = self.elsewhere.closed()
         return np.concatenate([segments_m, their_m]), np.concatenate([uncertainty_m, their_uncertainty_m])
 
     def closing(self) -> frozenset[VehicleId]:
-        """Lost vehicles of any station: the paths that `closed` returns are theirs."""
+        """Lost vehicles of any flight: the paths that `closed` returns are theirs."""
         if self._closing is None or self._closing[0] is not self.fleet:
             lost = self.in_phase(Phase.LOST, Phase.KILLED)
             own = frozenset(vehicle.id for vehicle in lost if self.last_m(vehicle) is not None)
-            self._closing = self.fleet, own if self.site is None else own | self.site.closing()
+            self._closing = self.fleet, own | self.elsewhere.closing()
         return self._closing[1]

@@ -42,15 +42,14 @@ def homes_of(
 ) -> Callable[[], Array]:
     """Return a function that computes `homes_m` for the flight as it is now; any thread may call it.
 
-    Those of other stations follow the own.
+    Those flown elsewhere follow the own.
     """
     rows = [vehicle.row for vehicle in vehicles]
     home_m = np.array([vehicle.home_m for vehicle in vehicles]).reshape(-1, 3)
-    own_m = flight.traits.uncertainty_m[rows]
-    taken_m = _taken_m(flight, vehicles, frozenset({Phase.LANDING, Phase.RETURN}), elsewhere)
-    if elsewhere is not None:
-        home_m = np.concatenate([home_m, elsewhere.home_m])
-        own_m = np.concatenate([own_m, elsewhere.uncertainty_m])
+    theirs = elsewhere or Returning.none()
+    taken_m = _taken_m(flight, vehicles, frozenset({Phase.LANDING, Phase.RETURN}), theirs)
+    home_m = np.concatenate([home_m, theirs.home_m])
+    own_m = np.concatenate([flight.traits.uncertainty_m[rows], theirs.uncertainty_m])
     operation = flight.config.operation
     return partial(
         return_places_m,
@@ -83,13 +82,13 @@ def is_covered(flight: Fleet, place_m: Array) -> bool:
 
 
 def is_taken(flight: Fleet, vehicle: Vehicle, place_m: Array) -> bool:
-    """Whether another station's vehicle stands or lands at a place (3,) that is not the vehicle's pad.
+    """Whether a vehicle flown elsewhere stands or lands at a place (3,) that is not the vehicle's pad.
 
-    Stations that choose places at the same time do not know each other's choice.
+    Flights that choose places at the same time do not know each other's choice.
     """
-    if flight.site is None or (vehicle.home_m is not None and (place_m == vehicle.home_m).all()):
+    if vehicle.home_m is not None and (place_m == vehicle.home_m).all():
         return False
-    away_m = np.linalg.norm(flight.site.landing_m() - place_m[:2], axis=1)
+    away_m = np.linalg.norm(flight.elsewhere.landing_m() - place_m[:2], axis=1)
     return bool((away_m < flight.config.operation.landing_site_spacing_m / 2.0).any())
 
 
@@ -101,6 +100,7 @@ def _taken_m(
 ) -> Array:
     """(m, 2) Pads and positions on the ground of all other vehicles, and goals of those in such a phase."""
     chosen = {vehicle.id for vehicle in vehicles}
+    besides = elsewhere or Returning.none()
     taken_m = [
         place_m[:2]
         for vehicle in flight.vehicles.values()
@@ -112,5 +112,4 @@ def _taken_m(
         )
         if place_m is not None
     ]
-    own_m = np.array(taken_m).reshape(-1, 2)
-    return own_m if flight.site is None else np.concatenate([own_m, flight.site.taken_m(elsewhere)])
+    return np.concatenate([np.array(taken_m).reshape(-1, 2), flight.elsewhere.taken_m(besides)])

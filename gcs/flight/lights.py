@@ -59,7 +59,7 @@ class Lights:
         if flight.config.lights.driver is LightDriver.NONE:
             return
         colour = self.colours()
-        ours = np.ones(len(colour), np.bool_) if flight.site is None else flight.site.owned
+        ours = flight.elsewhere.owned
         for link in flight.links:
             rows = self._rows[link.name]
             link.send_lights(colour[rows], ours[rows])

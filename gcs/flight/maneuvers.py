@@ -219,8 +219,7 @@ class Maneuvers:
         return self._all_up()
 
     def _all_up_everywhere(self) -> bool:
-        site = self._flight.site
-        return self._all_up() and (site is None or site.all_up)
+        return self._all_up() and self._flight.elsewhere.all_up
 
     def _is_up(self, vehicle: Vehicle) -> bool:
         """Decide by height, or by the autopilot's end of the climb: the heights may be wrong by metres."""

@@ -12,7 +12,6 @@ from copy import copy
 from functools import cache, partial
 from typing import Any, Final, Protocol
 
-from gcs.bus import keep_bus_open
 from gcs.config.schema import Config
 from gcs.control import Memory, Tick, tick, warm_up
 from gcs.estimation import link_health
@@ -20,6 +19,7 @@ from gcs.failsafe import triggers
 from gcs.flight.alarm_monitor import AlarmMonitor, Findings
 from gcs.flight.commander import Commander
 from gcs.flight.corrections import Corrections
+from gcs.flight.elsewhere import Elsewhere
 from gcs.flight.fleet import Fleet
 from gcs.flight.lights import Lights
 from gcs.flight.maneuvers import Maneuvers
@@ -28,18 +28,11 @@ from gcs.flight.plan_editor import PlanEditor
 from gcs.flight.preflight_gate import PreflightGate
 from gcs.flight.show_player import ShowPlayer
 from gcs.flight.show_progress import ShowProgress
-from gcs.flight.site_commander import SiteCommander
-from gcs.flight.site_display import SiteDisplay
-from gcs.flight.site_member import Membership, SiteMember
-from gcs.flight.site_plan import SitePlanEditor
-from gcs.flight.site_shows import SiteShowPlayer
 from gcs.flight.snapshots import Estimating, fleet_view
-from gcs.flight.standby import Standby
 from gcs.flight.ticker import TickClock, garbage_between_ticks, ticks
 from gcs.flight.timecode import Timecode
 from gcs.links.batch_link import Link
 from gcs.links.link_set import SetpointRouting, keep_open
-from gcs.model.interrupted_flight import Interruption
 from gcs.planning import lost_space, silent_space
 from gcs.planning.return_paths import planner
 from gcs.recording.sample import Sample
@@ -47,9 +40,7 @@ from gcs.recording.session import Record
 from gcs.service import Audit, FleetView, Latest, NoAudit, Scheduling
 from gcs.service.commands import CommandLog
 from gcs.service.event_log import EventLog, attached
-from gcs.service.interface import Preflight, Recovery
 from gcs.shows.library import ShowLibrary
-from gcs.stations import publishing
 
 WARM_UPS: Final = (
     warm_up,
@@ -58,7 +49,6 @@ WARM_UPS: Final = (
     planner.warm_up,
     lost_space.warm_up,
     silent_space.warm_up,
-    publishing.warm_up,
 )
 """Compile or load all that a tick runs, before the first."""
 
@@ -87,9 +77,7 @@ class Orchestrator:
         clock_problem: Callable[[], str] = lambda: "",
         heart: Heart | None = None,
         planning: Executor | None = None,
-        reading: Executor | None = None,
         problems: Sequence[str] = (),
-        membership: Membership | None = None,
     ) -> None:
         """Sends nothing before `run`; must be created on the running event loop.
 
@@ -101,9 +89,7 @@ class Orchestrator:
             clock_problem: why that clock is not to be trusted; empty: it is.
             heart: receives a beat for every tick that came in time, and for no other.
             planning: executor for the return planner; None: a thread of its own, ended with `run`.
-            reading: executor that reads shows of other stations; None: that of the planner.
             problems: notices for the operator for as long as this service runs.
-            membership: of a site of several stations; None: this station flies all vehicles.
         """
         for load in WARM_UPS:
             load()
@@ -111,14 +97,7 @@ class Orchestrator:
         self._config = config
         self.command_log = CommandLog(None if record is None else record.audit)
         clocks: dict[str, Any] = {"unix_s": unix_s, "clock_problem": clock_problem}
-        self._flight = flight = Fleet(config, links, loop.time(), book=self.command_log, **clocks)
-        self._member = member = None if membership is None else SiteMember(flight, membership)
-        self._display: SiteDisplay | None = None
-        if member is not None and membership is not None:
-            self._display = SiteDisplay(member, membership.site)
-        if member is not None:
-            flight.site = member
-            flight.memory = Memory.fresh(len(flight.vehicles) + member.site.count, loop.time())
+        self.fleet = flight = Fleet(config, links, loop.time(), book=self.command_log, **clocks)
         self._record = record
         self._heart = heart
         self._planning = planning or ThreadPoolExecutor(1, thread_name_prefix="ways")
@@ -133,7 +112,7 @@ class Orchestrator:
         if record is not None:
             known = flight.vehicles.keys()
             flight.excluded |= {name: out for name, out in record.excluded.items() if name in known}
-        self._maneuvers = maneuvers = Maneuvers(self._group, flight)
+        self.maneuvers = maneuvers = Maneuvers(self._group, flight)
         parameter_reader = ParameterReader(self._group, flight)
 
         self.frame = config.frame
@@ -142,53 +121,38 @@ class Orchestrator:
         self.events = EventLog()
         take_off = config.operation.takeoff_height_m, config.operation.takeoff_stagger_s
         self.shows = ShowLibrary(None if config.shows is None else config.shows.folder, take_off)
-        reading = reading or self._planning
-        player = None if member is None else SiteShowPlayer(flight, self.shows, member, reading)
-        self.player = player or ShowPlayer(flight, self.shows)
-        self._gate = PreflightGate(flight, parameter_reader, self.player)
+        self.player = ShowPlayer(flight, self.shows)
+        self.preflight = PreflightGate(flight, parameter_reader, self.player)
+        self.plan = PlanEditor(flight, self.player, maneuvers, loop.time)
         found = None if record is None else record.found
-        self.stations: SiteCommander | None
-        self.plan, self.commands, self.stations = self._roles(maneuvers, found, membership, player)
-        self._recovery = self.commands.recovery
-        self.preflight: Preflight = self._gate if self.stations is None else self.stations
-        self.recovery: Recovery = self._recovery if self.stations is None else self.stations
+        self.commands = Commander(flight, maneuvers, self.player, self.preflight, self._planning, found)
+        self.recovery = self.commands.recovery
+        self.stations = None
         self.alarms = AlarmMonitor(flight)
         self._progress = ShowProgress(
             flight, maneuvers, self.commands, parameter_reader, self.player, self._clock
         )
         first = self._decide()
-        self.view = Latest(self._whole_view(self._promised_view(first), first))
+        self.view = Latest(self._promised_view(first)())
 
-    def _roles(
-        self,
-        maneuvers: Maneuvers,
-        found: Interruption | None,
-        membership: Membership | None,
-        player: SiteShowPlayer | None,
-    ) -> tuple[PlanEditor, Commander, SiteCommander | None]:
-        """What changes the plan, and what executes commands: for this station, or for a whole site."""
-        flight, member, display = self._flight, self._member, self._display
-        editing = flight, self.player, maneuvers, asyncio.get_running_loop().time
-        commanding = self._gate, self._planning, found
-        if member is None or membership is None or player is None or display is None:
-            return PlanEditor(*editing), Commander(flight, maneuvers, self.player, *commanding), None
-        bus = membership.site.bus
-        standby = Standby(flight, maneuvers, member, bus.lease_s, bus.standby_rejoins)
-        plan = SitePlanEditor(*editing, member)
-        commander = SiteCommander(flight, maneuvers, player, *commanding, member, display, standby, plan)
-        return plan, commander, commander
+    def join(self, elsewhere: Elsewhere) -> None:
+        """Have vehicles that are flown elsewhere take part, before `run`."""
+        flight = self.fleet
+        flight.elsewhere = elsewhere
+        flight.memory = Memory.fresh(len(flight.vehicles) + elsewhere.count, flight.fleet.time_s)
+        self.recovery.review()
+        first = self._decide()
+        self.view.promise(partial(elsewhere.hooks.whole, self._promised_view(first), first))
 
     async def run(self) -> None:
         try:
             with attached(self.events), garbage_between_ticks() as collect:
                 async with self._group as group:
-                    self._recovery.log_found()
+                    self.recovery.log_found()
                     if self._record is not None and self._record.lost_begin is not None:
                         self.player.begin.log_lost(self._record.lost_begin)
-                    for link in self._flight.links:
+                    for link in self.fleet.links:
                         group.create_task(keep_open(link, self._failed_links), name=f"link/{link.name}")
-                    if self._member is not None:
-                        group.create_task(keep_bus_open(self._member.bus), name="bus")
                     group.create_task(self._control(collect), name="control")
         finally:
             self.commands.close()
@@ -198,12 +162,12 @@ class Orchestrator:
     @property
     def corrections(self) -> Corrections:
         """Takes what arrives from the base."""
-        return self._flight.corrections
+        return self.fleet.corrections
 
     @property
     def timecode(self) -> Timecode:
         """Takes what arrives of the timecode."""
-        return self._flight.timecode
+        return self.fleet.timecode
 
     def granted(self, scheduling: Scheduling) -> None:
         """Note what the machine grants this process, for displays."""
@@ -220,26 +184,22 @@ class Orchestrator:
             self._clock.note(began_s, loop.time() - began_s, began_s - due_s, missed)
             if self._heart is not None and self._control_alive:
                 self._heart.beat()
-            self._estimating.refresh(len(self._maneuvers.waiting), self.commands.home_left_s)
-            own = cache(self._promised_view(result))
-            self.view.promise(partial(self._whole_view, own, result))
+            self._estimating.refresh(len(self.maneuvers.waiting), self.commands.home_left_s)
+            own, hooks = cache(self._promised_view(result)), self.fleet.elsewhere.hooks
+            self.view.promise(partial(hooks.whole, own, result))
             if self._record is not None:
-                run, display = self._flight.show_run, self._display
+                run = self.fleet.show_run
                 parts = {} if run is None else run.parts
-                theirs = None if display is None else display.recorded()
-                sample = Sample(own(), parts, self._flight.control, elsewhere=theirs)
-                self._record.note(sample, self._flight.links)
-            self._flight.wake()
+                sample = Sample(own(), parts, self.fleet.control, elsewhere=hooks.recorded())
+                self._record.note(sample, self.fleet.links)
+            self.fleet.wake()
             collect_garbage(now_s)
 
     def _tick(self, now_s: float) -> Tick:
         """Run one tick without waiting for any vehicle: read telemetry, compute, send."""
-        flight, member = self._flight, self._member
+        flight, hooks = self.fleet, self.fleet.elsewhere.hooks
         flight.receive(now_s)
-        if member is not None:
-            member.receive(now_s)
-        if self.stations is not None:
-            self.stations.release()
+        hooks.before(now_s)
         flight.note_setpoints()
         gap_s = self._clock.gap_before(now_s)
         if gap_s > self._config.setpoint_timeout_s:
@@ -247,34 +207,31 @@ class Orchestrator:
         self._progress.telemetry_monitor.look()
         self.player.lead()
         result = self._decide()
-        if member is None or member.may_send:
+        if hooks.may_send:
             self._routing.send(result.setpoints)
         # The rest can wait for the next tick: setpoints cannot.
         flight.memory = result.memory
         flight.note_links()
         self._interventions += len(result.limited_by) - result.limited_by.count("")
-        if member is not None:
-            member.sender.publish(result, all_up=self._maneuvers.all_up, leads=member.leads_now)
-        if member is None or member.may_send:
+        hooks.sent(result, all_up=self.maneuvers.all_up)
+        if hooks.may_send:
             flight.corrections.send()
             self._lights.send()
         self._progress.advance()
-        if self.stations is not None:
-            self.stations.advance_site()
+        hooks.after()
         if self.alarms.is_due(now_s):
             self.alarms.look(result, self._findings())
         return result
 
     def _findings(self) -> Findings:
-        links = self._flight.links
+        links = self.fleet.links
         recorded = () if self._record is None else self._record.problems
         return Findings(
             failsafes=self._progress.failsafe_monitor.active,
             obstacles_wait=self.player.waits,
             not_recorded=(*recorded, *(problem for link in links for problem in link.problems)),
             failed_links=self._failed_links,
-            lost_stations={} if self._member is None else self._member.lost,
-            interrupted=self._recovery.view(),
+            interrupted=self.recovery.view(),
             return_problem=self.commands.return_problem,
             clock_doubt=self.player.begin.why_doubtful,
             supervisor="" if self._heart is None else self._heart.problem,
@@ -282,11 +239,9 @@ class Orchestrator:
         )
 
     def _decide(self) -> Tick:
-        flight = self._flight
+        flight = self.fleet
         now = flight.fleet, flight.tasks(), flight.plan, flight.traits, flight.memory, flight.control_now
-        if self._member is None:
-            return tick(*now)
-        return tick(*now, None, self._member.others, self._member.shared())
+        return tick(*now, None, flight.elsewhere.others, flight.elsewhere.shared())
 
     @property
     def _control_alive(self) -> bool:
@@ -297,20 +252,16 @@ class Orchestrator:
         countdown = self.commands.starting.countdown
         return partial(
             fleet_view,
-            copy(self._flight),  # what commands change later does not belong to this tick
+            copy(self.fleet),  # what commands change later does not belong to this tick
             result,
             timing=self._clock.summary(),
             histograms=self._clock.histograms,
             control_alive=self._control_alive,
             interventions=self._interventions,
             estimates=self._estimating.newest,
-            unix_time_s=self._flight.unix_s(),
+            unix_time_s=self.fleet.unix_s(),
             start_unix_s=None if countdown is None else countdown.at_unix_s,
             failsafes=self._progress.failsafe_monitor.active,
-            interrupted=self._recovery.view(),
+            interrupted=self.recovery.view(),
             alarms=self.alarms.alarms,
         )
-
-    def _whole_view(self, own: Callable[[], FleetView], result: Tick) -> FleetView:
-        """The view of all stations' vehicles; `own` returns that of those on this station's links."""
-        return own() if self._display is None else self._display.whole(own(), result)

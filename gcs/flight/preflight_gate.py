@@ -232,7 +232,7 @@ class PreflightGate:
             speed_need_m_s=0.0 if found is None else found.speed_max_m_s,
             speed_max_m_s=flight.traits.speed_max_m_s,
             heights=flight.heights.found,
-            others=None if flight.site is None else flight.site.placed(),
+            others=flight.elsewhere.placed(),
             ahead_s=self.flight.unix_s() - flight.fleet.time_s,
         )
 
@@ -259,7 +259,7 @@ class PreflightGate:
             alone = [flight.vehicles[name].without_setpoints for name in chosen]
             flies_on_s = np.array([each.flies_on_s for each in alone])
             limit = f"at most {APART_MAX_S:g} s apart"
-            elsewhere_s = None if flight.site is None else operation.setpoint_loss_s
+            elsewhere_s = None if flight.elsewhere.alone else operation.setpoint_loss_s
             yield "loss times", limit, partial(check_loss_times, chosen, flies_on_s, elsewhere_s)
         if operation.require_safe_setpoint_loss and self.show_player.plans():
             rows = [flight.vehicles[name].row for name in chosen]
@@ -291,7 +291,7 @@ class PreflightGate:
             try:
                 check_formation(plan.formation, len(uncertainty_m), flight.control.safety, uncertainty_m)
             except InvalidError as error:
-                by_own = error.field == "radius_m" and flight.site is None
+                by_own = error.field == "radius_m" and flight.elsewhere.alone
                 whose = self._least_certain(chosen) if by_own else ""
                 if not cue:
                     raise InvalidError(error.field, error.value, error.allowed + whose) from None
@@ -317,7 +317,7 @@ class PreflightGate:
         plans = [plan for _, plan in self.show_player.plans()]
         plan = min(plans, key=lambda each: each.formation.radius_m, default=None)  # None: drawn all along
         pairs = () if show_run is None or show_run.figures is None else show_run.figures.columns
-        ids = self.show_player.starting(chosen)
+        ids = flight.elsewhere.shows.starting(chosen)
         rehearsed = [
             f"{ids[one.upper - 1]} above {ids[one.lower - 1]} at '{one.cue}'"
             for one in pairs

@@ -83,7 +83,12 @@ class Recovery:
             for name, before in found.vehicles.items():
                 if before.pad_m is not None:
                     vehicles[name].home_m = np.array(before.pad_m)
-            self._no_plan = self._plans.why_not(found)
+            self.review()
+
+    def review(self) -> None:
+        """Find out whether the formation can go on, with all vehicles that take part by now."""
+        if self.found is not None and not self._wrong:
+            self._no_plan = self._plans.why_not(self.found)
 
     def log_found(self) -> None:
         """Log the flight that was interrupted before this service began, if there is one."""

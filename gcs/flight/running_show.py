@@ -29,7 +29,7 @@ OVER = frozenset({ShowPhase.IDLE, ShowPhase.LANDED})
 
 
 class ShowFleet(NamedTuple):
-    """n vehicles among which a show is played: first those of FleetState, then other stations'."""
+    """n vehicles among which a show is played: first those of FleetState, then those flown elsewhere."""
 
     ids: Sequence[VehicleId]  # n
     position_m: Array  # (n, 3), show frame, NaN where not known
@@ -48,7 +48,7 @@ class ShowRun:
     started: bool = False  # by a command that named its hash; False again once all vehicles are down
     parts: dict[VehicleId, int] = field(default_factory=dict)  # rows of the lights
     figures: ShowFigures | None = None  # results of its check; None: not known
-    received: bool = False  # from another station, which has its file and its check
+    received: bool = False  # from another flight, which has its file and its check
     pace: DrawnPace = DrawnPace()  # of the clock in a drawn part
     goals: DrawnGoals | None = None  # of this tick, rows as in FleetState; None: the law leads
     off_m: Array = field(default_factory=lambda: np.zeros(0))  # (n,) from them; NaN: takes no part, not known

@@ -8,7 +8,7 @@ import logging
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from math import inf, isnan, nan
-from typing import ClassVar, Final
+from typing import Final
 
 from gcs.flight.fleet import Fleet
 from gcs.flight.running_show import LONGEST_STEP_S, ShowRun
@@ -38,8 +38,6 @@ def utc(unix_s: float) -> str:
 @dataclass(eq=False)
 class ShowBegin:
     """Lets the selected show begin. Called on the event loop only."""
-
-    why_lost: ClassVar[str] = "the service was restarted, give it again"
 
     flight: Fleet
     _at_unix_s: float | None = None  # None: no time was given
@@ -81,7 +79,8 @@ class ShowBegin:
     @property
     def follows_timecode(self) -> bool:
         """Whether a timecode says when the show begins."""
-        return self.flight.timecode.followed
+        led = self.flight.elsewhere.shows.begin
+        return self.flight.timecode.followed if led is None else led.follows_timecode
 
     def cancel(self) -> None:
         """Forget the time. Raises: RefusedError."""
@@ -108,9 +107,14 @@ class ShowBegin:
             log.warning("show_begin_forgotten", extra=reported)
         self._at_unix_s, self._held, self._ready = None, False, False
 
+    def keep(self, show_run: ShowRun, begin: BeginView | None) -> None:
+        """Note how the show waits by another flight, for the time when this one leads."""
+        self._at_unix_s, self._given_to = None if begin is None else begin.at_unix_time_s, show_run.name
+        self._held = begin is not None and begin.state is BeginState.HELD
+
     def log_lost(self, lost: LostBegin) -> None:
         """Log that a show waited for its time when the session before ended: it does no longer."""
-        reported = {"show": lost.show, "at": lost.at, "reason": self.why_lost}
+        reported = {"show": lost.show, "at": lost.at, "reason": self.flight.elsewhere.shows.why_begin_lost}
         log.warning("show_begin_forgotten", extra=reported)
 
     def _unbegun(self, what: str) -> ShowRun:
@@ -129,6 +133,8 @@ class ShowBegin:
     @property
     def waits(self) -> bool:
         """Whether a show that could begin must not yet."""
+        if (led := self.flight.elsewhere.shows.begin) is not None:
+            return led.waits
         given = self._held or self._at_unix_s is not None
         return self.flight.show_run is not None and (given or self.flight.timecode.followed)
 
@@ -136,6 +142,8 @@ class ShowBegin:
 
     def due_s(self, now_s: float) -> float | None:
         """When a tick should come, on the loop's clock; None: any time is as good."""
+        if (led := self.flight.elsewhere.shows.begin) is not None:
+            return led.due_s(now_s)
         show_run, timecode = self.flight.show_run, self.flight.timecode
         if show_run is None or not self._ready or self.flight.show is not ShowPhase.ASSEMBLING:
             return None
@@ -167,7 +175,7 @@ class ShowBegin:
             self._ready = self._ready or flight.assembled()
             begins_s = self._begins_s(show_run, now_s) if self.waits and self._ready else None
             if begins_s is not None:
-                self._begin(show_run, begins_s)
+                self.begin_now(show_run, begins_s)
         if show_run.begun:
             self._at_unix_s, self._held = None, False
         self._show(show_run)
@@ -196,7 +204,8 @@ class ShowBegin:
             return None
         return now_s - late_s if late_s < LONGEST_STEP_S else now_s
 
-    def _begin(self, show_run: ShowRun, begins_s: float) -> None:
+    def begin_now(self, show_run: ShowRun, begins_s: float) -> None:
+        """Have the show begin now; `begins_s` is the moment, in the tick's time."""
         flight, now_s = self.flight, self.flight.fleet.time_s
         show_run.begins_s, show_run.tempo = begins_s, Tempo()
         late_s = 0.0 if self._at_unix_s is None else flight.unix_s() - self._at_unix_s

@@ -46,26 +46,21 @@ class ShowPlayer:
         self._held: Target | None = None  # replaces a live target not renewed since `_reported_s`
         self._reported_s = 0.0
 
-    @property
-    def leads(self) -> bool:
-        """Whether the show decides the plan at this station."""
-        return True
-
     # on the ground
 
     @with_alternative
     def select(self, name: str, show_hash: str) -> SelectedShow:
         self.flight.need_no_countdown()
         self.need_ground("select a show")
-        timeline = self._fitting(name, self.show_library.cleared(name, show_hash))
-        return self._take(ShowRun(name, timeline, figures=self.show_library.checked(name).figures))
+        timeline = self.fitting(name, self.show_library.cleared(name, show_hash))
+        return self.take(ShowRun(name, timeline, figures=self.show_library.checked(name).figures))
 
     def find(self, name: str, show_hash: str) -> Timeline:
         """Return a show that was flown before, by its hash, which proves its check. Reads the file.
 
         Raises: UnknownError; RefusedError when it has changed since, or does not fit this service.
         """
-        return self._fitting(name, self.show_library.recorded(name, show_hash))
+        return self.fitting(name, self.show_library.recorded(name, show_hash))
 
     def resume(self, written: Written, plan: Plan) -> None:
         """Select an interrupted show, to go on from its time once it is resumed.
@@ -80,9 +75,9 @@ class ShowPlayer:
         show_run = ShowRun(written.name, timeline, clock, started=True, begun=begun, parts=parts)
         own = tuple(box for box in plan.obstacles if box.id not in show_run.obstacle_ids)
         self.flight.plan = replace(self.flight.plan, obstacles=own, yaw=plan.yaw)
-        self._take(show_run)
+        self.take(show_run)
 
-    def _fitting(self, name: str, timeline: Timeline) -> Timeline:
+    def fitting(self, name: str, timeline: Timeline) -> Timeline:
         """Return the timeline. Raises: RefusedError when it does not fit this service."""
         _refuse(name, self._own_misfits(timeline.show))
         return timeline
@@ -92,13 +87,12 @@ class ShowPlayer:
         return [*self._own_misfits(show), *self._clashes(show)]
 
     def _own_misfits(self, show: Show) -> list[Flaw]:
-        config = self.flight.config
-        return service_flaws(show, config.frame, config.control, config.operation, self._count)
-
-    @property
-    def _count(self) -> int:
-        """Number of vehicles that there are for a show."""
-        return len(self.flight.vehicles)
+        config, others = self.flight.config, self.flight.elsewhere.shows
+        count = len(self.flight.vehicles) + others.count
+        return [
+            *others.misfits(show),
+            *service_flaws(show, config.frame, config.control, config.operation, count),
+        ]
 
     def _clashes(self, show: Show) -> Iterator[Flaw]:
         """Yield the conflicts of the show's obstacles with those of operators."""
@@ -111,25 +105,28 @@ class ShowPlayer:
             text = f"{len(own)} obstacles stand, and its {len(its)}: at most {MAX_OBSTACLES} together"
             yield Flaw(("timeline",), text)
 
-    def _take(self, show_run: ShowRun) -> SelectedShow:
+    def take(self, show_run: ShowRun) -> SelectedShow:
         """Let the show lead. Raises: RefusedError when its obstacles conflict with those of operators."""
         flight, name = self.flight, show_run.name
         show, own = show_run.timeline.show, self._reported_obstacles
         _refuse(name, [*self._clashes(show)])
-        if flight.show_run is None:
-            self._reported = flight.plan
-        self._control(show_run)
+        self.adopt(show_run)
         self.begin.forget("another show is selected")
         flight.plan = replace(flight.plan, obstacles=own)
         self.lead()
         log.info("show_selected", extra={"show": name, "hash": show_run.hash})
         return show_run.view(flight.fleet.time_s)
 
-    def _control(self, show_run: ShowRun) -> None:
-        """Have the show's limits and fence apply."""
+    def adopt(self, show_run: ShowRun | None) -> None:
+        """Have a show, its limits and its fence, or none; who leads decides the plan."""
+        flight = self.flight
+        if show_run is None:
+            flight.show_run, flight.control = None, flight.config.control
+            return
+        if flight.show_run is None:
+            self._reported = flight.plan
         show = show_run.timeline.show
-        self.flight.show_run = show_run
-        self.flight.control = control_of(show.limits, show.fence, self.flight.config.control)
+        flight.show_run, flight.control = show_run, control_of(show.limits, show.fence, flight.config.control)
 
     @with_alternative
     def deselect(self) -> None:
@@ -157,16 +154,16 @@ class ShowPlayer:
 
     def begin_at(self, at_unix_time_s: float) -> SelectedShow:
         self.begin.begin_at(at_unix_time_s)
-        return self._selected()
+        return self.selected()
 
     def cancel_begin(self) -> SelectedShow:
         self.begin.cancel()
-        return self._selected()
+        return self.selected()
 
     def follow_timecode(self, follow: bool) -> None:
         self.begin.follow_timecode(follow)
 
-    def _selected(self) -> SelectedShow:
+    def selected(self) -> SelectedShow:
         """The selected show. Raises: RefusedError without one."""
         if self.flight.show_run is None:
             raise RefusedError("no show is selected")
@@ -195,33 +192,28 @@ class ShowPlayer:
         if not show_run.received:
             self.show_library.cleared(show_run.name, show_hash)
         needed, spares = show_run.timeline.show.fleet.vehicles, show_run.spares_most
-        count = len(chosen) + self._others_start(named=named)
+        count = len(chosen) + self.flight.elsewhere.shows.start_too(named=named)
         if count > needed + spares or (count + taken_out < needed and not named):
             fix = "name the vehicles that fly" + (", to take the others out" if count < needed else "")
             more = f" and {spares} spares" if spares else ""
             text = f"show {show_run.name!r} is for {needed} vehicles{more}, {count} would start: {fix}"
             raise RefusedError(text)
 
-    def _others_start(self, *, named: bool) -> int:  # noqa: ARG002
-        """Number of vehicles that start with this station's, of a start of all or of named vehicles."""
-        return 0
-
-    def starting(self, chosen: Sequence[VehicleId]) -> Sequence[VehicleId]:
-        """Return the vehicles of all stations that start with these, in the show's order."""
-        return chosen
-
     def give_parts(self, chosen: Sequence[VehicleId]) -> Sequence[VehicleId]:
         """Start the selected show, if there is one. Returns: those that take off; the others are spares."""
         show_run = self.flight.show_run
         if show_run is None:
             return chosen
-        show_run.started = True
-        flies = chosen
+        others, seen = self.flight.elsewhere.shows, self.seen()
+        show_run.started, show_run.parts = True, {}
+        if not others.leads:
+            return chosen
+        flies, count = chosen, show_run.timeline.show.fleet.vehicles
         if show_run.spares_most:
-            count = show_run.timeline.show.fleet.vehicles
             flies, show_run.spares = chosen[:count], tuple(chosen[count:])
-        rows = [self.flight.vehicles[name].row for name in flies]
-        show_run.assign(flies, self.flight.fleet.position_m[rows])
+        row_of = {name: row for row, name in enumerate(seen.ids) if np.isfinite(seen.position_m[row]).all()}
+        parts = [name for name in others.starting(flies) if name in row_of][:count]
+        show_run.assign(parts, seen.position_m[[row_of[name] for name in parts]])
         return flies
 
     def pads(self) -> dict[VehicleId, int]:
@@ -229,13 +221,12 @@ class ShowPlayer:
 
         The fleet's order decides, unless a drawing leaves it open and most vehicles stand on some pad.
         """
-        show_run, vehicles = self.flight.show_run, list(self.flight.vehicles)
+        show_run = self.flight.show_run
         if show_run is None:
             return {}
-        show = show_run.timeline.show
-        return self._stood_on(show) or {
-            name: row for row, name in enumerate(vehicles[: len(show.start_places_m)])
-        }
+        show, rows = show_run.timeline.show, self.flight.elsewhere.shows.rows([*self.flight.vehicles])
+        in_order = {name: row for name, row in rows.items() if row < len(show.start_places_m)}
+        return self._stood_on(show) or in_order
 
     def _stood_on(self, show: Show) -> dict[VehicleId, int]:
         """Row of the pad on which each vehicle stands; empty: the fleet's order decides."""
@@ -263,16 +254,20 @@ class ShowPlayer:
         flight = self.flight
         if flight.show not in ON_THE_GROUND or flight.airborne:
             raise RefusedError(f"cannot {what} while the show is {flight.show}: stop it, and wait for landed")
+        if why := flight.elsewhere.shows.why_busy:
+            raise RefusedError(f"cannot {what} {why}")
 
     # in the air
 
     def lead(self) -> None:
         """Have the show decide formation, orbit, target and its own obstacles; called once a tick."""
+        if self.flight.elsewhere.shows.follow():
+            return
         self.begin.look()
         flight, show_run = self.flight, self.flight.show_run
         if show_run is None:
             return
-        seen, now_s = self._seen(), flight.fleet.time_s
+        seen, now_s = self.seen(), flight.fleet.time_s
         show_run.follow_drawing(seen, now_s, assembling=flight.show is ShowPhase.ASSEMBLING)
         desired = show_run.desired(now_s)
         standing = {box.id for box in flight.plan.obstacles}
@@ -288,11 +283,12 @@ class ShowPlayer:
         self._report_lags(show_run, seen.ids)
         flight.plan = replace(desired, obstacles=(*own, *admitted), yaw=flight.plan.yaw)
 
-    def _seen(self) -> ShowFleet:
+    def seen(self) -> ShowFleet:
         """The vehicles among which the show is played, at this tick."""
         flight = self.flight
         formed = np.array([phase is Phase.FORMATION for phase in flight.phases], dtype=np.bool_)
-        return ShowFleet(flight.fleet.ids, flight.fleet.position_m, formed, len(formed))
+        own = ShowFleet(flight.fleet.ids, flight.fleet.position_m, formed, len(formed))
+        return flight.elsewhere.shows.joined(own)
 
     def _report_lags(self, show_run: ShowRun, vehicle_ids: Sequence[VehicleId]) -> None:
         """Log once, when a show with drawn parts has ended, how well each vehicle followed its trajectory."""
@@ -311,9 +307,9 @@ class ShowPlayer:
         )
 
     def _in_the_way(self, box: Obstacle) -> str:
-        """Why an obstacle of the show cannot stand yet: airborne vehicles, those of other stations too."""
+        """Why an obstacle of the show cannot stand yet: airborne vehicles, also those flown elsewhere."""
         flight = self.flight
-        moving = {} if flight.site is None else flight.site.airborne_m()
+        moving = flight.elsewhere.airborne_m()
         for vehicle in flight.airborne:
             moving[vehicle.id] = flight.position_m(vehicle), flight.fleet.velocity_m_s[vehicle.row]
         try:
@@ -367,6 +363,8 @@ class ShowPlayer:
         """Age of the newest update of a live cue's target; NaN if none is expected or none was sent."""
         flight, show_run = self.flight, self.flight.show_run
         if show_run is None or show_run.live is None or not show_run.clock.runs:
+            return nan
+        if not flight.elsewhere.shows.leads:
             return nan
         reported_s = self._reported_s if show_run.live is self._held else show_run.live.time_s
         return flight.fleet.time_s - reported_s

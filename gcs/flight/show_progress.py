@@ -18,6 +18,7 @@ from gcs.flight.vehicle import Vehicle
 from gcs.model.errors import CommandError, RefusedError
 from gcs.model.lifecycle import ANYTHING_FLIES, ON_THE_GROUND, Phase, ShowEvent, ShowPhase
 from gcs.model.state import Whereabouts
+from gcs.service import ShowAction
 
 log = logging.getLogger(__name__)
 
@@ -107,11 +108,11 @@ class ShowProgress:
             flight.move_show(ShowEvent.ASSEMBLED, flight.reached)
         elif (
             (show_run := flight.show_run) is not None
-            and self.show_player.leads
+            and flight.elsewhere.shows.leads
             and show_run.is_over(flight.fleet.time_s)
         ):
             reason = f"show {show_run.name!r} is over: all vehicles return home"
-            self.commander.end_show(reason)
+            self.commander.execute_show_failsafe(ShowAction.STOP, reason)
         self.commander.recovery.stalls.note_setpoints()
 
     def _all_have_taken_off(self) -> None:

@@ -139,7 +139,7 @@ class TelemetryMonitor:
 
     def _look_at(self, vehicle: Vehicle, telemetry: Telemetry) -> None:
         flight, row, now_s = self.flight, vehicle.row, self.flight.fleet.time_s
-        if flight.site is not None and not flight.site.owned[row]:
+        if not flight.elsewhere.owned[row]:
             return
         silence_s = flight.config.operation.silence_s
         silent, has_heartbeat = bool(flight.silent[row]), bool(flight.has_heartbeat[row])

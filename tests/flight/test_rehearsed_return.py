@@ -81,7 +81,7 @@ async def flown_return(show: Show) -> tuple[PathProgress, Array, list[Step]]:
     await show.start()
     show.service.commands.command_show(ShowAction.STOP)
     await show.until(lambda: show.vehicle("d1").reason == "on its way home")
-    flight, collective_return = show.service._flight, show.service.commands.collective_return
+    flight, collective_return = show.service.fleet, show.service.commands.collective_return
     assert collective_return is not None
     progress = collective_return._progress
     assert progress is not None

@@ -10,9 +10,6 @@ import numpy as np
 from gcs.bus.memory_bus import MemoryBus, MemoryNetwork, network
 from gcs.config.schema import Config
 from gcs.config.site import station_config
-from gcs.flight import site_arrivals
-from gcs.flight.orchestrator import Orchestrator
-from gcs.flight.site_member import Membership
 from gcs.links.batch_link import Link
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, Mask, VehicleId
@@ -23,6 +20,9 @@ from gcs.service import CommandRecord, FleetView, Outcome, ShowAction
 from gcs.shows.packed import unpacked
 from gcs.sim.fleet import Fleet
 from gcs.sim.settings import PAD_SPACING_M, Settings
+from gcs.site import arrivals
+from gcs.site.member import Membership
+from gcs.site.service import SiteService
 from tests.support.virtual_link import STREAMS_HZ, VirtualLink, VirtualPorts
 from tests.support.virtual_show import (
     FLEET_STEP_S,
@@ -36,7 +36,7 @@ from tests.support.virtual_time import AtOnce, Loop, ProcessLoop, UnixClock, as_
 
 T = TypeVar("T")
 
-vars(site_arrivals)["unpacked_apart"] = unpacked  # a process takes seconds, in which no virtual time passes
+vars(arrivals)["unpacked_apart"] = unpacked  # a process takes seconds, in which no virtual time passes
 
 LOOKS_S = 0.2
 """Interval at which a story looks for what it waits for: each look makes the views of all stations."""
@@ -179,8 +179,8 @@ class Station:
 
     def _serve(self, links: Sequence[Link], record: Record | None = None, session: int = 1) -> None:
         membership = Membership(self.name, self._site, self._bus, session)
-        self.service = Orchestrator(
-            self.config, links, record, unix_s=self.unix, planning=self.planning, membership=membership
+        self.service = SiteService(
+            self.config, links, membership, record, unix_s=self.unix, planning=self.planning
         )
         self.task = asyncio.create_task(self.service.run(), name=self.name, context=as_process(self.name))
 

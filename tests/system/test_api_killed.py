@@ -12,10 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from gcs.cli.serve import running
+from gcs.cli.serve import StationService, running
 from gcs.client import Client
 from gcs.config.schema import Config
-from gcs.flight.orchestrator import Orchestrator
 from gcs.model.errors import GcsError
 from gcs.model.lifecycle import Phase
 from gcs.service import ShowAction
@@ -41,7 +40,7 @@ def api_process() -> int | None:
 
 
 @asynccontextmanager
-async def flying(folder: Path, ticks: TickTimes) -> AsyncIterator[tuple[Orchestrator, int]]:
+async def flying(folder: Path, ticks: TickTimes) -> AsyncIterator[tuple[StationService, int]]:
     """Vehicles in formation. Yields the service and the API's port."""
     base = free_ports(COUNT)
     raw = flying_config(COUNT, base, silence_s=20.0).model_dump()

@@ -10,13 +10,13 @@ from typing import Any
 
 import pytest
 
-from gcs.flight.site_arrivals import ShowArrivals
-from gcs.flight.site_requests import PART_MAX, ShowPart
 from gcs.model.errors import RefusedError
 from gcs.shows import Show
 from gcs.shows.library import ShowLibrary
 from gcs.shows.loading import parse
 from gcs.shows.packed import UNPACKED_MAX_BYTES, packed, unpacked_apart
+from gcs.site.arrivals import ShowArrivals
+from gcs.site.requests import PART_MAX, ShowPart
 from tests.support.work import lines_run
 from tests.support.written_show import NAME, TEXT
 

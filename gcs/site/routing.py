@@ -5,12 +5,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final
 
-from gcs.flight.site_member import SiteMember
-from gcs.flight.site_requests import REQUEST, Outcomes, Request
 from gcs.model.errors import LinkError, UnknownError
 from gcs.model.state import VehicleId
 from gcs.service import CommandRecord, Outcome, VehicleOutcome
 from gcs.service.commands import CommandLog
+from gcs.site.member import SiteMember
+from gcs.site.requests import REQUEST, Outcomes, Request
 
 log = logging.getLogger(__name__)
 

@@ -8,11 +8,11 @@ from typing import Any, Final
 from pydantic import TypeAdapter
 
 from gcs.flight.plan_editor import PlanEditor
-from gcs.flight.site_member import SiteMember
-from gcs.flight.site_requests import REQUEST, PlanRequest, Refusal
 from gcs.model.errors import GcsError, RefusedError
-from gcs.model.plan import Formation, Obstacle, Orbit, Target, Yaw
+from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw
 from gcs.service import CALLER
+from gcs.site.member import SiteMember
+from gcs.site.requests import REQUEST, PlanRequest, Refusal
 
 VALUES: Final[Mapping[str, TypeAdapter[Any]]] = {
     "set_formation": TypeAdapter(Formation),
@@ -29,31 +29,39 @@ PARTS: Final = {"set_formation": "formation", "set_orbit": "orbit", "set_yaw": "
 
 
 @dataclass(eq=False)
-class SitePlanEditor(PlanEditor):
-    """Changes the plan at the lead; a follower checks a change, and asks the lead for it."""
+class SitePlanEditor:
+    """Changes the plan at the lead; a follower checks a change, and asks the lead for it.
 
+    Implements `gcs.service.PlanChanges`.
+    """
+
+    local: PlanEditor
     member: SiteMember
 
+    @property
+    def current(self) -> Plan:
+        return self.local.current
+
     def set_formation(self, formation: Formation, fields: Sequence[str] = ()) -> None:
-        self._change("set_formation", formation, partial(super().set_formation, formation, fields), fields)
+        self._change("set_formation", formation, partial(self.local.set_formation, formation, fields), fields)
 
     def set_orbit(self, orbit: Orbit, fields: Sequence[str] = ()) -> None:
-        self._change("set_orbit", orbit, partial(super().set_orbit, orbit, fields), fields)
+        self._change("set_orbit", orbit, partial(self.local.set_orbit, orbit, fields), fields)
 
     def set_target(self, target: Target) -> None:
-        self._change("set_target", target, partial(super().set_target, target))
+        self._change("set_target", target, partial(self.local.set_target, target))
 
     def set_yaw(self, yaw: Yaw, fields: Sequence[str] = ()) -> None:
-        self._change("set_yaw", yaw, partial(super().set_yaw, yaw, fields), fields)
+        self._change("set_yaw", yaw, partial(self.local.set_yaw, yaw, fields), fields)
 
     def add_obstacle(self, obstacle: Obstacle) -> None:
-        self._change("add_obstacle", obstacle, partial(super().add_obstacle, obstacle))
+        self._change("add_obstacle", obstacle, partial(self.local.add_obstacle, obstacle))
 
     def change_obstacle(self, obstacle: Obstacle) -> None:
-        self._change("change_obstacle", obstacle, partial(super().change_obstacle, obstacle))
+        self._change("change_obstacle", obstacle, partial(self.local.change_obstacle, obstacle))
 
     def remove_obstacle(self, obstacle_id: str) -> None:
-        self._change("remove_obstacle", {"id": obstacle_id}, partial(super().remove_obstacle, obstacle_id))
+        self._change("remove_obstacle", {"id": obstacle_id}, partial(self.local.remove_obstacle, obstacle_id))
 
     def _change(self, name: Any, value: Any, apply: Callable[[], None], fields: Sequence[str] = ()) -> None:
         member = self.member
@@ -78,12 +86,12 @@ class SitePlanEditor(PlanEditor):
         try:
             given = dict(request.value)
             if request.change in PARTS:
-                given = asdict(getattr(self.flight.plan, PARTS[request.change])) | given
+                given = asdict(getattr(self.local.current, PARTS[request.change])) | given
             value = VALUES[request.change].validate_python(given)
             if request.change == "remove_obstacle":
-                PlanEditor.remove_obstacle(self, value["id"])
+                self.local.remove_obstacle(value["id"])
             else:
-                getattr(PlanEditor, request.change)(self, value)
+                getattr(self.local, request.change)(value)
         except (GcsError, KeyError, ValueError) as refused:
             self.member.refuse(station, Refusal(request.change, request.by, str(refused)[:500]))
         self.member.sender.note_applied(station, request.number)

@@ -14,12 +14,12 @@ from gcs.bus import Bus
 from gcs.bus.interface import PAYLOAD_MAX
 from gcs.control import Tick
 from gcs.flight.fleet import Fleet
-from gcs.flight.led_show import ShowTraffic
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import Phase
 from gcs.model.plan import Plan, plan_json
 from gcs.model.state import Array, Mask, Mode
 from gcs.planning.return_paths.paths import ReturnPaths
+from gcs.site.led_show import ShowTraffic
 from gcs.stations.letters import Letters
 from gcs.stations.messages import MODE_CODE, PHASE_CODE, Codes, encode_homes
 from gcs.stations.publishing import STATES, FormationMessages, Reported, batch

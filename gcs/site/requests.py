@@ -107,7 +107,7 @@ class PlanRequest:
 
 @dataclass(frozen=True, slots=True)
 class ShowPart:
-    """A part of a show, see `gcs.flight.site_arrivals`."""
+    """A part of a show, see `gcs.site.arrivals`."""
 
     hash: Text
     part: Annotated[int, Field(ge=0, lt=PARTS_MAX)]

@@ -6,11 +6,11 @@ from dataclasses import replace
 from typing import Final
 
 from gcs.flight.running_show import ShowRun
-from gcs.flight.site_requests import PART_MAX, PARTS_MAX, ShowPart
 from gcs.model.errors import ConfigError, RefusedError
 from gcs.shows import Timeline
 from gcs.shows.library import ShowLibrary
 from gcs.shows.packed import packed, unpacked_apart
+from gcs.site.requests import PART_MAX, PARTS_MAX, ShowPart
 
 log = logging.getLogger(__name__)
 

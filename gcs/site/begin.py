@@ -4,16 +4,17 @@ The lead sends how long it is until then. A station whose own clock agrees uses 
 a message arrives is known to half a tick only.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from math import inf, nan
-from typing import ClassVar, Final
+from typing import Final
 
-from gcs.flight.led_show import LedShow
+from gcs.flight.elsewhere import LedBegin
+from gcs.flight.fleet import Fleet
 from gcs.flight.running_show import ShowRun
 from gcs.flight.show_begin import ALIGNS_S, EARLY_S, ShowBegin
-from gcs.flight.site_member import SiteMember
 from gcs.model.lifecycle import ShowPhase
-from gcs.service import BeginState
+from gcs.site.led_show import LedShow
+from gcs.site.member import SiteMember
 
 AGREES_S: Final = 0.03
 """Difference between the own clock and the lead's message up to which the own clock counts."""
@@ -23,41 +24,31 @@ CENTRE_AFTER_S: Final = 0.015
 
 
 @dataclass(eq=False)
-class SiteShowBegin(ShowBegin):
-    """As `ShowBegin` at the lead; another station keeps with the lead."""
+class FollowedBegin(LedBegin):
+    """When the show begins at a station that does not lead: with the lead."""
 
-    why_lost: ClassVar[str] = "the station was restarted; only another that leads now keeps the time"
-
-    member: SiteMember = field(kw_only=True)
-    began_s: float = field(default=-inf, init=False)  # when a show began here, by the loop's clock
-
-    @property
-    def _leads(self) -> bool:
-        return self.member.site.lead.leads
+    flight: Fleet
+    member: SiteMember
+    local: ShowBegin
+    began_s: float = -inf  # when a show began here, by the loop's clock
 
     def _led(self, show_run: ShowRun | None) -> LedShow | None:
         """How the lead has this show; None: it is not received, or has another."""
-        led = self.member.shows.led
+        led = self.member.show_traffic.led
         return None if led is None or show_run is None or led.hash != show_run.hash else led
 
     @property
     def follows_timecode(self) -> bool:
-        led = self.member.shows.led
-        if self._leads:
-            return super().follows_timecode
+        led = self.member.show_traffic.led
         return led is not None and led.timecode is not None and led.timecode.followed
 
     @property
     def waits(self) -> bool:
-        if self._leads:
-            return super().waits
         show_run = self.flight.show_run
         led = self._led(show_run)
         return show_run is not None and (led is None or not led.runs)
 
     def due_s(self, now_s: float) -> float | None:
-        if self._leads:
-            return super().due_s(now_s)
         show_run = self.flight.show_run
         begins_s = self._with_lead_s(show_run, now_s)
         if show_run is None or begins_s is None or self.flight.show is not ShowPhase.ASSEMBLING:
@@ -85,20 +76,18 @@ class SiteShowBegin(ShowBegin):
         if led is None or show_run is None:
             return
         show_run.begun, begin = led.begun, led.begin
-        # kept where this station leads next:
-        self._at_unix_s, self._given_to = None if begin is None else begin.at_unix_time_s, show_run.name
-        self._held = begin is not None and begin.state is BeginState.HELD
+        self.local.keep(show_run, begin)
         if begin is not None and begin.in_s is not None:
             begin = replace(begin, in_s=begin.in_s - (now_s - led.made_s))
         show_run.begin = begin
         begins_s = self._with_lead_s(show_run, now_s)
         if flight.show is ShowPhase.ASSEMBLING and begins_s is not None and now_s >= begins_s - EARLY_S:
             self.began_s = now_s
-            self._begin(show_run, begins_s)
+            self.local.begin_now(show_run, begins_s)
 
     def _watch_timecode(self, show_run: ShowRun | None, now_s: float) -> None:
         """Say that the own timecode is not followed, because another station leads."""
-        timecode, led = self.flight.timecode, self.member.shows.led
+        timecode, led = self.flight.timecode, self.member.show_traffic.led
         if timecode.settings is None:
             return
         clock_s = nan if show_run is None or not show_run.begun else show_run.clock.show_s(now_s)

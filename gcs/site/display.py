@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 
 from gcs.config.schema import Config
 from gcs.control import Tick
-from gcs.flight.site_member import SiteMember
-from gcs.flight.site_sender import EXPLAINED
 from gcs.flight.snapshots import finite
 from gcs.model.lifecycle import GROUNDED, Phase
 from gcs.model.state import Landed
@@ -17,6 +15,8 @@ from gcs.recording.mcap_layout import packed_state
 from gcs.recording.sample import Elsewhere
 from gcs.service import BusView, FleetView, StationView
 from gcs.service.vehicle_table import VehicleTable
+from gcs.site.member import SiteMember
+from gcs.site.sender import EXPLAINED
 from gcs.stations.messages import MODES, PHASES
 
 RECORDED_S: Final = 1.0

@@ -2,7 +2,7 @@
 
 import pytest
 
-from gcs.flight.absences import Absences
+from gcs.site.absences import Absences
 from gcs.stations.site import Site, StationFleet
 from gcs.stations.space_without_control import WithoutControl
 

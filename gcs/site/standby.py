@@ -11,15 +11,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from gcs.flight.absences import FENCED_S
 from gcs.flight.fleet import Fleet
 from gcs.flight.maneuvers import Maneuvers
 from gcs.flight.refusals import why_never, why_not_touching_down
-from gcs.flight.site_member import SiteMember
 from gcs.flight.vehicle import Vehicle
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import AIRBORNE, GROUNDED, Event, Phase, ShowPhase
 from gcs.service import CommandRecord, Outcome
+from gcs.site.absences import FENCED_S
+from gcs.site.member import SiteMember
 
 log = logging.getLogger(__name__)
 

@@ -9,9 +9,9 @@ from gcs.bus.memory_bus import network
 from gcs.config.site import station_config
 from gcs.control import Memory
 from gcs.flight.fleet import Fleet
-from gcs.flight.site_member import Membership, SiteMember
 from gcs.formation.orbit import Center
 from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.site.member import Membership, SiteMember
 from gcs.stations.site import LOST_S, Site
 from tests.support.silent_link import SilentLink
 from tests.support.virtual_site import site_config
@@ -24,7 +24,7 @@ def side_by_side(station: str) -> tuple[Fleet, SiteMember]:
     own = station_config(site, station)
     flight = Fleet(own, [SilentLink(own.ids)], 0.0)
     bus = network(("north", "south"), lambda: 0.0).bus(station)
-    flight.site = member = SiteMember(flight, Membership(station, site, bus, 1))
+    flight.elsewhere = member = SiteMember(flight, Membership(station, site, bus, 1))
     for vehicle in flight.vehicles.values():
         vehicle.phase = Phase.FORMATION
     position_m = np.array([[8.0, 0.0, -20.0], [8.0, 0.5, -20.0]])

@@ -7,11 +7,11 @@ from typing import Protocol
 import numpy as np
 
 from gcs.control.others import Others
-from gcs.flight.elsewhere import Returning
-from gcs.flight.site_sender import SiteSender
+from gcs.flight.elsewhere import Returning, ReturnsElsewhere
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, Mask
 from gcs.planning.return_paths.paths import ReturnPaths
+from gcs.site.sender import SiteSender
 from gcs.stations.reported_vehicles import Rows
 from gcs.stations.return_messages import ReturnMessage
 from gcs.stations.site import Site
@@ -35,13 +35,13 @@ class Known(Protocol):
         """(j,) rows of the vehicles of received stations in one of these phases."""
 
 
-class SiteReturns:
-    """Implements `ReturnsElsewhere`. Used on the event loop only."""
+class SiteReturns(ReturnsElsewhere):
+    """The part of the other stations' vehicles. Used on the event loop only."""
 
     def __init__(self, site: Site, known: Known, sender: SiteSender, now_s: Callable[[], float]) -> None:
         """`now_s`: time of this tick."""
         self._site, self._known, self._sender, self._now_s = site, known, sender, now_s
-        self.number = 0  # of the newest return that was received
+        self._newest = 0  # number of the newest return that was received
         self._parts: dict[int, ReturnMessage] = {}  # its parts, by first row
 
     @property
@@ -54,12 +54,16 @@ class SiteReturns:
         """Whether the lead's show is on its way home, so that it plans for all."""
         return self._known.show_of(self._site.lead.name) is ShowPhase.RETURNING
 
+    @property
+    def newest(self) -> int:
+        return self._newest
+
     def take(self, message: ReturnMessage) -> None:
         """Take a part of the paths that the lead has sent for own vehicles."""
-        if message.number < self.number or message.rows.max() >= len(self._site.own_ids):
+        if message.number < self._newest or message.rows.max() >= len(self._site.own_ids):
             return
-        if message.number > self.number:
-            self.number, self._parts = message.number, {}
+        if message.number > self._newest:
+            self._newest, self._parts = message.number, {}
         self._parts[int(message.rows[0])] = message
 
     def stands(self, below_m_s: float) -> bool:
@@ -92,7 +96,7 @@ class SiteReturns:
     def received_paths(self, after: int) -> tuple[ReturnPaths, Rows, Array] | None:
         """Paths of a later return for own vehicles: with their rows (m,) and landing places (m, 3)."""
         parts = list(self._parts.values())
-        if self.number <= after or not parts or len(parts) < parts[0].parts:
+        if self._newest <= after or not parts or len(parts) < parts[0].parts:
             return None
         planned = np.concatenate([part.planned for part in parts])
         paths = ReturnPaths(

@@ -14,14 +14,8 @@ from gcs.bus import Bus
 from gcs.config.schema import Config
 from gcs.control.inputs import FormationState
 from gcs.control.others import Others
-from gcs.flight.absences import Absences
-from gcs.flight.elsewhere import Returning
+from gcs.flight.elsewhere import Elsewhere, Returning
 from gcs.flight.fleet import Fleet
-from gcs.flight.led_show import PARTS, SHOW, ShowTraffic
-from gcs.flight.site_requests import REQUEST, Refusal
-from gcs.flight.site_returns import SiteReturns
-from gcs.flight.site_roles import SiteRoles, station_fleets, without_control
-from gcs.flight.site_sender import NOT_CHECKED, WHY_LENGTH, SiteSender
 from gcs.links.intake import Intake
 from gcs.model.errors import GcsError, LinkError
 from gcs.model.interrupted_flight import Offer
@@ -29,6 +23,12 @@ from gcs.model.lifecycle import AIRBORNE, ON_THE_GROUND, Phase, ShowPhase
 from gcs.model.plan import plan_of
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.preflight.vehicles import Placed
+from gcs.site.absences import Absences
+from gcs.site.led_show import PARTS, SHOW, ShowTraffic
+from gcs.site.requests import REQUEST, Refusal
+from gcs.site.returns import SiteReturns
+from gcs.site.roles import SiteRoles, station_fleets, without_control
+from gcs.site.sender import NOT_CHECKED, WHY_LENGTH, SiteSender
 from gcs.stations.letters import Letters
 from gcs.stations.messages import PHASE_CODE, PHASES
 from gcs.stations.publishing import FORMATION, SLOTS, STATES
@@ -68,10 +68,11 @@ class StationTexts:
     offers: tuple[Offer, ...] = ()  # of its interrupted flight
 
 
-class SiteMember:
-    """Used on the event loop only; nothing here waits."""
+class SiteMember(Elsewhere):
+    """The vehicles of the other stations. Used on the event loop only; nothing here waits."""
 
     def __init__(self, flight: Fleet, membership: Membership) -> None:
+        super().__init__(len(flight.vehicles))
         self.flight, self.bus = flight, membership.bus
         site_config = membership.site
         self.site = site = Site(membership.station, station_fleets(site_config), without_control(site_config))
@@ -85,9 +86,9 @@ class SiteMember:
         self.letters = {name: Letters(membership.session) for name in self.site.stations}
         self.received: list[tuple[str, dict[str, Any]]] = []  # requests and answers of this tick
         self.texts: dict[str, StationTexts] = {name: StationTexts() for name in self.site.stations}
-        self.shows = ShowTraffic(flight, site, self.all_ids)
-        self.sender = SiteSender(flight, site, self.bus, self.letters, self.shows)
-        self.returns = SiteReturns(site, self, self.sender, lambda: flight.fleet.time_s)
+        self.show_traffic = ShowTraffic(flight, site, self.all_ids)
+        self.sender = SiteSender(flight, site, self.bus, self.letters, self.show_traffic)
+        self.returns = self._returns = SiteReturns(site, self, self.sender, lambda: flight.fleet.time_s)
         self._changed_s = -np.inf  # when this station changed the lead's plan
         self._changes = 0  # of the plan, that this station asked of the lead
         self._plan_of: tuple[str, int, int] | None = None  # sender, term and version of the newest that came
@@ -112,11 +113,11 @@ class SiteMember:
                 elif topic == "plan":
                     self._take_plan(sender, payload, message.time_s)
                 elif topic in {SHOW, PARTS}:
-                    self.shows.take(sender, topic, payload, message.time_s)
+                    self.show_traffic.take(sender, topic, payload, message.time_s)
                 elif topic == "info":
                     self._take_info(sender, payload)
                 elif topic.startswith(f"return.{site.own}.") and sender == site.lead.name:
-                    self.returns.take(ReturnMessage.decode(payload))
+                    self._returns.take(ReturnMessage.decode(payload))
             except LinkError:
                 site.refused += 1
         self._others = self._landing_m = None
@@ -163,6 +164,14 @@ class SiteMember:
     def may_send(self) -> bool:
         """Whether setpoints may leave: no standby may have taken the vehicles over meanwhile."""
         return self._absences.all_answered
+
+    @property
+    def alone(self) -> bool:
+        return False
+
+    @property
+    def count(self) -> int:
+        return self.site.count
 
     @property
     def owned(self) -> Mask:
@@ -325,11 +334,10 @@ class SiteMember:
         places_m = self.others.position_m[lands, :2]
         return np.asarray(places_m[np.isfinite(places_m).all(axis=1)])
 
-    def taken_m(self, besides: Returning | None = None) -> Array:
+    def taken_m(self, besides: Returning) -> Array:
         """(j, 2) places where another vehicle must not land: pads and stands of all but `besides`."""
         home_m = self.site.home_m[:, :2].copy()
-        if besides is not None:
-            home_m[besides.rows] = nan
+        home_m[besides.rows] = nan
         return np.concatenate([home_m[np.isfinite(home_m).all(axis=1)], self.landing_m()])
 
     def placed(self) -> Placed:

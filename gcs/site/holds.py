@@ -5,8 +5,8 @@ from collections.abc import Callable
 from typing import Final
 
 from gcs.flight.fleet import Fleet
-from gcs.flight.site_member import SiteMember
 from gcs.model.lifecycle import AIRBORNE, Phase, ShowEvent, ShowPhase
+from gcs.site.member import SiteMember
 
 log = logging.getLogger(__name__)
 

@@ -1,0 +1,1 @@
+"""Several stations that fly one formation: a service over the service of this station."""

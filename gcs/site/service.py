@@ -1,0 +1,130 @@
+"""The service of a station of a site: that of its own flight, and every role for the vehicles of all."""
+
+import asyncio
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from gcs.bus import keep_bus_open
+from gcs.config.schema import Config
+from gcs.control import Tick
+from gcs.flight.elsewhere import TickHooks
+from gcs.flight.orchestrator import Orchestrator
+from gcs.links.batch_link import Link
+from gcs.recording.sample import Elsewhere as RecordedElsewhere
+from gcs.recording.session import Record
+from gcs.service import CommandRecord, FleetView, ShowAction
+from gcs.service.alarms import AlarmCause, Condition
+from gcs.site.arrivals import ShowArrivals
+from gcs.site.commander import SiteCommands, SitePreflight, SiteRecovery, SiteStations
+from gcs.site.display import SiteDisplay
+from gcs.site.executor import RequestExecutor
+from gcs.site.holds import SiteHolds
+from gcs.site.member import Membership, SiteMember
+from gcs.site.plan import SitePlanEditor
+from gcs.site.player import SitePlayer
+from gcs.site.routing import SiteRouting
+from gcs.site.shows import SiteShows
+from gcs.site.standby import Standby
+from gcs.stations import publishing
+
+
+@dataclass(eq=False)
+class SiteHooks(TickHooks):
+    """What a tick of this station does with the others."""
+
+    member: SiteMember
+    display: SiteDisplay
+    standby: Standby
+    commands: SiteCommands
+    executor: RequestExecutor
+
+    def before(self, now_s: float) -> None:
+        self.member.receive(now_s)
+        self.standby.release()  # before the setpoints of this tick
+
+    @property
+    def may_send(self) -> bool:
+        """Whether no standby may have taken the vehicles over meanwhile."""
+        return self.member.may_send
+
+    def sent(self, result: Tick, *, all_up: bool) -> None:
+        self.member.sender.publish(result, all_up=all_up, leads=self.member.leads_now)
+
+    def after(self) -> None:
+        self.executor.advance()
+
+    def spread(self, record: CommandRecord, action: ShowAction, reason: str) -> CommandRecord:
+        return self.commands.spread(record, action, reason)
+
+    def conditions(self) -> Iterable[Condition]:
+        for name, why in self.member.lost.items():
+            yield Condition(AlarmCause.STATION_LOST, why, about=name)
+
+    def whole(self, own: Callable[[], FleetView], result: Tick) -> FleetView:
+        return self.display.whole(own(), result)
+
+    def recorded(self) -> RecordedElsewhere:
+        return self.display.recorded()
+
+
+class SiteService:
+    """Flies one station's vehicles with those of the others. Implements `gcs.service.Service`."""
+
+    def __init__(
+        self,
+        config: Config,
+        links: Sequence[Link],
+        membership: Membership,
+        record: Record | None = None,
+        *,
+        planning: Executor | None = None,
+        reading: Executor | None = None,
+        **given: Any,
+    ) -> None:
+        """As `Orchestrator`, which flies the own vehicles and takes the other arguments.
+
+        Args:
+            config: of this station.
+            links: of its vehicles, and of those that it stands by for.
+            membership: of the site.
+            record: as `Orchestrator`.
+            planning: as `Orchestrator`.
+            reading: executor that reads shows of other stations; None: that of the planner.
+            given: further arguments of `Orchestrator`.
+        """
+        publishing.warm_up()
+        planning = planning or ThreadPoolExecutor(1, thread_name_prefix="ways")
+        self.local = local = Orchestrator(config, links, record, planning=planning, **given)
+        flight, commander, bus = local.fleet, local.commands, membership.site.bus
+        self._member = member = SiteMember(flight, membership)
+        display, routing = SiteDisplay(member, membership.site), SiteRouting(member, flight.book)
+        standby = Standby(flight, local.maneuvers, member, bus.lease_s, bus.standby_rejoins)
+        pause = partial(commander.execute_own_failsafe, ShowAction.PAUSE)
+        holds = SiteHolds(flight, member, pause, partial(commander.command_show, ShowAction.RESUME))
+        arrivals = ShowArrivals(local.shows, reading or planning)
+        member.shows = shows = SiteShows(flight, local.player, member, arrivals)
+
+        self.plan = SitePlanEditor(local.plan, member)
+        self.player = SitePlayer(flight, local.player, member, shows)
+        self.commands = SiteCommands(commander, member, shows, routing, holds)
+        self.stations = SiteStations(member, display, standby, routing)
+        self.preflight = SitePreflight(local.preflight, member, routing)
+        self.recovery = SiteRecovery(local.recovery, member, routing)
+        executor = RequestExecutor(
+            commander, local.preflight, member, routing, holds, standby, self.plan, self.player, shows
+        )
+        member.hooks = SiteHooks(member, display, standby, self.commands, executor)
+        local.join(member)
+
+        self.view, self.frame, self.replaying = local.view, local.frame, None
+        self.audit, self.events, self.alarms = local.audit, local.events, local.alarms
+        self.shows, self.command_log = local.shows, local.command_log
+
+    async def run(self) -> None:
+        """Fly until cancelled; an error of the bus ends the flight's control as one of its own does."""
+        async with asyncio.TaskGroup() as group:
+            group.create_task(keep_bus_open(self._member.bus), name="bus")
+            await self.local.run()
