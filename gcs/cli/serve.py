@@ -36,7 +36,7 @@ from gcs.config.setting_errors import Misfit, explained
 from gcs.config.site import station_config
 from gcs.config.yaml_files import Source
 from gcs.flight.orchestrator import Heart, Orchestrator
-from gcs.flight.timecode import Timecode
+from gcs.flight.state.timecode import Timecode
 from gcs.links import rtk
 from gcs.links.batch_link import Link
 from gcs.links.mavsdk.link import MavsdkLink

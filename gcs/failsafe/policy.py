@@ -1,7 +1,7 @@
 """Failsafes of this service in flight: causes, actions, settings. Pure.
 
-The conditions are in `gcs.failsafe.triggers`; `gcs.flight.failsafe_monitor` commands what they request.
-Decision 0016.
+The conditions are in `gcs.failsafe.triggers`; `gcs.flight.monitors.failsafe_monitor` commands what they
+request. Decision 0016.
 """
 
 from enum import StrEnum

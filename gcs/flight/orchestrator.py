@@ -16,21 +16,21 @@ from gcs.config.schema import Config
 from gcs.control import Memory, Tick, tick, warm_up
 from gcs.estimation import link_health
 from gcs.failsafe import triggers
-from gcs.flight.alarm_monitor import AlarmMonitor, Findings
-from gcs.flight.commander import Commander
-from gcs.flight.corrections import Corrections
-from gcs.flight.elsewhere import Elsewhere
-from gcs.flight.fleet import Fleet
-from gcs.flight.lights import Lights
-from gcs.flight.maneuvers import Maneuvers
-from gcs.flight.parameter_reader import ParameterReader
-from gcs.flight.plan_editor import PlanEditor
-from gcs.flight.preflight_gate import PreflightGate
-from gcs.flight.show_player import ShowPlayer
+from gcs.flight.commands.commander import Commander
+from gcs.flight.commands.plan_editor import PlanEditor
+from gcs.flight.maneuvers.maneuvers import Maneuvers
+from gcs.flight.monitors.alarm_monitor import AlarmMonitor, Findings
+from gcs.flight.monitors.snapshots import Estimating, fleet_view
+from gcs.flight.preflight.parameter_reader import ParameterReader
+from gcs.flight.preflight.preflight_gate import PreflightGate
 from gcs.flight.show_progress import ShowProgress
-from gcs.flight.snapshots import Estimating, fleet_view
-from gcs.flight.ticker import TickClock, garbage_between_ticks, ticks
-from gcs.flight.timecode import Timecode
+from gcs.flight.shows.lights import Lights
+from gcs.flight.shows.show_player import ShowPlayer
+from gcs.flight.state.corrections import Corrections
+from gcs.flight.state.elsewhere import Elsewhere
+from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.ticker import TickClock, garbage_between_ticks, ticks
+from gcs.flight.state.timecode import Timecode
 from gcs.links.batch_link import Link
 from gcs.links.link_set import SetpointRouting, keep_open
 from gcs.planning import lost_space, silent_space

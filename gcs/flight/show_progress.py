@@ -4,17 +4,17 @@ import logging
 from dataclasses import dataclass
 from typing import Final
 
-from gcs.flight.commander import Commander
-from gcs.flight.failsafe_monitor import FailsafeMonitor
-from gcs.flight.fleet import Fleet
-from gcs.flight.landing_places import landing_sites_m
-from gcs.flight.maneuvers import Maneuvers
-from gcs.flight.parameter_reader import ParameterReader
-from gcs.flight.show_player import ShowPlayer
-from gcs.flight.start import uncontrolled, uncontrolled_reason
-from gcs.flight.telemetry_monitor import TelemetryMonitor
-from gcs.flight.ticker import TickClock
-from gcs.flight.vehicle import Vehicle
+from gcs.flight.commands.commander import Commander
+from gcs.flight.commands.start import uncontrolled, uncontrolled_reason
+from gcs.flight.maneuvers.landing_places import landing_sites_m
+from gcs.flight.maneuvers.maneuvers import Maneuvers
+from gcs.flight.monitors.failsafe_monitor import FailsafeMonitor
+from gcs.flight.monitors.telemetry_monitor import TelemetryMonitor
+from gcs.flight.preflight.parameter_reader import ParameterReader
+from gcs.flight.shows.show_player import ShowPlayer
+from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.ticker import TickClock
+from gcs.flight.state.vehicle import Vehicle
 from gcs.model.errors import CommandError, RefusedError
 from gcs.model.lifecycle import ANYTHING_FLIES, ON_THE_GROUND, Phase, ShowEvent, ShowPhase
 from gcs.model.state import Whereabouts

@@ -4,8 +4,8 @@ Sources report regularly which `Condition`s hold; the `AlarmBook` turns them int
 
 1. add a member to `AlarmCause` and its row to `CAUSES` (severity, headline, advice);
 2. add its row to the table in docs/operations.md (a test compares the two);
-3. yield a `Condition` while the cause holds, from `gcs.flight.alarm_monitor` or from one of its sources. Pass
-   a value at a limit through `beyond` first, so that it does not flicker.
+3. yield a `Condition` while the cause holds, from `gcs.flight.monitors.alarm_monitor` or from one of its
+   sources. Pass a value at a limit through `beyond` first, so that it does not flicker.
 """
 
 import re

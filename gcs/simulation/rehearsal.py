@@ -8,10 +8,10 @@ import numpy as np
 
 from gcs.control import Task, Tasks
 from gcs.failsafe.policy import Action, Cause, FailsafePolicy
-from gcs.flight.fleet import stands
-from gcs.flight.maneuvers import UP_SHARE
-from gcs.flight.running_show import ShowFleet, ShowRun
-from gcs.flight.spares import climb_is_free, replacements
+from gcs.flight.commands.spares import climb_is_free, replacements
+from gcs.flight.maneuvers.maneuvers import UP_SHARE
+from gcs.flight.state.fleet import stands
+from gcs.flight.state.running_show import ShowFleet, ShowRun
 from gcs.model.errors import RefusedError
 from gcs.model.plan import Obstacle, Plan
 from gcs.model.state import Array, Mask, VehicleId

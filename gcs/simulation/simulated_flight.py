@@ -13,8 +13,8 @@ from gcs.config.sections import OperationSettings
 from gcs.control import ControlSettings, Memory, Task, Tasks, ellipses_of, tick, warm_up
 from gcs.control.late_links import fleet_delay_s, for_late_links
 from gcs.failsafe.policy import Action
-from gcs.flight.commander import STOPS_WITHIN_S
-from gcs.flight.ticker import garbage_between_ticks
+from gcs.flight.commands.commander import STOPS_WITHIN_S
+from gcs.flight.state.ticker import garbage_between_ticks
 from gcs.formation.neighbours import Sight
 from gcs.model.plan import Obstacle, Plan
 from gcs.model.state import Array, FleetState, Mask, Traits
@@ -236,7 +236,7 @@ class SimulatedFlight:
         return sites_m
 
     def _lead_down(self, rows: Mask, site_m: Array, *, returns: bool = False) -> None:
-        """Lead vehicles above their places (n, 3) and down, as `gcs.flight.landings` does."""
+        """Lead vehicles above their places (n, 3) and down, as `gcs.flight.maneuvers.landings` does."""
         flight, least_m = self.scenario.flight, -np.inf
         if returns and isinstance(flight, FormationFlight):
             least_m = flight.takeoff_height_m

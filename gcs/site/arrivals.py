@@ -5,7 +5,7 @@ from concurrent.futures import Executor, Future
 from dataclasses import replace
 from typing import Final
 
-from gcs.flight.running_show import ShowRun
+from gcs.flight.state.running_show import ShowRun
 from gcs.model.errors import ConfigError, RefusedError
 from gcs.shows import Timeline
 from gcs.shows.library import ShowLibrary

@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 from math import inf, nan
 from typing import Final
 
-from gcs.flight.elsewhere import LedBegin
-from gcs.flight.fleet import Fleet
-from gcs.flight.running_show import ShowRun
-from gcs.flight.show_begin import ALIGNS_S, EARLY_S, ShowBegin
+from gcs.flight.shows.show_begin import ALIGNS_S, EARLY_S, ShowBegin
+from gcs.flight.state.elsewhere import LedBegin
+from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.running_show import ShowRun
 from gcs.model.lifecycle import ShowPhase
 from gcs.site.led_show import LedShow
 from gcs.site.member import SiteMember

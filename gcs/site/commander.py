@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Final
 
-from gcs.flight.commander import Commander
-from gcs.flight.preflight_gate import REASON_MAX, PreflightGate
-from gcs.flight.recovery import Recovery
+from gcs.flight.commands.commander import Commander
+from gcs.flight.commands.recovery import Recovery
+from gcs.flight.preflight.preflight_gate import REASON_MAX, PreflightGate
 from gcs.model.errors import InvalidError, RefusedError, UnknownError
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import AIRBORNE, ON_THE_GROUND, Phase

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from gcs.config.schema import Config
 from gcs.control import Tick
-from gcs.flight.snapshots import finite
+from gcs.flight.monitors.snapshots import finite
 from gcs.model.lifecycle import GROUNDED, Phase
 from gcs.model.state import Landed
 from gcs.recording.mcap_layout import packed_state

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from gcs.flight.commander import Commander
-from gcs.flight.preflight_gate import PreflightGate
+from gcs.flight.commands.commander import Commander
+from gcs.flight.preflight.preflight_gate import PreflightGate
 from gcs.model.errors import GcsError
 from gcs.model.lifecycle import ON_THE_GROUND, Phase
 from gcs.service import CALLER, CommandRecord, ShowAction, VehicleAction

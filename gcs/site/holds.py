@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable
 from typing import Final
 
-from gcs.flight.fleet import Fleet
+from gcs.flight.state.fleet import Fleet
 from gcs.model.lifecycle import AIRBORNE, Phase, ShowEvent, ShowPhase
 from gcs.site.member import SiteMember
 

@@ -12,8 +12,8 @@ from typing import Any, Final
 
 from pydantic_core import from_json
 
-from gcs.flight.fleet import Fleet
-from gcs.flight.running_show import ShowRun
+from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.running_show import ShowRun
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import ON_THE_GROUND
 from gcs.model.state import VehicleId

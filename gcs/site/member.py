@@ -14,8 +14,8 @@ from gcs.bus import Bus
 from gcs.config.schema import Config
 from gcs.control.inputs import FormationState
 from gcs.control.others import Others
-from gcs.flight.elsewhere import Elsewhere, Returning
-from gcs.flight.fleet import Fleet
+from gcs.flight.state.elsewhere import Elsewhere, Returning
+from gcs.flight.state.fleet import Fleet
 from gcs.links.intake import Intake
 from gcs.model.errors import GcsError, LinkError
 from gcs.model.interrupted_flight import Offer

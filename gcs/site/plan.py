@@ -7,7 +7,7 @@ from typing import Any, Final
 
 from pydantic import TypeAdapter
 
-from gcs.flight.plan_editor import PlanEditor
+from gcs.flight.commands.plan_editor import PlanEditor
 from gcs.model.errors import GcsError, RefusedError
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw
 from gcs.service import CALLER

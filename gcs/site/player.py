@@ -3,9 +3,9 @@
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
-from gcs.flight.fleet import Fleet
-from gcs.flight.running_show import ShowRun
-from gcs.flight.show_player import ShowPlayer
+from gcs.flight.shows.show_player import ShowPlayer
+from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.running_show import ShowRun
 from gcs.model.errors import GcsError, RefusedError
 from gcs.model.lifecycle import ON_THE_GROUND
 from gcs.service import CALLER, BeginState, BeginView, SelectedShow

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from gcs.control.others import Others
-from gcs.flight.elsewhere import Returning, ReturnsElsewhere
+from gcs.flight.state.elsewhere import Returning, ReturnsElsewhere
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, Mask
 from gcs.planning.return_paths.paths import ReturnPaths

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gcs.bus import Bus
 from gcs.bus.interface import PAYLOAD_MAX
 from gcs.control import Tick
-from gcs.flight.fleet import Fleet
+from gcs.flight.state.fleet import Fleet
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import Phase
 from gcs.model.plan import Plan, plan_json

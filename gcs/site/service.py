@@ -10,8 +10,8 @@ from typing import Any
 from gcs.bus import keep_bus_open
 from gcs.config.schema import Config
 from gcs.control import Tick
-from gcs.flight.elsewhere import TickHooks
 from gcs.flight.orchestrator import Orchestrator
+from gcs.flight.state.elsewhere import TickHooks
 from gcs.links.batch_link import Link
 from gcs.recording.sample import Elsewhere as RecordedElsewhere
 from gcs.recording.session import Record

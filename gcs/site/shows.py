@@ -13,10 +13,10 @@ from typing import Final
 
 import numpy as np
 
-from gcs.flight.elsewhere import LedBegin, ShowsElsewhere
-from gcs.flight.fleet import Fleet
-from gcs.flight.running_show import ShowFleet, ShowRun
-from gcs.flight.show_player import ShowPlayer
+from gcs.flight.shows.show_player import ShowPlayer
+from gcs.flight.state.elsewhere import LedBegin, ShowsElsewhere
+from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.running_show import ShowFleet, ShowRun
 from gcs.model.errors import LinkError, RefusedError
 from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.model.state import VehicleId

@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
-from gcs.flight.fleet import Fleet
-from gcs.flight.maneuvers import Maneuvers
-from gcs.flight.refusals import why_never, why_not_touching_down
-from gcs.flight.vehicle import Vehicle
+from gcs.flight.maneuvers.maneuvers import Maneuvers
+from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.refusals import why_never, why_not_touching_down
+from gcs.flight.state.vehicle import Vehicle
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import AIRBORNE, GROUNDED, Event, Phase, ShowPhase
 from gcs.service import CommandRecord, Outcome

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gcs.flight.refusals import A_PERSON_FLIES
+from gcs.flight.state.refusals import A_PERSON_FLIES
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import Outcome, ShowAction, VehicleAction
 from gcs.sim.vehicle.px4 import Mode as PilotMode

@@ -6,7 +6,7 @@ from typing import Final, NamedTuple
 import numpy as np
 import pytest
 
-from gcs.flight.ticker import ticks
+from gcs.flight.state.ticker import ticks
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import BeginState, BeginView, SelectedShow, ShowAction

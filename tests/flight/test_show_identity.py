@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
-from gcs.flight.vehicle import LANDED_UNKNOWN, NOT_RECEIVED
+from gcs.flight.state.vehicle import LANDED_UNKNOWN, NOT_RECEIVED
 from gcs.links.address_book import BOTH_S
 from gcs.model.lifecycle import Phase
 from gcs.model.preflight_report import State

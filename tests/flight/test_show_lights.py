@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from gcs.config.schema import Config
-from gcs.flight.lights import FOUND, FULL, LOW, OFF
+from gcs.flight.shows.lights import FOUND, FULL, LOW, OFF
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import ShowAction, VehicleAction

@@ -6,7 +6,7 @@ import logging
 import numpy as np
 import pytest
 
-from gcs.flight.ticker import TickClock, ticks
+from gcs.flight.state.ticker import TickClock, ticks
 from gcs.links.batch_link import Link
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase

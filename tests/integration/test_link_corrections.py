@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import pytest
 
-from gcs.flight.corrections import Corrections
+from gcs.flight.state.corrections import Corrections
 from gcs.links.native.link import NativeLink
 from gcs.links.rtcm_stream import Place
 from gcs.links.rtk import keep_receiving

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from gcs.control import ControlSettings, Memory, Task, Tasks, Tick, tick
-from gcs.flight.commander import STOPS_WITHIN_S
+from gcs.flight.commands.commander import STOPS_WITHIN_S
 from gcs.formation.repulsion import best_configuration, energy, nearest_m
 from gcs.model.plan import Formation, Plan
 from gcs.model.state import Array, FleetState, Mask, Traits

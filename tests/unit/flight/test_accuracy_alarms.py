@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from gcs.control import Memory, Tick
-from gcs.flight.accuracy_alarms import LASTS_S, NO_FIX, AccuracyAlarms
-from gcs.flight.fleet import Fleet
+from gcs.flight.monitors.accuracy_alarms import LASTS_S, NO_FIX, AccuracyAlarms
+from gcs.flight.state.fleet import Fleet
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, FleetState, Setpoints
 from gcs.safety.authority import Authority

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 
 from gcs.control import Memory, Tick
-from gcs.flight.alarm_monitor import AlarmMonitor, Findings
-from gcs.flight.fleet import Fleet
-from gcs.flight.vehicle import VehicleStatus
+from gcs.flight.monitors.alarm_monitor import AlarmMonitor, Findings
+from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.vehicle import VehicleStatus
 from gcs.model.lifecycle import Event, Phase
 from gcs.model.state import Landed, Mode, Setpoints, StatusText
 from gcs.safety.floor import Floor

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gcs.control import ControlSettings, Memory, Task, Tasks, tick
-from gcs.flight.space_alarms import of_routes
+from gcs.flight.monitors.space_alarms import of_routes
 from gcs.model.plan import Formation, Plan
 from gcs.model.state import FleetState, Traits
 from gcs.service.alarms import AlarmCause

@@ -9,7 +9,7 @@ import pytest
 
 from gcs.config.schema import Config
 from gcs.control import Memory, Task
-from gcs.flight.fleet import SETTLES_S, Fleet, stands
+from gcs.flight.state.fleet import SETTLES_S, Fleet, stands
 from gcs.formation.orbit import Center
 from gcs.formation.repulsion import best_configuration
 from gcs.model.lifecycle import Phase, ShowPhase

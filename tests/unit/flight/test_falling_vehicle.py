@@ -1,7 +1,7 @@
 """A killed ArduCopter reports ON_GROUND at 22 m, falling: it is on the ground when it lies there."""
 
 from gcs.config.schema import Config
-from gcs.flight.fleet import Fleet
+from gcs.flight.state.fleet import Fleet
 from gcs.links.autopilots import AUTOPILOTS
 from gcs.links.native.link import NativeLink
 from gcs.model.lifecycle import Event, Phase

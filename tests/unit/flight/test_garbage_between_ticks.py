@@ -3,7 +3,7 @@
 import gc
 import weakref
 
-from gcs.flight.ticker import FULL_S, garbage_between_ticks
+from gcs.flight.state.ticker import FULL_S, garbage_between_ticks
 
 
 class Knot:

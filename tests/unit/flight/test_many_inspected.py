@@ -9,10 +9,10 @@ import pytest
 
 from gcs.config.schema import Config
 from gcs.failsafe.autopilot_failsafe import FailsafeCause
-from gcs.flight.fleet import Fleet
-from gcs.flight.maneuvers import Maneuvers
-from gcs.flight.telemetry_monitor import AT_ONCE_MAX, TelemetryMonitor
-from gcs.flight.vehicle import Vehicle
+from gcs.flight.maneuvers.maneuvers import Maneuvers
+from gcs.flight.monitors.telemetry_monitor import AT_ONCE_MAX, TelemetryMonitor
+from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.vehicle import Vehicle
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Landed, Mode, Telemetry, VehicleId
 from tests.support.silent_link import SilentLink

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gcs.flight.space_alarms import inside_margins
+from gcs.flight.monitors.space_alarms import inside_margins
 from gcs.model.plan import Obstacle
 
 HALL = Obstacle("hall", 10.0, 0.0, 4.0, 2.0, 20.0)

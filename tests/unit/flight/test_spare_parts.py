@@ -8,8 +8,8 @@ import pytest
 import yaml
 
 from gcs.config.yaml_files import shipped_folder
-from gcs.flight.running_show import ShowRun
-from gcs.flight.spares import climb_is_free, replacements
+from gcs.flight.commands.spares import climb_is_free, replacements
+from gcs.flight.state.running_show import ShowRun
 from gcs.shows import ShowClock, parse
 from gcs.shows.formats import parse_drawing
 from gcs.shows.importing import show_text

@@ -5,7 +5,7 @@ import pytest
 
 from gcs.control import Task
 from gcs.failsafe.autopilot_failsafe import FailsafeCause
-from gcs.flight.vehicle import LANDED_UNKNOWN, Vehicle, VehicleStatus, require_phase
+from gcs.flight.state.vehicle import LANDED_UNKNOWN, Vehicle, VehicleStatus, require_phase
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import AIRBORNE, Event, Phase, ShowPhase
 from gcs.model.state import Landed, Mode

@@ -9,7 +9,7 @@ import pytest
 from gcs.config.schema import Config
 from gcs.config.sections import OperationSettings
 from gcs.control import ControlSettings
-from gcs.flight.parameter_reader import read_needed
+from gcs.flight.preflight.parameter_reader import read_needed
 from gcs.links import ParameterValue
 from gcs.links.autopilots import AUTOPILOTS
 from gcs.links.autopilots.versions import Release, Version

@@ -70,10 +70,10 @@ def test_calls_are_read_back_long_bodies_shortened(tmp_path: Path) -> None:
 
 def test_logged_event_is_recorded(tmp_path: Path) -> None:
     with Record(tmp_path, CONFIG, VEHICLES):
-        logging.getLogger("gcs.flight.vehicle").warning(
+        logging.getLogger("gcs.flight.state.vehicle").warning(
             "vehicle_phase", extra={"vehicle": "d1", "was": "hold", "phase": "lost"}
         )
-    logging.getLogger("gcs.flight.vehicle").warning("after_the_end")
+    logging.getLogger("gcs.flight.state.vehicle").warning("after_the_end")
     (event,) = events(tmp_path)
     assert (event["level"], event["event"], event["vehicle"]) == ("warning", "vehicle_phase", "d1")
     assert event["detail"] == {"was": "hold", "phase": "lost"}

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from gcs.failsafe.autopilot_failsafe import ADVICE_TO_MANY
-from gcs.flight.space_alarms import ClosePairs
+from gcs.flight.monitors.space_alarms import ClosePairs
 from gcs.model.errors import UnknownError
 from gcs.safety.floor import Floor
 from gcs.service.alarm_book import AlarmBook, ChangeKind

@@ -7,7 +7,7 @@ from gcs.service.event_log import KEPT, EventLog, Severity, attached
 
 def test_newest_log_lines_are_kept_with_their_vehicles() -> None:
     events = EventLog()
-    log = logging.getLogger("gcs.flight.vehicle")
+    log = logging.getLogger("gcs.flight.state.vehicle")
     logger = logging.getLogger("gcs")
     before = logger.level, list(logger.handlers)
     with attached(events):

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gcs.config.schema import find, load
-from gcs.flight.vehicle import Vehicle, VehicleStatus
+from gcs.flight.state.vehicle import Vehicle, VehicleStatus
 from gcs.links.command_protocol import CommandProtocol
 from gcs.links.link_set import SetpointRouting
 from gcs.links.sender import SetpointBatch

@@ -8,7 +8,7 @@ import pytest
 from gcs.bus.memory_bus import network
 from gcs.config.site import station_config
 from gcs.control import Memory
-from gcs.flight.fleet import Fleet
+from gcs.flight.state.fleet import Fleet
 from gcs.formation.orbit import Center
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.site.member import Membership, SiteMember

@@ -1,0 +1,248 @@
+"""Changes of the plan: by operators, and from the record of an interrupted flight. All are checked first."""
+
+import logging
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+from gcs.flight.maneuvers.maneuvers import Maneuvers
+from gcs.flight.shows.show_player import ShowPlayer
+from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.vehicle import Vehicle
+from gcs.model.errors import GcsError, RefusedError, UnknownError
+from gcs.model.interrupted_flight import TAKEN_OVER_FROM, Interruption, Offer
+from gcs.model.lifecycle import ON_THE_GROUND, Phase
+from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Plan, Target, Yaw, plan_of
+from gcs.planning.feasibility import check_formation, check_orbit, check_radius, check_target, followed
+
+log = logging.getLogger(__name__)
+
+Part = TypeVar("Part", Formation, Orbit, Yaw)
+
+
+@dataclass(eq=False)
+class PlanEditor:
+    """Changes the plan of a flight, or refuses the change. Implements `gcs.service.PlanChanges`."""
+
+    flight: Fleet
+    show_player: ShowPlayer
+    maneuvers: Maneuvers
+    now_s: Callable[[], float]
+
+    @property
+    def current(self) -> Plan:
+        return self.flight.plan
+
+    def _taking_part(self) -> list[Vehicle]:
+        return [*self.flight.airborne, *self.maneuvers.waiting]
+
+    def _to_fly(self) -> list[Vehicle]:
+        """Vehicles that the formation must have room for: on the ground, those online and not excluded."""
+        flight = self.flight
+        online = (vehicle for vehicle in flight.vehicles.values() if vehicle.phase is not Phase.OFFLINE)
+        found = [vehicle for vehicle in online if vehicle.id not in flight.excluded]
+        flying = found if flight.show in ON_THE_GROUND else self._taking_part()
+        return flying or list(flight.vehicles.values())
+
+    def set_formation(self, formation: Formation, fields: Sequence[str] = ()) -> None:
+        """Change radius, height and, on the ground, the law; a refusal names values that are accepted."""
+        flight = self.flight
+        self.show_player.need_free("formation")
+        was = flight.plan.formation
+        formation = _changed(was, formation, fields)
+        if formation.law is not was.law:
+            flight.need_no_countdown()
+            self.show_player.need_ground("change the law")
+            if formation == replace(
+                was, law=formation.law
+            ):  # the radius stays, also where receivers are worse
+                flight.plan = replace(flight.plan, formation=formation)
+                return
+        flying, target, control = self._to_fly(), self._followed(), flight.control
+        if formation.height_m == was.height_m and formation.radius_m > was.radius_m:
+            check_radius(formation.radius_m, formation.height_m, target, flight.plan.orbit, control.safety)
+        uncertainty_m = flight.in_formation_m(flying)
+        check_formation(formation, len(uncertainty_m), control.safety, uncertainty_m)
+        check_target(target, flight.plan.orbit, formation, control, changed="formation")
+        flight.plan = replace(flight.plan, formation=formation)
+
+    def set_orbit(self, orbit: Orbit, fields: Sequence[str] = ()) -> None:
+        flight = self.flight
+        self.show_player.need_free("orbit")
+        orbit = _changed(flight.plan.orbit, orbit, fields)
+        control = flight.control
+        check_orbit(orbit, control.law)
+        check_target(self._followed(), orbit, flight.plan.formation, control, changed="orbit")
+        flight.plan = replace(flight.plan, orbit=orbit)
+
+    def set_target(self, target: Target) -> None:
+        self.show_player.set_target(replace(target, time_s=self.now_s()))
+
+    def _followed(self) -> Target:
+        now_s = self.now_s()
+        return followed(self.flight.plan, now_s, self.flight.control.safety.fence)
+
+    def set_yaw(self, yaw: Yaw, fields: Sequence[str] = ()) -> None:
+        self.flight.plan = replace(self.flight.plan, yaw=_changed(self.flight.plan.yaw, yaw, fields))
+
+    def add_obstacle(self, obstacle: Obstacle) -> None:
+        self.show_player.need_own_obstacle(obstacle.id)
+        if any(known.id == obstacle.id for known in self.flight.plan.obstacles):
+            raise RefusedError(f"there is an obstacle {obstacle.id} already; change or remove it")
+        if len(self.flight.plan.obstacles) + self.show_player.reserved >= MAX_OBSTACLES:
+            raise RefusedError(f"there are {MAX_OBSTACLES} obstacles already, the most possible; remove one")
+        self._place_obstacle(obstacle)
+
+    def change_obstacle(self, obstacle: Obstacle) -> None:
+        self._need_obstacle(obstacle.id)
+        self._place_obstacle(obstacle)
+
+    def remove_obstacle(self, obstacle_id: str) -> None:
+        self._need_obstacle(obstacle_id)
+        self._set_obstacles([known for known in self.flight.plan.obstacles if known.id != obstacle_id])
+
+    def _need_obstacle(self, obstacle_id: str) -> None:
+        self.show_player.need_own_obstacle(obstacle_id)
+        known = [obstacle.id for obstacle in self.flight.plan.obstacles]
+        if obstacle_id not in known:
+            raise UnknownError(f"there is no obstacle {obstacle_id}; there are {', '.join(known) or 'none'}")
+
+    def _place_obstacle(self, obstacle: Obstacle) -> None:
+        """An obstacle that is there is a fact, whoever is near: it is never refused."""
+        others = [known for known in self.flight.plan.obstacles if known.id != obstacle.id]
+        self._set_obstacles([*others, replace(obstacle, time_s=self.now_s())])
+
+    def _set_obstacles(self, obstacles: Sequence[Obstacle]) -> None:
+        self.flight.plan = replace(self.flight.plan, obstacles=tuple(obstacles))
+
+
+def _changed(was: Part, desired: Part, fields: Sequence[str]) -> Part:
+    """`was` with these fields of `desired`; without fields, all of `desired`."""
+    return replace(was, **{name: getattr(desired, name) for name in fields}) if fields else desired
+
+
+def merged_obstacles(
+    recorded: Sequence[Obstacle], configured: Sequence[Obstacle], now: Sequence[Obstacle]
+) -> tuple[Obstacle, ...]:
+    """Merge the interrupted flight's obstacles with an operator's changes since the restart.
+
+    The newest command counts; `configured` are those with which this service began.
+    """
+    before, standing = {box.id: box for box in configured}, {box.id for box in now}
+    changed = [box for box in now if before.get(box.id) != box]
+    decided = {box.id for box in changed} | (before.keys() - standing)
+    return (*(box for box in recorded if box.id not in decided), *changed)
+
+
+@dataclass(eq=False)
+class RestoredPlan:
+    """Restores the plan of an interrupted flight, once for each offer. Changed on the event loop only."""
+
+    flight: Fleet
+    show_player: ShowPlayer
+
+    def __post_init__(self) -> None:
+        self._configured = self.flight.plan
+        self._restored: set[Offer] = set()
+
+    @property
+    def is_taken_over(self) -> bool:
+        return Offer.TAKE_OVER in self._restored
+
+    def forget(self) -> None:
+        """Forget the interruption: a later one is restored anew."""
+        self._restored.clear()
+
+    def why_not(self, found: Interruption) -> str:
+        """Why no vehicle can return to the formation; empty when they can."""
+        if found.show not in TAKEN_OVER_FROM:
+            return f"take-over is not offered: the show was {found.show}"
+        try:
+            if found.stalled_s is not None and found.plan is None:
+                return ""  # the plan that was flown still applies
+            if found.written is not None:
+                self.show_player.find(found.written.name, found.written.hash)
+            else:
+                self._checked(found)
+        except GcsError as error:
+            return f"take-over is not offered: {error}"
+        return ""
+
+    def restore(self, found: Interruption, offer: Offer) -> None:
+        """Restore the whole plan to take over, or its obstacles to return the vehicles.
+
+        Raises: RefusedError if a take-over cannot fly it; a return is never refused.
+        """
+        if found.plan is None and found.stalled_s is not None:
+            return  # the service has kept it
+        if not self._restored.isdisjoint({offer, Offer.TAKE_OVER}):
+            return
+        if offer is Offer.BRING_HOME:
+            self._restore_obstacles(found)
+        else:
+            plan = self._checked(found)
+            if found.written is None:
+                self.flight.plan = plan
+            elif self.flight.show_run is None:
+                self.show_player.resume(found.written, plan)
+        self._restored.add(offer)
+
+    def _restore_obstacles(self, found: Interruption) -> None:
+        """Restore as many obstacles as are allowed; an unreadable record has none."""
+        flight = self.flight
+        if found.plan is None or flight.show_run is not None:
+            return
+        try:
+            recorded = self._recorded(found).obstacles
+        except RefusedError as error:
+            log.warning("obstacles_not_restored", extra={"reason": str(error)})
+            return
+        merged = merged_obstacles(recorded, self._configured.obstacles, flight.plan.obstacles)
+        if len(merged) > MAX_OBSTACLES:
+            reason = f"{len(merged)} obstacles, at most {MAX_OBSTACLES} stand: the oldest are left out"
+            log.warning("obstacles_not_restored", extra={"reason": reason})
+        flight.plan = replace(flight.plan, obstacles=merged[-MAX_OBSTACLES:])
+
+    def _recorded(self, found: Interruption) -> Plan:
+        """The recorded plan, with target and obstacles moved to now. Raises: RefusedError if unreadable."""
+        if found.plan is None:
+            raise RefusedError("what was flown is not in the record")
+        now_s = self.flight.fleet.time_s
+        try:
+            shift_s = now_s - (self.flight.unix_s() - found.unix_s) - float(found.plan["time_s"])
+            return plan_of(found.plan, shift_s)
+        except (GcsError, KeyError, TypeError, ValueError) as error:
+            raise RefusedError(f"the plan of the record cannot be read: {error!r}") from None
+
+    def _merged(self, found: Interruption) -> Plan:
+        """The recorded plan with an operator's changes since the restart. Raises: RefusedError."""
+        recorded, configured, now = self._recorded(found), self._configured, self.flight.plan
+        merged = merged_obstacles(recorded.obstacles, configured.obstacles, now.obstacles)
+        if len(merged) > MAX_OBSTACLES:
+            text = f"{len(merged)} obstacles, with those of the interrupted flight; at most {MAX_OBSTACLES}"
+            raise RefusedError(f"{text}: remove {len(merged) - MAX_OBSTACLES}")
+        return Plan(
+            formation=replace(
+                recorded.formation if now.formation == configured.formation else now.formation,
+                law=recorded.formation.law,  # not changed in flight
+            ),
+            orbit=recorded.orbit if now.orbit == configured.orbit else now.orbit,
+            target=recorded.target if now.target == configured.target else now.target,
+            obstacles=merged,
+            yaw=recorded.yaw if now.yaw == configured.yaw else now.yaw,
+        )
+
+    def _checked(self, found: Interruption) -> Plan:
+        """The merged plan, if it may be flown. Raises: RefusedError."""
+        plan, control = self._merged(found), self.flight.control
+        if found.written is not None:
+            return plan  # checked as a whole, under its own limits
+        try:
+            # As configured, not as reported: a worse accuracy must not leave flying vehicles uncontrolled.
+            check_formation(plan.formation, max(1, len(found.vehicles)), control.safety)
+            check_orbit(plan.orbit, control.law)
+            target = followed(plan, self.flight.fleet.time_s, control.safety.fence)
+            check_target(target, plan.orbit, plan.formation, control)
+        except GcsError as error:
+            raise RefusedError(f"what was flown cannot be flown now: {error}") from None
+        return plan

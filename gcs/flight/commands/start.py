@@ -1,0 +1,166 @@
+"""A start, immediate or scheduled: the checks before it, and the order of take-offs."""
+
+import logging
+from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from gcs.flight.maneuvers.maneuvers import Maneuvers
+from gcs.flight.preflight.preflight_gate import Cleared, PreflightGate
+from gcs.flight.shows.show_begin import AHEAD_MAX_S
+from gcs.flight.shows.show_player import ShowPlayer
+from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.vehicle import Vehicle
+from gcs.model.errors import InvalidError, RefusedError, UnknownError
+from gcs.model.lifecycle import Phase, ShowEvent, advance_show
+from gcs.model.state import VehicleId, Whereabouts
+from gcs.service import CommandRecord, Outcome, ShowAction
+
+log = logging.getLogger(__name__)
+
+LATE_MAX_S = 2.0
+"""A start missed by more (suspended computer, or changed clock) is not made up for."""
+
+STANDS_BY: Final = "a spare: it stays on the ground until a vehicle is lost"
+
+NAMED: Final = 6
+"""Up to this many vehicles are named; of more, only the number is given."""
+
+
+def uncontrolled(flight: Fleet) -> list[Vehicle]:
+    """Airborne vehicles under the control of a pilot or of their own autopilot."""
+    vehicles = flight.in_phase(Phase.PILOT, Phase.KILLED)
+    return [one for one in vehicles if flight.whereabouts(one) is Whereabouts.UNCONTROLLED]
+
+
+def uncontrolled_reason(vehicles: Collection[Vehicle]) -> str:
+    """Return how many of these are airborne and why outside control, grouped by reason."""
+    by_reason: dict[str, list[str]] = {}
+    for vehicle in vehicles:
+        by_reason.setdefault(vehicle.reason, []).append(vehicle.id)
+    count = f"{len(vehicles)} {'vehicle' if len(vehicles) == 1 else 'vehicles'} airborne"
+    if len(by_reason) == 1:
+        (only,) = by_reason
+        return f"{count}, not under this station's control: {only}"
+    parts = [f"{_named(ids)}: {why.removesuffix('.')}" for why, ids in by_reason.items()]
+    return f"{count}, not under this station's control: {'; '.join(parts)}"
+
+
+def _named(ids: list[str]) -> str:
+    return ", ".join(ids) if len(ids) <= NAMED else f"{len(ids)} vehicles"
+
+
+@dataclass(frozen=True, slots=True)
+class Countdown:
+    """A start that is scheduled for a clock time."""
+
+    at_unix_s: float
+    record: CommandRecord
+    chosen: tuple[VehicleId, ...]
+    show_hash: str | None
+
+
+@dataclass(eq=False)
+class Starting:
+    """Executes start commands, and counts down to scheduled ones."""
+
+    flight: Fleet
+    maneuvers: Maneuvers
+    preflight_gate: PreflightGate
+    show_player: ShowPlayer
+    countdown: Countdown | None = None
+
+    def begin(
+        self, desired: Sequence[VehicleId] | None, show_hash: str | None, at_unix_s: float | None
+    ) -> CommandRecord:
+        """Take off now, or at a clock time: all checks run now, and again at that time.
+
+        Raises: RefusedError, UnknownError, InvalidError.
+        """
+        if others := uncontrolled(self.flight):
+            raise RefusedError(f"a start needs all vehicles on the ground: {uncontrolled_reason(others)}")
+        event = ShowEvent.START if at_unix_s is None else ShowEvent.SCHEDULE
+        advance_show(self.flight.show, event)
+        if at_unix_s is not None:
+            ahead_s = at_unix_s - self.flight.unix_s()
+            if not 0.0 < ahead_s <= AHEAD_MAX_S:
+                allowed = f"ahead by at most {AHEAD_MAX_S / 3600.0:g} h; it is {self.flight.unix_s():.1f} now"
+                raise InvalidError("at_unix_time_s", at_unix_s, allowed)
+        chosen, left_out = self.preflight_gate.need(show_hash, desired)
+        if at_unix_s is not None:
+            record = self.flight.book.open("start", chosen, left_out)
+            self.countdown = Countdown(at_unix_s, record, tuple(chosen), show_hash)
+            self.flight.move_show(ShowEvent.SCHEDULE, f"{len(chosen)} vehicles take off in {ahead_s:.0f} s")
+            return record
+        if self.countdown is not None:
+            self._end_countdown(self.countdown, "started before its time, by another command")
+        record = self.flight.book.open("start", chosen, left_out)
+        self._take_off(record, chosen, left_out)
+        return record
+
+    def _take_off(
+        self, record: CommandRecord, chosen: Sequence[VehicleId], left_out: dict[VehicleId, str]
+    ) -> None:
+        flight, flies = self.flight, self.show_player.give_parts(chosen)
+        for name in chosen[len(flies) :]:
+            left_out = left_out | {name: STANDS_BY}
+            flight.book.close(record.id, name, Outcome.DONE, STANDS_BY)
+        chosen = flies
+        flight.left_behind, flight.accepted = left_out, tuple(chosen)
+        flight.move_show(ShowEvent.START, "checks every vehicle")
+        flight.move_show(ShowEvent.CHECKED, f"{len(chosen)} vehicles take off one after the other")
+        for turn, name in enumerate(chosen):
+            vehicle = flight.vehicles[name]
+            vehicle.home_m = flight.position_m(vehicle).copy()
+            delay_s = turn * flight.config.operation.takeoff_stagger_s
+            maneuver = self.maneuvers.take_off(delay_s, lambda one: self.preflight_gate.need_alone(one.id))
+            self.maneuvers.start(vehicle, maneuver, self._closer(record, name))
+
+    def _closer(self, record: CommandRecord, name: VehicleId) -> Callable[[Outcome, str], None]:
+        """Return a function that closes one vehicle's part; a failed take-off leaves the vehicle behind."""
+        close = self.flight.book.closer(record, name)
+
+        def ended(outcome: Outcome, reason: str) -> None:
+            if outcome is Outcome.FAILED:
+                self.flight.left_behind[name] = reason
+            close(outcome, reason)
+
+        return ended
+
+    def count_down(self) -> None:
+        """Take off at the scheduled time if the checks still pass, otherwise say why; called once a tick."""
+        countdown = self.countdown
+        if countdown is None:
+            return
+        late_s = self.flight.unix_s() - countdown.at_unix_s
+        if late_s < 0.0 and not self.flight.airborne and not uncontrolled(self.flight):
+            return
+        try:
+            chosen, left_out = self._still_ready(countdown, late_s)
+        except (RefusedError, InvalidError, UnknownError) as error:
+            self._end_countdown(countdown, str(error))
+            self.flight.move_show(ShowEvent.CHECK_FAILED, f"did not start: {error}")
+            return
+        self.countdown = None
+        self._take_off(countdown.record, chosen, left_out)
+
+    def _still_ready(self, countdown: Countdown, late_s: float) -> Cleared:
+        """Check again, at take-off time. Raises: RefusedError, InvalidError, UnknownError."""
+        if self.flight.airborne:
+            raise RefusedError("a vehicle is in the air already")
+        if others := uncontrolled(self.flight):
+            raise RefusedError(uncontrolled_reason(others))
+        if late_s > LATE_MAX_S:
+            raise RefusedError(f"its time was missed by {late_s:.1f} s: this machine, or its clock, stood")
+        return self.preflight_gate.need(countdown.show_hash, countdown.chosen)
+
+    def _end_countdown(self, countdown: Countdown, reason: str) -> None:
+        self.countdown = None
+        for name in countdown.chosen:
+            self.flight.book.close(countdown.record.id, name, Outcome.FAILED, reason)
+
+    def call_off(self, action: ShowAction) -> CommandRecord:
+        if self.countdown is not None:
+            self._end_countdown(self.countdown, "called off")
+        self.flight.move_show(ShowEvent(action.value), "the countdown was called off")
+        return self.flight.book.open(action, [], {})

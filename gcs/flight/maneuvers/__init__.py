@@ -1,0 +1,1 @@
+"""Take-off, join, return and landing of vehicles, one by one and together."""

@@ -1,0 +1,261 @@
+"""The collective return: all vehicles stop, paths are planned beside the flight, all fly home together."""
+
+import logging
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor, Future
+
+import numpy as np
+
+from gcs.flight.maneuvers.landing_places import closed_to, homes_of
+from gcs.flight.state.elsewhere import Returning
+from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.vehicle import Vehicle
+from gcs.model.errors import cut
+from gcs.model.lifecycle import Phase
+from gcs.model.state import Array, Mask, VehicleId
+from gcs.planning.return_paths.paths import PathProgress, ReturnPaths
+from gcs.planning.return_paths.planner import Planner, plan_return_paths, return_planner
+from gcs.shows.following import assigned
+
+log = logging.getLogger(__name__)
+
+STANDS_M_S = 0.4
+STOPPED_WITHIN_S = 5.0
+"""A vehicle that has not stopped or is not under control by then returns without a planned path."""
+
+PLANNED_WITHIN_S = 10.0
+"""The best plan at that time is flown; the first is always completed. 50 vehicles take less than a second."""
+
+LEAD_FOLLOWS_S = 2.0
+"""A lead that does not return as well by then plans nothing for this flight."""
+
+SHARED_WITHIN_S = 90.0
+"""By then another flight's plan must have arrived; otherwise each plans for its own vehicles."""
+
+TOGETHER_MAX = 1500
+"""Larger fleets return without planned paths: their first plan would take more than half a minute."""
+
+FLYING = frozenset({Phase.FORMATION, Phase.HOLD, Phase.RETURN})
+
+
+class CollectiveReturn:
+    """One collective return. Changed on the event loop only."""
+
+    def __init__(self, flight: Fleet, vehicles: Iterable[Vehicle], planning: Executor) -> None:
+        """`vehicles` know where they started. The planner runs in `planning`, outside the tick."""
+        self._flight = flight
+        self._planning = planning
+        self._expected = {vehicle.id: vehicle for vehicle in vehicles}
+        self._stopping: dict[VehicleId, Vehicle] = {}
+        self._rows: dict[VehicleId, int] = {}
+        self._places: list[int] = []  # rows of FleetState, in the plan's order
+        self._home_m = np.zeros((0, 3))  # (n, 3) landing positions, in the same order
+        self._elsewhere = np.zeros(0, np.intp)  # rows of vehicles flown elsewhere, after the own in the plan
+        self._others = flight.elsewhere.returns
+        self._number = self._others.newest  # of an earlier return
+        self._is_off = False  # no plan: the vehicles return one by one
+        self._closing: frozenset[VehicleId] = frozenset()  # lost vehicles that the landing places allow for
+        self._left: set[VehicleId] = set()  # left the plan: their landing places were closed meanwhile
+        self.problem = ""  # why the planner failed and what follows
+        self._planner: Planner | None = None
+        self._planned: Future[tuple[ReturnPaths, Array]] | None = None  # with (n, 3) landing positions
+        self._enough = False  # read by the planning thread
+        self._progress: PathProgress | None = None
+        self._led: set[VehicleId] = set()  # vehicles that took their goal since the last tick
+        self._since_s = flight.fleet.time_s  # time of the command, the planning, or the last tick
+
+    @property
+    def is_planned(self) -> bool:
+        return self._progress is not None
+
+    @property
+    def left_s(self) -> float | None:
+        """Planned time until the last vehicle has landed, in s, without delays; None: no plan yet."""
+        if self._progress is None:
+            return None
+        return max(float(self._progress.return_paths.down_s.max()) - self._progress.time_s, 0.0)
+
+    def give_up(self) -> None:
+        self._enough = True
+        if self._planner is not None:
+            self._planner.halt()
+
+    def stopping(self, vehicle: Vehicle) -> None:
+        self._stopping[vehicle.id] = vehicle
+
+    def takes_part(self, vehicle: Vehicle) -> bool:
+        """Whether the vehicle is in the plan, or still may be."""
+        if self._is_off or vehicle.id in self._left:
+            return False
+        return vehicle.id in (self._expected if self._planned is None else self._rows)
+
+    def advance(self) -> None:
+        now_s = self._flight.fleet.time_s
+        since_s = now_s - self._since_s
+        if self._progress is not None:
+            self._since_s = now_s
+            self._follow(self._progress, since_s)
+        elif self._is_off or (self._planned is None and self._waits_for_paths(since_s)):
+            return
+        elif self._planned is None:
+            if self._all_stand() or since_s > STOPPED_WITHIN_S:
+                self._since_s = now_s
+                self._begin()
+        elif self._planned.done():
+            self._since_s = now_s
+            error = self._planned.exception()
+            if error is None:
+                self._begin_following(*self._planned.result())
+            else:
+                self._fail(error)
+        elif since_s > PLANNED_WITHIN_S:
+            self.give_up()
+
+    def _waits_for_paths(self, since_s: float) -> bool:
+        """Whether another flight plans the return; take its paths once they have arrived."""
+        if self._others.plans_returns is not False or since_s > SHARED_WITHIN_S:
+            return False
+        if since_s > LEAD_FOLLOWS_S and not self._others.lead_returns:
+            return False
+        received = self._others.received_paths(self._number)
+        if received is not None:
+            paths, rows, home_m = received
+            self._places = rows.tolist()
+            self._rows = {self._flight.fleet.ids[row]: at for at, row in enumerate(self._places)}
+            if self._exchanges_pads:
+                for row, place_m in zip(self._places, home_m, strict=True):
+                    self._flight.at_row(row).home_m = place_m.copy()
+            self._planned = Future()
+            self._planned.set_result((paths, home_m))
+        return True
+
+    def _begin_following(self, paths: ReturnPaths, home_m: Array) -> None:
+        self._home_m = home_m
+        self._progress = PathProgress(paths, self._home_m)
+        if len(self._elsewhere):
+            self._others.publish_paths(paths, self._elsewhere, self._home_m[len(self._places) :])
+
+    def _follow(self, progress: PathProgress, step_s: float) -> None:
+        position_m, flown, led_s = self._flight.fleet.position_m[self._places], self._flown(), np.nan
+        if len(self._elsewhere):
+            their_m, under_way = self._others.under_way(self._elsewhere)
+            position_m, flown = np.concatenate([position_m, their_m]), np.concatenate([flown, under_way])
+        elif self._others.plans_returns is False:
+            led_s = self._others.led_s()
+        self._others.note_return(progress.time_s)
+        progress.advance(step_s, position_m, flown, led_s)
+        self._leave_closed_places()
+
+    def _leave_closed_places(self) -> None:
+        """Take vehicles out of the plan when their landing place was closed meanwhile."""
+        closing, flight = self._flight.closing(), self._flight
+        if closing != self._closing or flight.plan.obstacles:
+            self._closing = closing
+            closed = closed_to(flight, self._places, self._home_m[: len(self._places)])
+            self._left.update(flight.fleet.ids[self._places[at]] for at in np.flatnonzero(closed).tolist())
+
+    def _fail(self, error: BaseException) -> None:
+        """Log any error of the planner, and show it as an alarm: the fleet returns without a plan."""
+        self._is_off = True
+        detail = f": {cut(str(error))}" if str(error) else ""
+        self.problem = f"the planner failed with {type(error).__name__}{detail}"
+        log.error("return_planner_failed", extra={"reason": self.problem}, exc_info=error)
+
+    def _flown(self) -> Mask:
+        """(m,) Which of the own vehicles follow the plan."""
+        flown = np.array([vehicle_id in self._led for vehicle_id in self._rows], dtype=np.bool_)
+        self._led.clear()
+        return flown
+
+    def goal_m(self, vehicle: Vehicle) -> Array | None:
+        """(3,) Goal at this time, show frame; None: the vehicle waits for the plan."""
+        if self._progress is None:
+            return None
+        self._led.add(vehicle.id)
+        return np.asarray(self._progress.goal_m[self._rows[vehicle.id]])
+
+    def place_m(self, vehicle: Vehicle) -> Array:
+        """(3,) Where a vehicle of the plan lands: its pad, or beside it."""
+        return np.asarray(self._home_m[self._rows[vehicle.id]])
+
+    def follows_path(self, vehicle: Vehicle) -> bool:
+        """Whether it has a path without conflicts, and is not late at its end."""
+        if self._progress is None:
+            return False
+        row = self._rows[vehicle.id]
+        return row not in self._progress.return_paths.unplanned and not self._progress.late[row]
+
+    def has_arrived(self, vehicle: Vehicle) -> bool:
+        """Whether its path has led it above its landing place."""
+        return self._progress is not None and bool(self._progress.arrived[self._rows[vehicle.id]])
+
+    def _all_stand(self) -> bool:
+        """Whether every participating vehicle is under control and nearly at rest."""
+        ours = [vehicle for vehicle in self._expected.values() if vehicle.phase in FLYING | {Phase.PILOT}]
+        stands = np.linalg.norm(self._flight.fleet.velocity_m_s, axis=1) < STANDS_M_S
+        if self._others.plans_returns and not self._others.stands(STANDS_M_S):
+            return False
+        return all(vehicle.id in self._stopping and stands[vehicle.row] for vehicle in ours)
+
+    def _begin(self) -> None:
+        flight = self._flight
+        ready = [vehicle for vehicle in self._stopping.values() if vehicle.phase is Phase.RETURN]
+        known = [vehicle for vehicle in ready if np.isfinite(flight.position_m(vehicle)).all()]
+        homing = [vehicle for vehicle in known if vehicle.home_m is not None]
+        theirs = self._others.returning() if self._others.plans_returns else Returning.none()
+        if self._exchanges_pads:
+            theirs = self._exchange_pads(homing, theirs)
+        self._places = rows = [vehicle.row for vehicle in homing]
+        operation, uncertainty_m = flight.config.operation, flight.traits.uncertainty_m
+        start_m, own_m = flight.fleet.position_m[rows], uncertainty_m[rows]
+        places_m = homes_of(flight, homing, theirs)
+        self._elsewhere = theirs.rows
+        start_m = np.concatenate([start_m, theirs.position_m])
+        own_m = np.concatenate([own_m, theirs.uncertainty_m])
+        if not len(start_m) or len(start_m) > TOGETHER_MAX:
+            self._is_off = True
+            return
+        over_m = operation.takeoff_height_m
+        slow_from_m = flight.slow_from_m(homing).max(initial=operation.handover_height_m)
+        heights_m = over_m, min(float(slow_from_m), over_m)
+        self._rows = {vehicle.id: row for row, vehicle in enumerate(homing)}
+        about = heights_m, flight.control, flight.plan, flight.fleet.time_s, own_m, flight.closed()
+
+        def planner_for(home_m: Array) -> Planner:
+            return return_planner(start_m.copy(), home_m, *about)
+
+        try:
+            self._planned = self._planning.submit(self._plan, places_m, planner_for)
+        except RuntimeError as error:  # no thread can be started
+            self._fail(error)
+
+    @property
+    def _exchanges_pads(self) -> bool:
+        return self._flight.show_run is not None and self._flight.show_run.exchanges_pads
+
+    def _exchange_pads(self, homing: Sequence[Vehicle], theirs: Returning) -> Returning:
+        """Assign the pads of all returning vehicles anew; from then on they are their own.
+
+        Returns: `theirs` with their new pads.
+        """
+        count, flight = len(homing), self._flight
+        home_m = np.array([vehicle.home_m for vehicle in homing]).reshape(-1, 3)
+        start_m = np.array([flight.position_m(vehicle) for vehicle in homing]).reshape(-1, 3)
+        home_m = np.concatenate([home_m, theirs.home_m])
+        start_m = np.concatenate([start_m, theirs.position_m])
+        if not len(home_m):
+            return theirs
+        pads = assigned(start_m, home_m)
+        for vehicle, pad in zip(homing, pads[:count].tolist(), strict=True):
+            vehicle.home_m = home_m[pad].copy()
+        moved = int(np.count_nonzero(pads != np.arange(len(pads))))
+        log.info("pads_exchanged", extra={"count": moved})
+        return theirs._replace(home_m=home_m[pads[count:]])
+
+    def _plan(
+        self, places_m: Callable[[], Array], planner_for: Callable[[Array], Planner]
+    ) -> tuple[ReturnPaths, Array]:
+        """Choose the landing positions (n, 3), and plan the ways to them. Called by the planning thread."""
+        home_m = places_m()
+        self._planner = planner_for(home_m)
+        return plan_return_paths(self._planner, lambda: self._enough), home_m

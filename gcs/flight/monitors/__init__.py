@@ -1,0 +1,1 @@
+"""What each tick looks at: telemetry, failsafes, alarms; and the view that displays get of it."""

@@ -1,0 +1,1 @@
+"""Checks before a start, with the parameters that the vehicles report."""

@@ -1,0 +1,419 @@
+"""Decides which vehicles may start, and why others may not. Runs only on the ground, and only on request."""
+
+import logging
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Final, NamedTuple, TypeAlias
+
+import numpy as np
+
+from gcs.flight.preflight.parameter_reader import ParameterReader
+from gcs.flight.shows.show_player import ShowPlayer
+from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.refusals import with_alternative
+from gcs.flight.state.running_show import ShowRun
+from gcs.model.errors import GcsError, InvalidError, RefusedError
+from gcs.model.lifecycle import GROUNDED, ON_THE_GROUND, Phase
+from gcs.model.preflight_report import Check, Exclusion, PreflightReport, State, VehicleChecks, describe
+from gcs.model.state import Array, VehicleId
+from gcs.planning.feasibility import check_formation, check_obstacle
+from gcs.planning.landing_sites import column_m, describe_columns, most_overlapping
+from gcs.planning.loss_times import APART_MAX_S, check_loss_times
+from gcs.planning.setpoint_loss import PREDICTED_MAX, check_setpoint_loss, formation_m
+from gcs.preflight.fleet import Pattern, Stand, standing
+from gcs.preflight.pad_distances import room_to_wander, spacing
+from gcs.preflight.vehicles import PreflightInputs, fix_words, own_checks
+from gcs.service import CALLER, CommandRecord
+
+log = logging.getLogger(__name__)
+
+REASON_MAX = 200
+"""Longest reason of an exclusion, in characters."""
+
+AGAIN_S = 1.0
+"""Shortest interval between two reports: a report is expensive for large fleets."""
+
+SWAYS_M = 0.5
+"""Two vehicles may be nearer to each other than their slots by this distance."""
+
+ON_GROUND = "all vehicles on the ground and received"
+AS_CHECKED = "as it was checked, with as many vehicles"
+TO_DO: Final = {
+    "vehicles": "wait until it is received on the ground, or take it out of the show",
+    "show": "check and select the show again, name the vehicles that fly, or take the others out",
+    "formation": "choose a larger radius, better receivers, or fewer vehicles",
+    "loss times": "do as the text says, or fly vehicles with one time only",
+    "loss of the ground station": "do as the text says, or choose a larger radius",
+    "obstacles": "remove the obstacle, or move the pad",
+}
+
+
+class Cleared(NamedTuple):
+    """Vehicles that may start, and why the others may not."""
+
+    chosen: list[VehicleId]
+    left_out: dict[VehicleId, str]
+
+
+Question: TypeAlias = tuple[tuple[VehicleId, ...] | None, ShowRun | None, frozenset[VehicleId]]
+"""What a report answers: the vehicles that are to fly, the selected show, and the excluded vehicles."""
+
+
+@dataclass(eq=False)
+class PreflightGate:
+    """Runs all checks before a start, and excludes vehicles from it. Implements `gcs.service.Preflight`."""
+
+    flight: Fleet
+    parameter_reader: ParameterReader
+    show_player: ShowPlayer
+    _last: tuple[float, Question, PreflightReport] | None = None  # the newest report, and its time
+    _passed: frozenset[tuple[VehicleId, str]] = frozenset()  # vehicles and checks, of the newest report
+
+    @with_alternative
+    def report(self, vehicles: Sequence[VehicleId] | None = None) -> PreflightReport:
+        """As of the port: made within the last second; in the air it is the report from before take-off."""
+        flight = self.flight
+        for name in vehicles or ():
+            flight.vehicle(name)
+        if flight.show not in ON_THE_GROUND or flight.airborne:
+            if self._last is None:
+                raise RefusedError(f"preflight is for the ground, and the show is {flight.show}")
+            return self._last[2]
+        made_s, question, report = self._last or (-np.inf, None, None)
+        same = question == self._question(vehicles) and flight.fleet.time_s - made_s < AGAIN_S
+        return report if same and report is not None else self._made(vehicles)
+
+    def _question(self, desired: Sequence[VehicleId] | None) -> Question:
+        meant = None if desired is None else tuple(desired)
+        return meant, self.flight.show_run, frozenset(self.flight.excluded)
+
+    def _made(self, desired: Sequence[VehicleId] | None) -> PreflightReport:
+        flight, show = self.flight, self.flight.show_run
+        try:
+            chosen, _ = cleared = self._choose(desired)
+            fleet = [_all_vehicles(chosen)]
+        except GcsError as error:
+            chosen, _ = cleared = self._could(desired)
+            fleet = [_refused("vehicles", error, ON_GROUND)]
+        if show is not None:
+            fleet.append(_tried("show", AS_CHECKED, lambda: self._need_show(chosen, show.hash, desired)))
+        looked = self._look(chosen)
+        fleet += looked.fleet
+        if chosen and all(np.isfinite(flight.position_m(flight.vehicles[name])).all() for name in chosen):
+            fleet += [_tried(name, limit, look) for name, limit, look in self._setpoint_loss_checks(chosen)]
+        return self._keep(desired, cleared, fleet, looked)
+
+    def _keep(
+        self, desired: Sequence[VehicleId] | None, cleared: Cleared, fleet: Sequence[Check], looked: Stand
+    ) -> PreflightReport:
+        show, flying = self.flight.show_run, set(cleared.chosen)
+        report = PreflightReport(
+            unix_time_s=self.flight.unix_s(),
+            show=None if show is None else show.name,
+            show_hash=None if show is None else show.hash,
+            fleet=tuple(fleet),
+            vehicles=tuple(
+                VehicleChecks(
+                    name,
+                    name in flying,
+                    cleared.left_out.get(name, ""),
+                    tuple(checks),
+                    self.flight.vehicles[name].autopilot.name,
+                    self.flight.version(name),
+                )
+                for name, checks in looked.of.items()
+            ),
+            not_checked=tuple(looked.not_checked),
+        )
+        self._last = self.flight.fleet.time_s, self._question(desired), report
+        return report
+
+    def need(self, show_hash: str | None, desired: Sequence[VehicleId] | None) -> Cleared:
+        """Return the vehicles that fly and those that do not, before a start.
+
+        Raises: RefusedError, InvalidError, UnknownError with all reasons against the start.
+        """
+        chosen, _ = cleared = self._choose(desired)
+        self._need_show(chosen, show_hash, desired)
+        looked = self._look(chosen)
+        found = [(name, check) for name in chosen for check in looked.of[name]]
+        if text := describe([*found, *((None, check) for check in looked.fleet)]):
+            raise RefusedError(text)
+        fleet = [_all_vehicles(chosen)]
+        if show_hash is not None:
+            fleet.append(Check("show", State.PASS, limit=AS_CHECKED))
+        fleet += looked.fleet
+        for name, limit, look in self._setpoint_loss_checks(chosen):
+            look()
+            fleet.append(Check(name, State.PASS, limit=limit))
+        self._check_vertical_overlap(chosen)
+        self._keep(desired, cleared, fleet, looked)
+        return cleared
+
+    def need_alone(self, vehicle_id: VehicleId) -> None:
+        """Check one vehicle at its turn to take off. Raises: RefusedError with all reasons against it."""
+        checks = self._alone(self._inputs(), [vehicle_id])[vehicle_id]
+        if text := describe((vehicle_id, check) for check in checks):
+            raise RefusedError(text)
+        self._check_obstacles([vehicle_id])  # one may have come to its pad since the start
+
+    def _need_show(
+        self, chosen: Sequence[VehicleId], show_hash: str | None, desired: Sequence[VehicleId] | None
+    ) -> None:
+        self.show_player.check_start(
+            chosen, show_hash, named=desired is not None, taken_out=len(self.flight.excluded)
+        )
+
+    def _look(self, chosen: Sequence[VehicleId]) -> Stand:
+        """Inspect the vehicles that are to fly together, and each of all vehicles alone."""
+        inputs = self._inputs()
+        alone = self._alone(inputs, list(self.flight.vehicles))
+        pattern = self._pattern()
+        stand = standing(inputs, chosen, pattern)
+        room = room_to_wander(inputs, chosen, pattern)
+        for name, check in room.items():
+            alone[name].append(check)
+        for name, checks in stand.of.items():
+            alone[name] += checks
+        self._passed = frozenset(
+            (name, each.name) for name, checks in alone.items() for each in checks if each.passes
+        )
+        operation, settings = self.flight.config.operation, self.flight.config.preflight
+        unlooked = {
+            "parameters, speed limits, own fence: operation.require_parameters is false": (
+                not operation.require_parameters
+            ),
+            "loss times, loss of the ground station: operation.require_safe_setpoint_loss is false": (
+                not operation.require_safe_setpoint_loss
+            ),
+            "fix, accuracy: preflight.require_fix is false": not settings.require_fix,
+            "room to wander: preflight.wander_m is 0": settings.wander_m == 0.0,
+            "clock: preflight.clock_max_s is null": settings.clock_max_s is None,
+        }
+        not_checked = [text for text, is_off in unlooked.items() if is_off] + self.parameter_reader.risks()
+        corrections = self.flight.corrections.checks(self.flight.fleet.time_s)
+        return Stand([*stand.fleet, *corrections], alone, [*stand.not_checked, *not_checked])
+
+    def _alone(self, inputs: PreflightInputs, vehicles: Sequence[VehicleId]) -> dict[VehicleId, list[Check]]:
+        near = spacing(inputs, vehicles)
+        meant = self.flight.config.operation.require_parameters
+        return {
+            name: [
+                *own_checks(inputs, name),
+                *near[name],
+                *(self.parameter_reader.checks(name) if meant else ()),
+            ]
+            for name in vehicles
+        }
+
+    def _inputs(self) -> PreflightInputs:
+        flight, operation = self.flight, self.flight.config.operation
+        show = flight.show_run
+        found = None if show is None else show.figures
+        return PreflightInputs(
+            fleet=flight.fleet,
+            rows={name: vehicle.row for name, vehicle in flight.vehicles.items()},
+            telemetry=flight.telemetry,
+            conflicts={name: text for link in flight.links for name, text in link.conflicts.items()},
+            foreign={name: text for link in flight.links for name, text in link.foreign.items()},
+            without_autopilot={
+                name: absent for link in flight.links for name, absent in link.without_autopilot.items()
+            },
+            uncertainty_m=flight.uncertainty_on_pads_m,
+            age_max_s=flight.control.telemetry_age_max_s,
+            floor=flight.control.safety.floor,
+            fence=flight.control.safety.fence,
+            positioning=flight.config.positioning,
+            settings=flight.config.preflight,
+            passed=self._passed,
+            pads_within_m=operation.pads_within_m if operation.require_parameters else np.inf,
+            battery_need=0.0 if show is None else None if found is None else found.battery_need,
+            speed_need_m_s=0.0 if found is None else found.speed_max_m_s,
+            speed_max_m_s=flight.traits.speed_max_m_s,
+            heights=flight.heights.found,
+            others=flight.elsewhere.placed(),
+            ahead_s=self.flight.unix_s() - flight.fleet.time_s,
+        )
+
+    def _pattern(self) -> Pattern | None:
+        """Return the selected show's pads, in the order of the fleet; without a show the configured ones."""
+        flight, config = self.flight, self.flight.config
+        heading_deg = config.show_frame.heading_deg
+        if flight.show_run is not None:
+            pads_m = flight.show_run.timeline.show.start_places_m[:, :2]
+            return Pattern(pads_m, self.show_player.pads(), heading_deg)
+        places = config.preflight.start_places
+        if not places:
+            return None
+        places_m = np.array([[place.x_m, place.y_m] for place in places.values()])
+        return Pattern(places_m, {name: row for row, name in enumerate(places)}, heading_deg)
+
+    def _setpoint_loss_checks(
+        self, chosen: Sequence[VehicleId]
+    ) -> Iterator[tuple[str, str, Callable[[], None]]]:
+        """Yield the checks of what would go wrong in the air, as far as it can be predicted; each raises."""
+        flight, operation = self.flight, self.flight.config.operation
+        yield ("formation", "a sphere that has room for all vehicles", lambda: self._check_formations(chosen))
+        if operation.require_safe_setpoint_loss:
+            alone = [flight.vehicles[name].without_setpoints for name in chosen]
+            flies_on_s = np.array([each.flies_on_s for each in alone])
+            limit = f"at most {APART_MAX_S:g} s apart"
+            elsewhere_s = None if flight.elsewhere.alone else operation.setpoint_loss_s
+            yield "loss times", limit, partial(check_loss_times, chosen, flies_on_s, elsewhere_s)
+        if operation.require_safe_setpoint_loss and self.show_player.plans():
+            rows = [flight.vehicles[name].row for name in chosen]
+            look = partial(
+                check_setpoint_loss,
+                tuple(chosen),
+                flight.fleet.position_m[rows],
+                self.show_player.plans(),
+                flight.control,
+                flight.traits.uncertainty_m[rows],
+                operation.setpoint_loss_action,
+                flight.uncontrolled.without_setpoints.returns_at_m(flight.config.return_heights_m)[rows],
+                self._fly_on_s(chosen),
+            )
+            yield "loss of the ground station", "no two vehicles are brought together", look
+        yield "obstacles", "none on a pad", lambda: self._check_obstacles(chosen)
+
+    def _fly_on_s(self, chosen: Sequence[VehicleId]) -> Array:
+        """(n,) how long each flies on without setpoints, with its stop from the speed of the law."""
+        alone = [self.flight.vehicles[name].without_setpoints for name in chosen]
+        fastest_m_s = self.flight.control.law.speed_m_s
+        return np.array([each.flies_on_s + each.stop_s(fastest_m_s) for each in alone])
+
+    def _check_formations(self, chosen: Sequence[VehicleId]) -> None:
+        """Check every sphere of the flight for the accuracy that these vehicles report now."""
+        flight = self.flight
+        uncertainty_m = flight.in_formation_m([flight.vehicles[name] for name in chosen])
+        for cue, plan in self.show_player.plans():
+            try:
+                check_formation(plan.formation, len(uncertainty_m), flight.control.safety, uncertainty_m)
+            except InvalidError as error:
+                by_own = error.field == "radius_m" and flight.elsewhere.alone
+                whose = self._least_certain(chosen) if by_own else ""
+                if not cue:
+                    raise InvalidError(error.field, error.value, error.allowed + whose) from None
+                raise RefusedError(f"at '{cue}': {error}{whose}") from None
+
+    def _least_certain(self, chosen: Sequence[VehicleId]) -> str:
+        """Which vehicle's receiver decides the least radius, in words."""
+        inputs = self._inputs()
+        name = max(chosen, key=lambda name: float(inputs.uncertainty_m[inputs.rows[name]]))
+        return f"; the least certain is {name}, with {fix_words(inputs, inputs.rows[name])}"
+
+    def _check_obstacles(self, chosen: Sequence[VehicleId]) -> None:
+        flight = self.flight
+        pads_m = {name: flight.position_m(flight.vehicles[name]) for name in chosen}
+        for obstacle in self.show_player.obstacles():
+            check_obstacle(obstacle, flight.control.law.avoidance, {}, pads_m)
+
+    def _check_vertical_overlap(self, chosen: Sequence[VehicleId]) -> None:
+        """Store how many pairs will be stacked, as far as it can be predicted."""
+        flight, show_run = self.flight, self.flight.show_run
+        rows = [flight.vehicles[name].row for name in chosen]
+        width_m = column_m(flight.control.safety.floor, flight.traits.uncertainty_m[rows])
+        plans = [plan for _, plan in self.show_player.plans()]
+        plan = min(plans, key=lambda each: each.formation.radius_m, default=None)  # None: drawn all along
+        pairs = () if show_run is None or show_run.figures is None else show_run.figures.columns
+        ids = flight.elsewhere.shows.starting(chosen)
+        rehearsed = [
+            f"{ids[one.upper - 1]} above {ids[one.lower - 1]} at '{one.cue}'"
+            for one in pairs
+            if max(one.upper, one.lower) <= len(ids)  # fewer may be named than were rehearsed
+        ]
+        words = ""
+        if plan is not None and len(chosen) <= PREDICTED_MAX:
+            formed_m = formation_m(tuple(chosen), flight.fleet.position_m[rows], plan, flight.control)
+            words = describe_columns(most_overlapping(formed_m, width_m + SWAYS_M), rehearsed)
+        elif rehearsed:
+            words = describe_columns(0, rehearsed)
+        if words and words != flight.columns:
+            log.info("columns_overlap", extra={"reason": words})
+        flight.columns = words
+
+    # participants
+
+    def _choose(self, desired: Sequence[VehicleId] | None) -> Cleared:
+        """Return the vehicles that fly, and why the others do not. Raises: UnknownError, RefusedError."""
+        flight = self.flight
+        for name in desired or ():
+            flight.vehicle(name)
+        chosen, _ = cleared = self._could(desired)
+        meant = set(flight.vehicles if desired is None else desired) - set(chosen)
+        for name, vehicle in flight.vehicles.items():
+            if name not in meant:
+                continue
+            exclusion = flight.excluded.get(name)
+            if exclusion is not None and desired is not None:
+                raise RefusedError(f"{name} was {exclusion}; include it first")
+            if exclusion is None and (desired is not None or vehicle.phase is not Phase.OFFLINE):
+                raise RefusedError(
+                    f"{name} is {vehicle.phase}: {vehicle.reason.removesuffix('.')}; only standby can start"
+                )
+        if not chosen:
+            raise RefusedError("no vehicle is online")
+        return cleared
+
+    def _could(self, desired: Sequence[VehicleId] | None) -> Cleared:
+        """Return the desired vehicles that could fly, and why the others do not; raises nothing."""
+        chosen: list[VehicleId] = []
+        left_out: dict[VehicleId, str] = {}
+        meant = None if desired is None else frozenset(desired)
+        for name, vehicle in self.flight.vehicles.items():
+            if name in self.flight.excluded:
+                left_out[name] = str(self.flight.excluded[name])
+            elif meant is not None and name not in meant:
+                left_out[name] = "not chosen"
+            elif vehicle.phase is Phase.STANDBY:
+                chosen.append(name)
+            else:
+                left_out[name] = f"{vehicle.phase}: {vehicle.reason}"
+        return Cleared(chosen, left_out)
+
+    @with_alternative
+    def exclude(self, vehicle_id: VehicleId, reason: str) -> CommandRecord:
+        if len(reason) > REASON_MAX:
+            raise InvalidError("reason", reason[:20], f"at most {REASON_MAX} characters")
+        self.flight.need_no_countdown()
+        self._need_ground(vehicle_id)
+        exclusion = Exclusion(CALLER.get(), reason, self.flight.unix_s())
+        self.flight.excluded[vehicle_id] = exclusion
+        log.warning("excluded", extra={"vehicle": vehicle_id, "by": exclusion.by, "reason": reason})
+        return self.flight.book.done("exclude", [vehicle_id], reason=str(exclusion))
+
+    @with_alternative
+    def include(self, vehicle_id: VehicleId) -> CommandRecord:
+        self.flight.need_no_countdown()
+        self._need_ground(vehicle_id)
+        if self.flight.excluded.pop(vehicle_id, None) is None:
+            raise RefusedError(f"{vehicle_id} was not taken out of the show")
+        log.info("included", extra={"vehicle": vehicle_id, "by": CALLER.get()})
+        return self.flight.book.done("include", [vehicle_id])
+
+    def _need_ground(self, vehicle_id: VehicleId) -> None:
+        vehicle, flight = self.flight.vehicle(vehicle_id), self.flight
+        if flight.show not in ON_THE_GROUND or flight.airborne:
+            raise RefusedError(
+                f"vehicles can be excluded or included only on the ground (the show is {flight.show})"
+            )
+        if vehicle.phase not in GROUNDED:
+            because = vehicle.reason.removesuffix(".")
+            raise RefusedError(f"{vehicle_id} is {vehicle.phase}: {because}; it is not on the ground")
+
+
+def _all_vehicles(chosen: Sequence[VehicleId]) -> Check:
+    return Check("vehicles", State.PASS, len(chosen), "vehicles", ON_GROUND)
+
+
+def _tried(name: str, limit: str, look: Callable[[], None]) -> Check:
+    try:
+        look()
+    except GcsError as error:
+        return _refused(name, error, limit)
+    return Check(name, State.PASS, limit=limit)
+
+
+def _refused(name: str, error: GcsError, limit: str) -> Check:
+    return Check(name, State.FAIL, limit=limit, problem=str(error), to_do=TO_DO[name])

@@ -1,0 +1,1 @@
+"""The selected show: selection, beginning, lights."""

@@ -1,0 +1,84 @@
+"""Colours of the vehicles' own lights: those of the show in the air, those of the battery on the ground."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.flight.state.fleet import Fleet
+from gcs.links.lights import Colours
+from gcs.mavlink.lights import LightDriver
+from gcs.model.errors import RefusedError
+from gcs.model.lifecycle import GROUNDED, Phase
+from gcs.model.state import Array, Mask, VehicleId
+
+OFF = (0, 0, 0)
+FULL, MEDIUM, LOW, UNKNOWN = (0, 96, 0), (96, 48, 0), (128, 0, 0), (0, 0, 48)
+"""Dim, because crews stand beside them."""
+
+FOUND = (255, 255, 255)
+BLINK_S = 0.5
+"""Time on, and time off."""
+
+MEDIUM_ABOVE_MIN = 0.25
+"""A battery is FULL with so much more than the least that a start needs."""
+
+
+def battery_colours(remaining: Array, battery_min: float) -> Colours:
+    """(n, 3) colours of batteries: (n,) remaining, 0 to 1 and NaN for unknown."""
+    colour = np.full((len(remaining), 3), LOW, np.uint8)
+    colour[remaining >= battery_min] = MEDIUM
+    colour[remaining >= battery_min + MEDIUM_ABOVE_MIN] = FULL
+    colour[np.isnan(remaining)] = UNKNOWN
+    return colour
+
+
+def find(flight: Fleet, vehicle_id: VehicleId) -> None:
+    """Let a vehicle on the ground blink. Raises: RefusedError, UnknownError."""
+    vehicle = flight.vehicle(vehicle_id)
+    if flight.config.lights.driver is LightDriver.NONE:
+        raise RefusedError(f"{vehicle_id} has no lights: lights.driver of the configuration is none")
+    if vehicle.phase is not Phase.STANDBY:
+        raise RefusedError(f"{vehicle_id} is {vehicle.phase}: find is for vehicles received on the ground")
+    flight.blinks_until_s[vehicle_id] = flight.fleet.time_s + flight.config.lights.find_s
+
+
+class Lights:
+    """Decides the colours of one fleet, and sends them over its links."""
+
+    def __init__(self, flight: Fleet) -> None:
+        self._flight = flight
+        row_of = {name: vehicle.row for name, vehicle in flight.vehicles.items()}
+        self._rows: Mapping[str, NDArray[np.intp]] = {
+            link.name: np.array([row_of[name] for name in link.ids], np.intp) for link in flight.links
+        }
+
+    def send(self) -> None:
+        """Send what is due; once a tick, after its setpoints."""
+        flight = self._flight
+        if flight.config.lights.driver is LightDriver.NONE:
+            return
+        colour = self.colours()
+        ours = flight.elsewhere.owned
+        for link in flight.links:
+            rows = self._rows[link.name]
+            link.send_lights(colour[rows], ours[rows])
+
+    def colours(self) -> Colours:
+        """(n, 3) red, green, blue; rows as in FleetState."""
+        flight, now_s = self._flight, self._flight.fleet.time_s
+        ids, run = tuple(flight.vehicles), flight.show_run
+        colour = np.zeros((len(ids), 3), np.uint8)
+        if run is not None:
+            shown, lit = run.colours(ids, now_s)
+            colour[lit] = shown[lit]
+        grounded: Mask = np.array([vehicle.phase in GROUNDED for vehicle in flight.vehicles.values()])
+        colour[grounded] = OFF
+        if flight.config.lights.battery:
+            known = battery_colours(flight.telemetry.battery_remaining, flight.config.preflight.battery_min)
+            colour[grounded] = known[grounded]
+        for name, until_s in flight.blinks_until_s.items():
+            row = flight.vehicles[name].row
+            if grounded[row] and now_s < until_s:
+                colour[row] = FOUND if now_s % (2.0 * BLINK_S) < BLINK_S else OFF
+        return colour

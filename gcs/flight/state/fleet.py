@@ -1,0 +1,612 @@
+"""The runtime state of a flight: positions, phases, and the plan that the operator has set.
+
+Plain data and queries; `commander` changes it on commands and events, `orchestrator` once a tick.
+"""
+
+import asyncio
+import logging
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, replace
+from functools import lru_cache
+from itertools import chain
+from operator import attrgetter, is_
+from typing import Any, Final, TypeAlias
+
+import numpy as np
+
+from gcs.config.schema import Config
+from gcs.control import ControlSettings, Memory, Task, Tasks
+from gcs.control.late_links import fleet_delay_s, for_late_links
+from gcs.estimation.contradictions import Doubts
+from gcs.estimation.fleet_state import FORWARD_MAX_S, Table
+from gcs.estimation.height_bias import HeightComparison
+from gcs.estimation.link_delay import LinkDelay
+from gcs.estimation.link_health import LinkQuality, SetpointGaps
+from gcs.estimation.positioning import uncertainty_m
+from gcs.estimation.touch_down import height_error_m
+from gcs.failsafe.autopilot_failsafe import TEXTS_COUNT_S, FailsafeInputs
+from gcs.flight.state.corrections import Corrections
+from gcs.flight.state.elsewhere import Elsewhere
+from gcs.flight.state.running_show import ShowRun
+from gcs.flight.state.timecode import Timecode
+from gcs.flight.state.uncontrolled_space import UncontrolledSpace
+from gcs.flight.state.vehicle import SHOW_FLIES, Vehicle, VehicleStates
+from gcs.formation.repulsion import NEAREST_FACTOR, NEAREST_FACTOR_FEW
+from gcs.links import Command, ParameterValue
+from gcs.links.autopilots.versions import Version
+from gcs.links.batch_link import Link
+from gcs.links.intake import Intake
+from gcs.model.errors import CommandError, RefusedError, UnknownError
+from gcs.model.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowEvent, ShowPhase, advance_show
+from gcs.model.plan import LawName, Plan
+from gcs.model.preflight_report import Exclusion
+from gcs.model.response import FleetResponse
+from gcs.model.setpoint_loss import FleetWithoutSetpoints, WithoutSetpoints
+from gcs.model.state import (
+    Array,
+    FleetState,
+    Landed,
+    Mask,
+    Mode,
+    Telemetry,
+    Traits,
+    VehicleId,
+    Whereabouts,
+    whereabouts,
+)
+from gcs.planning.return_paths.paths import keeps_to_path, lowest_beside_m
+from gcs.preflight.parameters import presumed_parameters
+from gcs.preflight.vehicles import PAD_HEIGHT_MAX_M
+from gcs.safety.neighbours import near_pairs
+from gcs.service.commands import CommandLog
+
+log = logging.getLogger(__name__)
+
+ASSEMBLED_M = 1.0
+"""The formation is assembled when no radius is off by more, with ASSEMBLED_SHARE of the radius added."""
+
+ASSEMBLED_SHARE = 0.05
+
+SPREAD_SHARE, SPREAD_EVENLY, SETTLES_S = 0.7, 0.9, 15.0
+"""And when the two nearest directions are apart by this share of those in the best shape known: the second
+without slots, where vehicles spread for long after they are on the sphere, or the first for this time.
+"""
+
+AT_REST_M_S = 0.5
+"""A killed vehicle that moves faster may be falling."""
+
+FLIES = AIRBORNE | {Phase.PILOT}
+
+
+def stands(offset_m: Array, radius_m: float, charge: Array, spread: float = SPREAD_SHARE) -> bool:
+    """Whether the vehicles at (n, 3) from the centre, n >= 1, are on the sphere and spread over all of it."""
+    distance_m = np.linalg.norm(offset_m, axis=1)
+    near = np.abs(distance_m - radius_m) < ASSEMBLED_M + ASSEMBLED_SHARE * radius_m
+    if not near.all() or len(offset_m) < 2:
+        return bool(near.all())
+    evenly = NEAREST_FACTOR_FEW.get(len(offset_m), NEAREST_FACTOR) / np.sqrt(len(offset_m))
+    least = spread * evenly * np.sqrt(charge.min() / charge.mean())  # small charges settle closer
+    every = np.ones(len(offset_m), np.bool_)
+    first, _ = near_pairs(every, offset_m / distance_m[:, None], every, np.full(len(offset_m), least / 2.0))
+    return len(first) == 0
+
+
+Joined: TypeAlias = tuple[Sequence[Telemetry], Telemetry]
+"""The telemetry of each link, and of all of them."""
+
+
+def joined(
+    parts: Sequence[Telemetry], order: Sequence[int] | None, before: Joined | None = None
+) -> Telemetry:
+    """The telemetry of several links as one; `order`: the place of each row among theirs, None: the same.
+
+    Columns of Python values seldom change: where those of all links are the same as `before`, so is theirs.
+    """
+    if len(parts) == 1 and order is None:
+        return parts[0]
+    columns: dict[str, Any] = {}
+    for name, of in _COLUMNS.items():
+        values = list(map(of, parts))
+        if isinstance(values[0], np.ndarray):
+            column = np.concatenate(values)
+            columns[name] = column if order is None else column[order]
+        elif before is not None and all(map(is_, values, map(of, before[0]))):
+            columns[name] = of(before[1])
+        else:
+            row = tuple(chain.from_iterable(values))
+            columns[name] = row if order is None else tuple(row[place] for place in order)
+    return Telemetry(**columns)
+
+
+def _requested_hz(config: Config) -> Array:
+    """(n,) positions a second that are requested and used of each vehicle."""
+    looks_hz = config.tick_rate_hz
+    return np.array([min(link.streams.position_hz, looks_hz) for link in config.links for _ in link.fleet])
+
+
+_COLUMNS: Final = {field.name: attrgetter(field.name) for field in fields(Telemetry)}
+
+
+_in_formation = lru_cache(maxsize=4)(Tasks.of_formation)
+"""The same object from tick to tick: what is computed of it is kept as well."""
+
+
+class Fleet:
+    """The runtime state of one fleet. Changed on the event loop only."""
+
+    accepted: tuple[VehicleId, ...] = ()  # the vehicles that the last start sent up
+    _stands_since_s: float = np.inf  # on the sphere and spread, see `assembled`
+
+    def __init__(
+        self,
+        config: Config,
+        links: Sequence[Link],
+        now_s: float,
+        *,
+        unix_s: Callable[[], float] = time.time,
+        book: CommandLog | None = None,
+        clock_problem: Callable[[], str] = lambda: "",
+    ) -> None:
+        """Starts with nothing received and nothing commanded. `now_s` is the loop's, `unix_s` since 1970.
+
+        `clock_problem` says why `unix_s` is not to be trusted; empty: it is.
+        """
+        self.config = config
+        self.unix_s = unix_s
+        self.clock_problem = clock_problem
+        self.book = book or CommandLog(None)
+        self.links = tuple(links)
+        self.link_of: Mapping[VehicleId, Link] = {name: link for link in links for name in link.ids}
+        self.vehicles = self._made_vehicles()
+        self.elsewhere = Elsewhere(len(self.vehicles))  # of a flight alone
+        self._states = VehicleStates(self.vehicles.values())
+        self.parameters: dict[VehicleId, Mapping[str, ParameterValue]] = {}  # as last read on the ground
+        self._fall_on_ground = [one for one in self.vehicles.values() if one.autopilot.falls_on_ground]
+        self._presumed = presumed_parameters(config)
+        for vehicle in self.vehicles.values():
+            vehicle.without_setpoints = self._without_setpoints(vehicle)
+        self.traits = Traits(
+            np.array([settings.charge for settings in config.fleet]),
+            np.array([settings.speed_max_m_s or np.inf for settings in config.fleet]),
+            np.full(len(config.fleet), config.control.safety.floor.uncertainty_m),
+            self._response(),
+        )
+        self.plan: Plan = replace(config.plan, target=replace(config.plan.target, time_s=now_s))
+        self.control = config.control  # narrower while a show is selected
+        self.show_run: ShowRun | None = None
+        self.show, self.reason = ShowPhase.IDLE, "nothing has been started"
+        self.columns = ""  # how many pairs will be stacked, in words; as of the last start
+        self.show_before = ShowPhase.IDLE  # the phase before control of everything airborne was lost
+        self.came_down_by: ShowPhase | None = None  # how the last show ended, if by a command
+        self.excluded: dict[VehicleId, Exclusion] = {}  # taken out of the show by an operator
+        self.left_behind: dict[VehicleId, str] = {}  # why vehicles do not fly with the last start
+        self.corrections = Corrections(config.rtk, self.links, now_s)
+        self.timecode = Timecode(config.timecode)
+        self.blinks_until_s: dict[VehicleId, float] = {}  # by `find`
+        self.memory = Memory.fresh(len(self.vehicles), now_s)
+        self.changed_parameters: dict[VehicleId, dict[str, str]] = {}  # changed from what preflight requires
+        self.parameter_problems: dict[VehicleId, str] = {}  # why they could not be read
+        received_in = [name for link in links for name in link.ids]
+        place_of = {name: place for place, name in enumerate(received_in)}
+        order = [place_of[settings.id] for settings in config.fleet]  # rows among all links' vehicles
+        self._order = None if order == sorted(order) else order
+        self._joined: Joined | None = None  # of the last tick
+        self._may_descend: tuple[FleetState, float] | None = None  # for one tick: see `may_descend`
+        self._slow_from_m: tuple[FleetState, Array] | None = None  # likewise: see `slow_from_m`
+        self._closing: tuple[FleetState, frozenset[VehicleId]] | None = None  # likewise: see `closing`
+        self._table = self._made_table()
+        self.uncontrolled = UncontrolledSpace(config, tuple(self.vehicles.values()))
+        self.link_quality = LinkQuality(_requested_hz(config))
+        self.link_delay = LinkDelay(len(self.vehicles))
+        self.heights = HeightComparison(len(self.vehicles), config.heights)
+        self._slowed: tuple[ControlSettings, float, ControlSettings] | None = None  # see `control_now`
+        # as judged by `telemetry_monitor` at the beginning of the tick, rows as in FleetState:
+        self.silent: Mask = np.ones(len(self.vehicles), dtype=np.bool_)  # see `gcs.estimation.link_health`
+        self.has_heartbeat: Mask = ~self.silent  # within `operation.silence_s`
+        self.without_heartbeat: dict[VehicleId, str] = {}  # airborne, sends positions: since when, in words
+        self.setpoint_gaps = SetpointGaps(len(self.vehicles))
+        self._ticked = asyncio.Event()
+        self.fleet = self.receive(now_s)
+
+    def __copy__(self) -> "Fleet":
+        """As it is now: a view of a tick is made of it later. Copied with every tick."""
+        copied = object.__new__(Fleet)
+        copied.__dict__.update(self.__dict__)
+        return copied
+
+    @property
+    def intakes(self) -> Sequence[Intake]:
+        """What bounds the inputs beside the vehicles' own."""
+        others = chain.from_iterable(link.counters.intakes for link in self.links)
+        return self.corrections.intake, self.timecode.intake, *self.elsewhere.intakes, *others
+
+    def _made_vehicles(self) -> dict[VehicleId, Vehicle]:
+        """Return the configured vehicles, in order."""
+        autopilots = [profile for link in self.config.links for profile in link.autopilots]
+        return {
+            one.id: Vehicle(
+                one.id, row, one.system_id, self.link_of[one.id].name, one.charge, autopilot=autopilots[row]
+            )
+            for row, one in enumerate(self.config.fleet)
+        }
+
+    def _made_table(self) -> Table:
+        config, alone = self.config, [vehicle.without_setpoints for vehicle in self.vehicles.values()]
+        noticed_s = FORWARD_MAX_S + config.setpoint_timeout_s + max(each.flies_on_s for each in alone)
+        flies_on_s = max(noticed_s, config.operation.silence_s)
+        fastest_m_s = config.control.safety.limits.horizontal_m_s
+        brakes_s = 2.0 * max(each.stop_s(fastest_m_s) for each in alone)
+        return Table(config.ids, config.frame, flies_on_s=flies_on_s, brakes_s=brakes_s)
+
+    def receive(self, now_s: float) -> FleetState:
+        parts = [link.snapshot() for link in self.links]
+        self.telemetry = joined(parts, self._order, self._joined)
+        self._joined = parts, self.telemetry
+        self.fleet = self._table.state(parts, now_s, self.memory.asked_m_s[: len(self.vehicles)])
+        if self._fall_on_ground:
+            self.telemetry = self._without_falling(self.telemetry)
+        if not (owned := self.elsewhere.owned).all():  # others say where these are
+            position_m = self.fleet.position_m.copy()
+            position_m[~owned] = np.nan
+            self.fleet = replace(self.fleet, position_m=position_m)
+        jumps = now_s - self._table.reset_time_s, self._table.jumped_m
+        about = self.uncertainty_on_pads_m, *jumps, self.control.safety.floor.deviations
+        self.traits = replace(self.traits, uncertainty_m=self.config.positioning.after_jumps_m(*about))
+        return self.fleet
+
+    @property
+    def uncertainty_on_pads_m(self) -> Array:
+        """(n,) Without what jumps add in flight: when a neighbour's estimator resets, no pad moves."""
+        telemetry, floor = self.telemetry, self.control.safety.floor
+        least = floor.uncertainty_m, floor.vertical_uncertainty
+        reported = telemetry.horizontal_accuracy_m, telemetry.vertical_accuracy_m, telemetry.fix_type
+        wide_m = uncertainty_m(*least, *reported, self.config.positioning)
+        if (found := self.heights.found).named.any():
+            wide_m = wide_m + found.widening_m(floor.deviations, floor.vertical_uncertainty)
+        return wide_m
+
+    def note_links(self) -> None:
+        """Note how the newest telemetry arrived, and its heights. After the setpoints: they change slowly."""
+        self.link_quality.note(self.telemetry.position_time_s, self.fleet.time_s)
+        self.link_delay.note(self.telemetry.clock_base_s, self.telemetry.round_trip_s, self.fleet.time_s)
+        fresh = self.fleet.age_s <= self.control.telemetry_age_max_s
+        self.heights.note(self.telemetry, fresh, self.fleet.time_s)
+
+    def slow_from_m(self, vehicles: Sequence[Vehicle]) -> Array:
+        """(k,) reported heights above the ground from which these descend slowly: they may be lower."""
+        if self._slow_from_m is None or self._slow_from_m[0] is not self.fleet:
+            error_m = height_error_m(self.telemetry.vertical_accuracy_m, self.heights.departed_m)
+            self._slow_from_m = self.fleet, self.config.operation.handover_height_m + error_m
+        return self._slow_from_m[1][[vehicle.row for vehicle in vehicles]]
+
+    def note_parameters(self, vehicle: Vehicle, values: Mapping[str, ParameterValue]) -> None:
+        """Take the parameters of a vehicle as read; what it does without setpoints follows from them."""
+        self.parameters[vehicle.id] = values
+        self.traits = replace(self.traits, response=self._response())
+        alone = self._without_setpoints(vehicle)
+        if alone != vehicle.without_setpoints:
+            vehicle.without_setpoints = alone
+            of_all = [each.without_setpoints for each in self.vehicles.values()]
+            self.uncontrolled.without_setpoints = FleetWithoutSetpoints(of_all)
+
+    def _without_setpoints(self, vehicle: Vehicle) -> WithoutSetpoints:
+        operation = self.config.operation
+        action, loss_s = operation.setpoint_loss_action, operation.setpoint_loss_s
+        return vehicle.autopilot.without_setpoints(action, loss_s, self._known_parameters(vehicle))
+
+    def _response(self) -> FleetResponse:
+        """How the vehicles answer setpoints, by their profiles and their parameters as read."""
+        vehicles = self.vehicles.values()
+        return FleetResponse.of([one.autopilot.response(self._known_parameters(one)) for one in vehicles])
+
+    def _known_parameters(self, vehicle: Vehicle) -> Mapping[str, ParameterValue]:
+        """Those that were read, and until then those that are demanded."""
+        return self.parameters.get(vehicle.id) or self._presumed.get(vehicle.id, {})
+
+    def version(self, vehicle_id: VehicleId) -> str:
+        """Of its autopilot, as reported; empty: not yet."""
+        return str(Version.of(self.telemetry.version[self.vehicles[vehicle_id].row]) or "")
+
+    def uncertainty_m(self, vehicles: Sequence[Vehicle]) -> Array:
+        """(k,) standard deviations of these vehicles' positions, sideways."""
+        return self.traits.uncertainty_m[[vehicle.row for vehicle in vehicles]]
+
+    def in_formation_m(self, vehicles: Sequence[Vehicle]) -> Array:
+        """(k,) the same of these, and of those flown elsewhere that take part with them."""
+        return np.concatenate([self.uncertainty_m(vehicles), self.elsewhere.uncertainty_m()])
+
+    @property
+    def control_now(self) -> ControlSettings:
+        """The control settings of this tick: `control`, slower and wider where links are late."""
+        # pairs across flights know each other later
+        late_s = self.link_delay.delay_s + self.elsewhere.delay_s
+        flying = np.array([phase in AIRBORNE for phase in self.phases], dtype=np.bool_)
+        before = self._slowed
+        delay_s = fleet_delay_s(late_s, flying, 0.0 if before is None else before[1])
+        if before is None or before[0] is not self.control or before[1] != delay_s:
+            self._slowed = before = self.control, delay_s, for_late_links(self.control, delay_s)
+        return before[2]
+
+    @property
+    def doubts(self) -> Doubts:
+        """(n,) Why the newest position of each is not believed, by its content."""
+        return self._table.doubts
+
+    @property
+    def reset_time_s(self) -> Array:
+        """(n,) Time of the latest position jump; -inf if there was none."""
+        return self._table.reset_time_s
+
+    @property
+    def jumped_m(self) -> Array:
+        """(n,) How far the position jumped then, and shortly before."""
+        return self._table.jumped_m
+
+    def note_seen(self, rows: Mask) -> None:
+        self.uncontrolled.note_seen(rows, self.fleet.position_m, self._table.last_velocity_m_s)
+
+    def seen(self) -> FleetState:
+        """The state; of silent vehicles the last known positions and velocities."""
+        position_m, velocity_m_s = self.fleet.position_m, self.fleet.velocity_m_s
+        known, moves = np.isfinite(position_m[:, :1]), np.isfinite(velocity_m_s[:, :1])
+        if known.all() and moves.all():
+            return self.fleet
+        position_m = np.where(known, position_m, self.uncontrolled.seen_m)
+        velocity_m_s = np.where(moves, velocity_m_s, self.uncontrolled.seen_m_s)
+        return replace(self.fleet, position_m=position_m, velocity_m_s=velocity_m_s)
+
+    def forget_seen(self, vehicle: Vehicle) -> None:
+        """Forget the last known position: the vehicle is not there any more."""
+        self.uncontrolled.seen_m[vehicle.row] = np.nan
+
+    def last_m(self, vehicle: Vehicle) -> Array | None:
+        """(3,) Last known position, show frame; None if there is none, or it was forgotten."""
+        place_m: Array = self.uncontrolled.seen_m[vehicle.row]
+        return place_m if np.isfinite(place_m).all() else None
+
+    def at_row(self, row: int) -> Vehicle:
+        return self.vehicles[self.fleet.ids[row]]
+
+    @property
+    def setpoints_sent(self) -> int:
+        return sum(link.setpoints_sent for link in self.links)
+
+    async def ticked(self) -> None:
+        await self._ticked.wait()
+
+    def wake(self) -> None:
+        self._ticked.set()
+        self._ticked = asyncio.Event()
+
+    async def execute(self, command: Command) -> None:
+        """Send a command to the vehicle's link. Raises: CommandError."""
+        if not self.elsewhere.owned[self.vehicles[command.vehicle_id].row]:
+            raise CommandError(f"{command.vehicle_id} is flown by another station")
+        await self.link_of[command.vehicle_id].execute(command)
+
+    def mode(self, vehicle: Vehicle) -> Mode:
+        return self.telemetry.mode[vehicle.row]
+
+    def climb_ended(self, vehicle: Vehicle) -> bool:
+        """Whether the autopilot's own take-off has ended."""
+        landed, up_m_s = self.telemetry.landed[vehicle.row], -float(self.fleet.velocity_m_s[vehicle.row, 2])
+        return vehicle.autopilot.climb_ended(self.mode(vehicle), landed, up_m_s)
+
+    def inputs(self, vehicle: Vehicle) -> FailsafeInputs:
+        """Return the inputs that explain the vehicle's mode: see `gcs.failsafe.autopilot_failsafe`."""
+        telemetry, at, now_s = self.telemetry, vehicle.row, self.fleet.time_s
+        return FailsafeInputs(
+            mode=telemetry.mode[at],
+            in_failsafe=telemetry.in_failsafe[at],
+            battery_remaining=float(telemetry.battery_remaining[at]),
+            battery_critical_below=self.config.failsafes.low_battery.critical_below,
+            texts=[text.text for text in telemetry.texts[at] if now_s - text.time_s <= TEXTS_COUNT_S],
+            setpoint_gap_s=self.setpoint_gaps.longest_s(vehicle.row),
+            setpoint_loss_s=vehicle.without_setpoints.flies_on_s,
+            setpoint_loss_action=alone.action if (alone := vehicle.without_setpoints).changes_mode else "",
+            position_age_s=float(self.fleet.age_s[vehicle.row]),
+            beyond_fence=vehicle.autopilot.beyond_fence(int(telemetry.unhealthy_sensors[at])),
+            position_doubtful=bool(self.fleet.doubtful[at]),
+        )
+
+    def note_setpoints(self) -> None:
+        """Begin a tick, before telemetry changes phases: see `SetpointGaps` and `KeptSetpoints`."""
+        phases = self.phases
+        left = np.zeros(len(phases), np.bool_)
+        if Phase.PILOT in phases:
+            left[:] = [phase is Phase.PILOT for phase in phases]
+        memory, fleet, n = self.memory, self.fleet, len(phases)
+        self.setpoint_gaps.note(~np.isnan(memory.desired_m_s[:n, 0]), left, fleet.time_s)
+        self.uncontrolled.note_setpoints(memory, fleet)
+
+    @property
+    def known(self) -> set[VehicleId]:
+        """Vehicles that have reported all that a start requires: parameters, fix and clock, as configured."""
+        config = self.config
+        names = set(self.parameters if config.operation.require_parameters else self.vehicles)
+        reported = np.ones(len(self.vehicles), dtype=np.bool_)
+        if config.preflight.require_fix:
+            reported &= np.isfinite(self.telemetry.fix_type)
+        if config.preflight.clock_max_s is not None:
+            reported &= np.isfinite(self.telemetry.clock_base_s)
+        return names - {self.fleet.ids[row] for row in np.flatnonzero(~reported).tolist()}
+
+    @property
+    def not_flying(self) -> dict[VehicleId, str]:
+        """Vehicles that stay on the ground while the others fly or will fly, with the reasons."""
+        why = {name: str(exclusion) for name, exclusion in self.excluded.items()}
+        if self.show not in ON_THE_GROUND:
+            why = self.left_behind | why
+        return {name: text for name, text in why.items() if self.vehicles[name].phase in GROUNDED}
+
+    @property
+    def states(self) -> VehicleStates:
+        """The vehicles as they are now: the same object until one of them changes."""
+        if not self._states.is_current:
+            self._states = VehicleStates(self.vehicles.values())
+        return self._states
+
+    @property
+    def phases(self) -> list[Phase]:
+        """Of all vehicles, by row; not to be changed."""
+        return self.states.phases
+
+    def in_phase(self, *phases: Phase) -> list[Vehicle]:
+        return self.states.in_phase(phases).copy()
+
+    @property
+    def airborne(self) -> list[Vehicle]:
+        """Vehicles in the air under this service's control."""
+        return self.in_phase(*AIRBORNE)
+
+    def whereabouts(self, vehicle: Vehicle) -> Whereabouts:
+        """Whether it is airborne and under control, on the ground, or unknown; see `fleet_counts`."""
+        telemetry, at = self.telemetry, vehicle.row
+        age_s = self.fleet.time_s - float(telemetry.heartbeat_time_s[at])
+        landed, armed = telemetry.landed[at], telemetry.armed[at]
+        return whereabouts(vehicle.phase, landed, armed=armed, heartbeat_age_s=age_s)
+
+    def _without_falling(self, telemetry: Telemetry) -> Telemetry:
+        """Telemetry in which no killed vehicle that may still fall is on the ground."""
+        falling = [one.row for one in self._fall_on_ground if self._may_fall(one)]
+        if not falling:
+            return telemetry
+        landed = list(telemetry.landed)
+        for row in falling:
+            landed[row] = Landed.UNKNOWN
+        return replace(telemetry, landed=tuple(landed))
+
+    def _may_fall(self, vehicle: Vehicle) -> bool:
+        """Whether a killed vehicle may still be in the air, by its height and speed."""
+        if vehicle.phase is not Phase.KILLED:
+            return False
+        pad_m = 0.0 if vehicle.home_m is None else float(vehicle.home_m[2])
+        height_m = pad_m - float(self.fleet.position_m[vehicle.row, 2])
+        speed_m_s = float(np.linalg.norm(self.fleet.velocity_m_s[vehicle.row]))
+        return not (height_m <= PAD_HEIGHT_MAX_M and speed_m_s <= AT_REST_M_S)  # True for NaN
+
+    def position_m(self, vehicle: Vehicle) -> Array:
+        """(3,) Newest position, show frame."""
+        return np.asarray(self.fleet.position_m[vehicle.row])
+
+    def may_descend(self, vehicle: Vehicle) -> bool:
+        """Whether every lower landing vehicle is in its landing column, so that this one may descend."""
+        if self._may_descend is None or self._may_descend[0] is not self.fleet:
+            landing = [one for one in self.in_phase(Phase.LANDING) if one.goal_m is not None]
+            here_m = self.fleet.position_m[[one.row for one in landing]]
+            goal_m = np.array([one.goal_m for one in landing], dtype=float).reshape(-1, 3)
+            self._may_descend = self.fleet, lowest_beside_m(here_m, goal_m)
+        return not self._may_descend[1] > self.position_m(vehicle)[2]
+
+    def assembled(self) -> bool:
+        """Whether the formation's vehicles are on the sphere and spread over all of it.
+
+        The leading flight decides for all: vehicles that pass the space of lost ones are never spread evenly.
+        """
+        if self.elsewhere.lead_runs:
+            return True
+        if self.show_run is not None and self.show_run.goals is not None:
+            return self.show_run.there
+        center, radius_m = self.memory.center, self.memory.radius_m
+        rows = [vehicle.row for vehicle in self.in_phase(Phase.FORMATION)]
+        if center is None or not rows:
+            return False
+        their_m, their_charge = self.elsewhere.formed_m()
+        here_m = np.concatenate([self.fleet.position_m[rows], their_m])
+        charge = np.concatenate([self.traits.charge[rows], their_charge])
+        on_sphere = here_m - center.position_m, radius_m, charge
+        now_s = self.fleet.time_s
+        self._stands_since_s = min(self._stands_since_s, now_s) if stands(*on_sphere) else np.inf
+        if self.plan.formation.law is LawName.SLOTS or now_s - self._stands_since_s >= SETTLES_S:
+            return self._stands_since_s <= now_s
+        return stands(*on_sphere, SPREAD_EVENLY)
+
+    @property
+    def reached(self) -> str:
+        """That the formation is reached, and which vehicles of the start are not in it."""
+        absent = [name for name in self.accepted if self.vehicles[name].phase is not Phase.FORMATION]
+        return f"formation reached, without {', '.join(absent)}" if absent else "formation reached"
+
+    def vehicle(self, vehicle_id: VehicleId) -> Vehicle:
+        """Return the vehicle with this id. Raises: UnknownError."""
+        try:
+            return self.vehicles[vehicle_id]
+        except KeyError:
+            known = ", ".join(self.vehicles)
+            raise UnknownError(f"there is no vehicle {vehicle_id}; there are {known}") from None
+
+    def need_no_countdown(self) -> None:
+        if self.show is ShowPhase.COUNTDOWN:
+            raise RefusedError("a start is being counted down: stop cancels it")
+
+    def move_show(self, event: ShowEvent, reason: str) -> None:
+        """Move the show to its next phase. Raises: RefusedError when the transition is not allowed."""
+        before, self.show = self.show, advance_show(self.show, event)
+        self.reason = reason
+        if event is ShowEvent.CONTROL_LOST:
+            self.show_before = before
+        if event in {ShowEvent.ALL_DOWN, ShowEvent.CONTROL_LOST} and before is not ShowPhase.UNCONTROLLED:
+            self.came_down_by = before if before in {ShowPhase.RETURNING, ShowPhase.ABORTING} else None
+        if self.show_run is not None:
+            self.show_run.follow(self.show, self.fleet.time_s)
+        log.info("show_phase", extra={"was": before.value, "phase": self.show.value, "reason": reason})
+
+    def tasks(self) -> Tasks:
+        """What every vehicle has to do in this tick."""
+        tasks, show_run = self._tasks_now(), self.show_run
+        if show_run is not None and show_run.goals is not None:
+            tasks = tasks.led_by(show_run.goals, moves=show_run.moves)
+        self.last_tasks = tasks
+        return tasks
+
+    def _tasks_now(self) -> Tasks:
+        vehicles = self.vehicles.values()  # rows as in FleetState
+        now_s, show = self.fleet.time_s, self.show
+        show_flies = show in SHOW_FLIES
+        states = self.states
+        phases = states.phases
+        flown = show_flies and now_s >= states.frozen_until_s and phases.count(Phase.FORMATION) == len(phases)
+        age_s = self.fleet.age_s
+        silent = self.uncontrolled.silent(age_s, self.control.telemetry_age_max_s)
+        if flown and len(silent) == 0:  # the usual case
+            return _in_formation(len(phases), center_moves=show is ShowPhase.RUNNING)
+        task = np.full(len(vehicles), Task.FORMATION, dtype=np.int8)
+        goal_m = np.full((len(vehicles), 3), np.nan)
+        for row, vehicle in enumerate(vehicles):
+            if not show_flies or vehicle.phase is not Phase.FORMATION or now_s < vehicle.frozen_until_s:
+                task[row], goal = vehicle.task(show, now_s)
+                if goal is not None:
+                    goal_m[row] = goal
+        follows = np.array([vehicle.follows_planned_path for vehicle in vehicles], dtype=np.bool_)
+        segments_m, segments_of = self.uncontrolled.swept(self.fleet.age_s)
+        silent_m, silent_of = self.uncontrolled.near_m(silent, age_s)
+        return Tasks(
+            task,
+            goal_m,
+            np.array([phase in FLIES for phase in phases]),
+            np.array([phase is Phase.LANDING for phase in phases]),
+            np.concatenate([segments_m, silent_m]),
+            center_moves=show is ShowPhase.RUNNING,
+            formation_waits=show is ShowPhase.PAUSED,
+            # those far behind keep the right-of-way rules
+            follows_planned_path=keeps_to_path(follows, self.fleet.position_m, goal_m),
+            segments_of=np.concatenate([segments_of, silent_of]),
+            drift=self.uncontrolled.drift(silent, age_s),
+            silent_segments=len(silent_of),
+        )
+
+    def closed(self) -> tuple[Array, Array]:
+        """(m, 2, 3) paths that lost vehicles of any flight may take, and (m,) the uncertainty of each."""
+        segments_m, segments_of = self.uncontrolled.swept(self.fleet.age_s)
+        uncertainty_m = self.traits.uncertainty_m[segments_of]
+        their_m, their_uncertainty_m = self.elsewhere.closed()
+        return np.concatenate([segments_m, their_m]), np.concatenate([uncertainty_m, their_uncertainty_m])
+
+    def closing(self) -> frozenset[VehicleId]:
+        """Lost vehicles of any flight: the paths that `closed` returns are theirs."""
+        if self._closing is None or self._closing[0] is not self.fleet:
+            lost = self.in_phase(Phase.LOST, Phase.KILLED)
+            own = frozenset(vehicle.id for vehicle in lost if self.last_m(vehicle) is not None)
+            self._closing = self.fleet, own | self.elsewhere.closing()
+        return self._closing[1]

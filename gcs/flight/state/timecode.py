@@ -1,0 +1,137 @@
+"""The timecode of one station: what arrived, and how the selected show stands to it."""
+
+from math import isnan, nan
+from typing import Final
+
+from gcs.config.sections import TimecodeSettings
+from gcs.flight.state.running_show import ShowRun
+from gcs.links.intake import Intake
+from gcs.service import TimecodeView
+from gcs.shows.timecode import Chase, Rate, Reading, State
+from gcs.shows.timecode.receiver import bound_of
+from gcs.shows.timecode.smpte import label_at, parse_label
+
+WHY = {
+    State.NONE: "no timecode has arrived",
+    State.STOPPED: "the timecode has stopped",
+    State.LOST: "no timecode arrives any more: its source has stopped, or is cut off",
+    State.REFUSED: "the timecode has jumped by {jump_s:+.1f} s, more than {most_s:g} s",
+}
+
+
+APART_S: Final = 1.0
+"""From here on a show that is not where its timecode is gives an alarm."""
+
+
+class Timecode:
+    """Takes what arrives. Every `now_s` is the loop's clock; used on the event loop only.
+
+    Without settings there is none, and shows run by this station's clock.
+    """
+
+    def __init__(self, settings: TimecodeSettings | None) -> None:
+        self.settings = settings
+        self.followed = settings is not None
+        self.problem = ""  # why the show waits or stands still
+        self.frozen_since_unix_s: float | None = None  # a running show stands still, or comes to rest
+        self.expected = False  # it waits as it should: the timecode comes to where the show is
+        freewheel_s, jump_max_s = (
+            (1.0, 1.0) if settings is None else (settings.freewheel_s, settings.jump_max_s)
+        )
+        self._chase = Chase(freewheel_s, jump_max_s)
+        self._failed = ""
+        self._readings = self._garbage = 0
+        self.intake = Intake(f"timecode {settings.source}" if settings else "timecode", bound_of(settings))
+        self._begins: tuple[Rate, float] | None = None  # the timecode of a show's beginning, at that rate
+
+    def take(self, reading: Reading, now_s: float) -> None:
+        """Take a reading that has just arrived."""
+        self._failed = ""
+        self._readings += 1
+        self._chase.take(reading, now_s)
+
+    def count(self, garbage: int) -> None:
+        """Note how many messages made no sense."""
+        self._garbage = garbage
+
+    def failed(self, why: str) -> None:
+        """Note why nothing can be received."""
+        self._failed = why
+
+    def runs(self, now_s: float) -> bool:
+        """Whether the show has a timecode to follow."""
+        return self._chase.runs(now_s)
+
+    @property
+    def slope(self) -> float:
+        return self._chase.slope()
+
+    def show_s(self, now_s: float) -> float:
+        """The show's time that belongs to the timecode now; NaN: there is none."""
+        settings, rate = self.settings, self._chase.rate
+        if settings is None or rate is None:
+            return nan
+        return self._chase.time_s(now_s) - self._begins_s(settings, rate) - settings.delay_s
+
+    def note_show(self, show_s: float) -> None:
+        """Note the show's time, by which jumps are judged; NaN: it has not begun."""
+        settings, rate = self.settings, self._chase.rate
+        if settings is not None and rate is not None:
+            self._chase.show_s = show_s + self._begins_s(settings, rate) + settings.delay_s
+
+    def _begins_s(self, settings: TimecodeSettings, rate: Rate) -> float:
+        if self._begins is None or self._begins[0] is not rate:
+            self._begins = rate, parse_label(settings.starts_at).time_s(rate)
+        return self._begins[1]
+
+    def why_not(self, now_s: float) -> str:
+        """Why there is no timecode to follow, in words; empty while there is."""
+        text = WHY.get(self._chase.state(now_s), "").format(
+            jump_s=self._chase.jump_s, most_s=self._chase.jump_max_s
+        )
+        return f"{text} ({self._failed})" if text and self._failed else text
+
+    def note_frozen(self, frozen: bool, unix_s: float) -> None:
+        """Note whether the running show stands still for want of timecode, or comes to rest."""
+        if not frozen:
+            self.frozen_since_unix_s = None
+        elif self.frozen_since_unix_s is None:
+            self.frozen_since_unix_s = unix_s
+
+    def is_missing(self, now_s: float) -> bool:
+        """Whether the show stands still, and no source has said that it shall."""
+        silent = self._chase.state(now_s) in {State.NONE, State.LOST}
+        return silent and self.frozen_since_unix_s is not None
+
+    def why_apart(self, show_run: ShowRun, now_s: float) -> str:
+        """Why the show is not where its timecode is, in words; empty where it is, or as it should be."""
+        if not self.followed or self.expected:
+            return ""
+        behind_s = self.show_s(now_s) - show_run.clock.show_s(now_s)
+        if self.problem or not show_run.clock.runs or not abs(behind_s) > APART_S:
+            return self.problem
+        return f"the show is {abs(behind_s):.1f} s {'behind' if behind_s > 0.0 else 'ahead'}"
+
+    def view(self, show_run: ShowRun | None, now_s: float) -> TimecodeView | None:
+        """What displays need; None: none is configured."""
+        settings, chase = self.settings, self._chase
+        if settings is None:
+            return None
+        time_s, rate = chase.time_s(now_s), chase.rate
+        follows = self.followed and show_run is not None and show_run.clock.runs
+        return TimecodeView(
+            source=settings.source,
+            followed=self.followed,
+            state=chase.state(now_s).value,
+            label="" if rate is None or isnan(time_s) else str(label_at(max(time_s, 0.0), rate)),
+            frame_rate="" if rate is None else rate.text,
+            age_s=chase.age_s(now_s),
+            behind_s=self.show_s(now_s) - show_run.clock.show_s(now_s) if follows and show_run else nan,
+            slope=chase.slope() if chase.runs(now_s) else nan,
+            tempo=show_run.tempo.rate if follows and show_run else nan,
+            problem=self.problem,
+            frozen_since_unix_time_s=self.frozen_since_unix_s if follows else None,
+            readings=self._readings,
+            garbage=self._garbage,
+            dropped=self.intake.dropped,
+        )
