@@ -7,7 +7,7 @@ import sys
 from contextlib import suppress
 from io import TextIOWrapper
 
-from gcs.cli import supervisor
+from gcs.cli.service import supervisor
 
 FIRST = -20
 """The nice value before all others."""

@@ -53,10 +53,10 @@ OPTIONS: Final = "options"
 """The module with the arguments of commands that have slow modules of their own."""
 
 COMMANDS: Final = {
-    "demo": Command("demo", "fly the whole story with an embedded fake fleet", LINES, OPTIONS),
-    "serve": Command("serve", "run the service and its REST API", LINES, OPTIONS),
+    "demo": Command("demo.demo", "fly the whole story with an embedded fake fleet", LINES, OPTIONS),
+    "serve": Command("service.serve", "run the service and its REST API", LINES, OPTIONS),
     "show": Command(
-        "show_command", "check, draw, hash, import, sample, place, export show files", options=OPTIONS
+        "shows.show_command", "check, draw, hash, import, sample, place, export show files", options=OPTIONS
     ),
     "params": Command(
         "params", "check or set the vehicles' parameters that decide what is safe", options=OPTIONS

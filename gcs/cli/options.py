@@ -5,7 +5,7 @@ from collections.abc import Callable
 from math import isfinite
 from typing import Final
 
-from gcs.cli import supervisor
+from gcs.cli.service import supervisor
 from gcs.simulation import ROWS
 
 TRANSPORTS: Final = ("native", "mavsdk")

@@ -9,8 +9,8 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from gcs.cli.output import REFUSED, answer, fail
-from gcs.cli.process import set_up_log
-from gcs.cli.serve import load_here, make_link
+from gcs.cli.service.process import set_up_log
+from gcs.cli.service.serve import load_here, make_link
 from gcs.config.schema import Config
 from gcs.links import ParameterValue
 from gcs.links.autopilots.versions import Version

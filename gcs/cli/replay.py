@@ -15,7 +15,7 @@ from gcs.api.map_tiles import GroundMap, open_map
 from gcs.api.server import serve as serve_api
 from gcs.cli.flight_report import TRUTH, session_folder
 from gcs.cli.output import lines, note
-from gcs.cli.process import set_up_log
+from gcs.cli.service.process import set_up_log
 from gcs.config.setting_errors import explained
 from gcs.model.errors import ConfigError
 from gcs.recording.mcap_reader import FlightData

@@ -23,7 +23,7 @@ from gcs.bus.interface import Accepts, Bus, BusCounters, Received, anything
 from gcs.bus.keys import make_site_keys
 from gcs.bus.settings import Endpoint
 from gcs.bus.zenoh_bus import ZenohBus
-from gcs.cli.scheduling import PriorityRequest, ask
+from gcs.cli.service.scheduling import PriorityRequest, ask
 from gcs.links.intake import Intake
 from tests.support.machine import free_ports
 

@@ -13,7 +13,7 @@ import time
 from contextlib import ExitStack
 from pathlib import Path
 
-from gcs.cli.demo_script import ORBIT_SPEED_M_S, USUAL_RADIUS_M
+from gcs.cli.demo.demo_script import ORBIT_SPEED_M_S, USUAL_RADIUS_M
 from tests.bench.fake_fleet import busy_s
 from tests.bench.links import Requirement
 from tests.bench.stations import ALONE, SETTLE_S, START_S, Fleet, flying, site_of, wait

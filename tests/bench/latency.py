@@ -14,7 +14,7 @@ from contextlib import contextmanager
 import numpy as np
 import yaml
 
-from gcs.cli.serve import make_link
+from gcs.cli.service.serve import make_link
 from gcs.config.schema import Config, parse
 from gcs.flight.orchestrator import Orchestrator
 from gcs.links.link import Direction

@@ -17,8 +17,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from gcs.cli import demo_report, demo_show, scheduling
-from gcs.cli.serve import make_link
+from gcs.cli.demo import demo_report, demo_show
+from gcs.cli.service import scheduling
+from gcs.cli.service.serve import make_link
 from gcs.config.schema import Config
 from gcs.flight.orchestrator import Orchestrator
 from gcs.model.lifecycle import ShowPhase

@@ -10,7 +10,7 @@ from math import isfinite, nan
 import numpy as np
 import yaml
 
-from gcs.cli.serve import make_link, raise_priority
+from gcs.cli.service.serve import make_link, raise_priority
 from gcs.config.schema import Config, parse
 from gcs.control import Memory
 from gcs.flight.orchestrator import Orchestrator

@@ -13,7 +13,7 @@ import subprocess
 import sys
 from dataclasses import dataclass, replace
 
-from gcs.cli.process import run_exactly
+from gcs.cli.service.process import run_exactly
 from tests.bench import link_bare, link_pymavlink, link_service, mavsdk_plainly
 from tests.bench.link_measures import CannotError, Cost, flying
 

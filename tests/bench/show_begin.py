@@ -15,8 +15,8 @@ from pathlib import Path
 import numpy as np
 from pymavlink.dialects.v20 import common
 
-from gcs.cli import wall_clock
-from gcs.cli.serve import make_link
+from gcs.cli.service import wall_clock
+from gcs.cli.service.serve import make_link
 from gcs.config.schema import Config
 from gcs.flight.orchestrator import Orchestrator
 from gcs.model.lifecycle import ShowPhase

@@ -19,8 +19,8 @@ import numpy as np
 
 from gcs.bus.interface import Received
 from gcs.bus.zenoh_bus import ZenohBus
-from gcs.cli import serve
 from gcs.cli.main import main
+from gcs.cli.service import serve
 from gcs.config.schema import Config
 from gcs.config.sections import LinkSettings
 from gcs.links.batch_link import Link

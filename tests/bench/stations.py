@@ -28,7 +28,7 @@ import numpy as np
 import yaml
 from pydantic_core import from_json
 
-from gcs.cli.demo_script import ORBIT_SPEED_M_S, USUAL_RADIUS_M
+from gcs.cli.demo.demo_script import ORBIT_SPEED_M_S, USUAL_RADIUS_M
 from gcs.client import Client
 from gcs.config.schema import Config
 from gcs.model.errors import LinkError, RefusedError

@@ -21,7 +21,7 @@ from websockets.asyncio.client import connect
 
 from gcs.api.app import create_app
 from gcs.api.server import serve
-from gcs.cli.process import run_exactly
+from gcs.cli.service.process import run_exactly
 from gcs.flight.orchestrator import Orchestrator
 from tests.bench.link_measures import WARM_UP_S, flying
 from tests.bench.link_service import config_of, ended, in_formation, links_of, p99_ms

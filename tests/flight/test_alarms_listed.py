@@ -28,7 +28,7 @@ FAILSAFES: Final = {
 
 
 class Supervisor:
-    """Receives the signs that control lives, as `gcs.cli.process` does."""
+    """Receives the signs that control lives, as `gcs.cli.service.process` does."""
 
     def __init__(self) -> None:
         self.problem = ""

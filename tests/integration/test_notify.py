@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gcs.cli.process import Notifier, notifier_from_environment
+from gcs.cli.service.process import Notifier, notifier_from_environment
 
 
 @pytest.fixture

@@ -21,9 +21,9 @@ from itertools import cycle
 from pathlib import Path
 from typing import Any, get_args
 
-from gcs.cli import demo_report as report
-from gcs.cli import demo_site
-from gcs.cli.demo import MIXED, MIXED_LOSS_S
+from gcs.cli.demo import demo_report as report
+from gcs.cli.demo import demo_site
+from gcs.cli.demo.demo import MIXED, MIXED_LOSS_S
 from gcs.config import schema as configuration
 from gcs.config.sections import LinkSettings
 from gcs.links.autopilots import AUTOPILOTS, DEFAULT

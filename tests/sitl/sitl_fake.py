@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
-from gcs.cli.demo import MIXED
+from gcs.cli.demo.demo import MIXED
 from gcs.links.autopilots import AUTOPILOTS, DEFAULT
 from tests.sitl.sitl_simulators import COLUMNS, CannotError, Pads, SimulatorLink, Simulators, Started
 from tests.support.machine import free_ports

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from gcs.api.schemas import fleet as schemas
-from gcs.cli.demo_report import Commanded
+from gcs.cli.demo.demo_report import Commanded
 from gcs.client import Client
 from gcs.model.errors import GcsError
 from gcs.model.plan import Obstacle

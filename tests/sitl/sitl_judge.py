@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from gcs.cli import demo_report as report
+from gcs.cli.demo import demo_report as report
 from gcs.config import schema as configuration
 from gcs.model.state import Array
 from tests.sitl.sitl_flight import TRUE_WITHIN_S, Account, Stall, Window

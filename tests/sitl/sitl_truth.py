@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import common
 
-from gcs.cli.demo_report import SAMPLE_S, GroundTruth
+from gcs.cli.demo.demo_report import SAMPLE_S, GroundTruth
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Array, Mask
 from tests.support.background import Background

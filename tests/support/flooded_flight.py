@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from gcs.cli.serve import make_link
+from gcs.cli.service.serve import make_link
 from gcs.config.schema import Config
 from gcs.flight.orchestrator import Orchestrator
 from gcs.links.batch_link import Link

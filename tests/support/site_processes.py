@@ -22,8 +22,8 @@ import yaml
 from pydantic import TypeAdapter
 
 from gcs.bus.shared_memory import shared_file
-from gcs.cli.demo_report import GroundTruth, separation
-from gcs.cli.scheduling import PriorityRequest
+from gcs.cli.demo.demo_report import GroundTruth, separation
+from gcs.cli.service.scheduling import PriorityRequest
 from gcs.client import Client
 from gcs.config import schema as configuration
 from gcs.config.schema import Config

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import IO, TextIO
 
 import gcs.cli.kill
-import gcs.cli.serve
+import gcs.cli.service.serve
 import gcs.sim.cli  # noqa: F401
 from gcs import control
 from gcs.mavlink import codec, reports

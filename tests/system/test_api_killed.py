@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from gcs.cli.serve import StationService, running
+from gcs.cli.service.serve import StationService, running
 from gcs.client import Client
 from gcs.config.schema import Config
 from gcs.model.errors import GcsError
@@ -34,7 +34,7 @@ def api_process() -> int | None:
         with suppress(OSError, ValueError):
             words = (folder / "cmdline").read_bytes().split(b"\0")
             parent = int((folder / "stat").read_text().rpartition(")")[2].split()[1])
-            if parent == os.getpid() and b"gcs.cli.api_child" in words:
+            if parent == os.getpid() and b"gcs.cli.service.api_child" in words:
                 return int(folder.name)
     return None
 
@@ -90,7 +90,7 @@ def test_lost_api_is_replaced_while_control_flies_on(
     ticks = TickTimes()
     with Pauses() as machine:
         began_s, ended_s, sent = asyncio.run(lose_api(tmp_path, ticks, number))
-    assert [record.message for record in caplog.records if record.name == "gcs.cli.api_process"] == [
+    assert [record.message for record in caplog.records if record.name == "gcs.cli.service.api_process"] == [
         "api_failed"
     ]
     count, awake_s = ticks.count(began_s, ended_s), machine.awake_s(began_s, ended_s)

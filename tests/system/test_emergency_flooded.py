@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from gcs.api.auth.tokens import create_token
-from gcs.cli.serve import running
+from gcs.cli.service.serve import running
 from gcs.client import Client
 from gcs.config.schema import Config
 from gcs.model.errors import LinkError

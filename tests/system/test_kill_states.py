@@ -71,7 +71,8 @@ class Station:
         for entry in Path("/proc").iterdir():
             with suppress(OSError, ValueError):
                 parent = int((entry / "stat").read_text().rpartition(")")[2].split()[1])
-                if parent == self.control.pid and b"gcs.cli.api_child" in (entry / "cmdline").read_bytes():
+                words = (entry / "cmdline").read_bytes()
+                if parent == self.control.pid and b"gcs.cli.service.api_child" in words:
                     return int(entry.name)
         raise AssertionError("the service has no API process")
 

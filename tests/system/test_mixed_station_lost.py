@@ -15,7 +15,7 @@ from time import sleep
 
 import pytest
 
-from gcs.cli import demo_report as report
+from gcs.cli.demo import demo_report as report
 from gcs.client import Client
 from gcs.config.schema import Config
 from tests.support.link_router import Router

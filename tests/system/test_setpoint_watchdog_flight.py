@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from gcs.cli.serve import make_link
+from gcs.cli.service.serve import make_link
 from gcs.flight.orchestrator import Orchestrator
 from gcs.links.mavsdk.link import MavsdkLink
 from gcs.model.lifecycle import Phase, ShowPhase

@@ -7,7 +7,7 @@ import pytest
 
 from gcs.api.app import create_app
 from gcs.api.server import serve
-from gcs.cli.serve import make_link
+from gcs.cli.service.serve import make_link
 from gcs.client import Client
 from gcs.config.schema import Config
 from gcs.flight.orchestrator import Orchestrator

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gcs.cli.serve import make_link
+from gcs.cli.service.serve import make_link
 from gcs.client import Client
 from gcs.flight.orchestrator import Orchestrator
 from gcs.formation.repulsion import energy

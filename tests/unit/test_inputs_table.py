@@ -23,10 +23,10 @@ OPENS = {
     "sqlite3.connect",
 }
 LOCAL = {
-    "gcs/cli/process.py": "sends to the supervisor",
+    "gcs/cli/service/process.py": "sends to the supervisor",
     "gcs/cli/timecode.py": "sends timecode",
-    "gcs/cli/serve.py": "tries whether a port is free",
-    "gcs/cli/supervisor.py": "reads its own child",
+    "gcs/cli/service/serve.py": "tries whether a port is free",
+    "gcs/cli/service/supervisor.py": "reads its own child",
     "gcs/shows/formats/csv_show.py": "writes a zip",
     "gcs/shows/formats/skybrush_writer.py": "writes a zip",
     "gcs/recording/audit_database.py": "the record, in a folder of our own",

@@ -13,7 +13,7 @@ from rich.console import Console
 
 from gcs.cli import options
 from gcs.cli.commands import ACTIONS, CALLS, COMMANDS, names
-from gcs.cli.demo import VEHICLES_MAX
+from gcs.cli.demo.demo import VEHICLES_MAX
 from gcs.cli.main import load, main, whole_parser
 from gcs.cli.progress import part_of, share_of, working
 

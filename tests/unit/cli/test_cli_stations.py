@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 import yaml
 
-from gcs.cli import supervisor
 from gcs.cli.main import main
 from gcs.cli.output import lines
-from gcs.cli.process import JsonLines
-from gcs.cli.serve import load_here
+from gcs.cli.service import supervisor
+from gcs.cli.service.process import JsonLines
+from gcs.cli.service.serve import load_here
 from gcs.config.schema import find
 from gcs.model.errors import ConfigError
 

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gcs.cli import demo, options
+from gcs.cli import options
+from gcs.cli.demo import demo
 from gcs.config.schema import Config
 from gcs.links.settings import Listen
 from gcs.model.errors import ConfigError

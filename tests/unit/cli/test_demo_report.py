@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gcs.cli.demo_report import (
+from gcs.cli.demo.demo_report import (
     Commanded,
     GroundTruth,
     ground_truth,

@@ -10,7 +10,7 @@ import yaml
 
 from gcs.api.map_tiles import TILE_MOST_BYTES, TileFile, open_map
 from gcs.cli.replay import recorded_map
-from gcs.cli.serve import map_problems
+from gcs.cli.service.serve import map_problems
 from gcs.config.schema import parse
 from gcs.model.errors import ConfigError, InvalidError, UnknownError
 from gcs.service.map_settings import MapSettings

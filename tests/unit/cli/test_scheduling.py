@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import pytest
 
-from gcs.cli.scheduling import PRIORITY
+from gcs.cli.service.scheduling import PRIORITY
 
 ASK = """
 import json, os, sys, threading
-from gcs.cli import scheduling
+from gcs.cli.service import scheduling
 
 asked, without_rights = sys.argv[1:]
 if without_rights == "without rights" and os.geteuid() == 0:

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from gcs.cli.demo_report import GroundTruth
+from gcs.cli.demo.demo_report import GroundTruth
 from tests.sitl.sitl_flight import Account, Window
 from tests.sitl.sitl_judge import by_autopilot, reported_off_m
 

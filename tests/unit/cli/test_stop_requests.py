@@ -7,8 +7,8 @@ from collections.abc import Iterator, Sequence
 
 import pytest
 
-from gcs.cli.process import StopRequests
-from gcs.cli.supervisor import pass_on
+from gcs.cli.service.process import StopRequests
+from gcs.cli.service.supervisor import pass_on
 
 ALL = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 import yaml
 
-from gcs.cli.serve import load_here, make_link
+from gcs.cli.service.serve import load_here, make_link
 from gcs.config.schema import Config, find, load, parse
 from gcs.config.yaml_files import CONFIGURATIONS
 from gcs.links.settings import Listen, SerialPort, TcpIn, TcpOut, UdpOut

@@ -248,7 +248,7 @@ def test_an_unknown_station_is_refused_with_the_known_ones() -> None:
 
 def test_without_stations_zenoh_is_never_imported() -> None:
     code = (
-        "import sys, gcs.cli.serve, gcs.cli.params, gcs.flight.orchestrator, gcs.config.site\n"
+        "import sys, gcs.cli.service.serve, gcs.cli.params, gcs.flight.orchestrator, gcs.config.site\n"
         "from gcs.config.schema import find, load\n"
         "load(find('demo')), load(find('stations'))\n"
         "print(*sys.modules)"

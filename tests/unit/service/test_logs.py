@@ -4,7 +4,7 @@ import sys
 from datetime import UTC, datetime
 from pathlib import Path
 
-from gcs.cli import process
+from gcs.cli.service import process
 from gcs.service.access import Denied
 
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from gcs.cli.drawn_shows import origin_of
 from gcs.cli.output import answer
+from gcs.cli.shows.drawn_shows import origin_of
 from gcs.config.yaml_files import read
 from gcs.model.errors import ConfigError, RefusedError
 from gcs.shows import find, parse

@@ -143,7 +143,7 @@ class Supervisor:
 
     def _log(self, level: str, event: str, **more: object) -> None:
         now = datetime.now(UTC).isoformat(timespec="milliseconds")
-        head = {"time": now, **self._named, "level": level, "logger": "gcs.cli.supervisor", "event": event}
+        head = {"time": now, **self._named, "level": level, "logger": __name__, "event": event}
         with suppress(OSError):  # a closed terminal must not stop the supervisor
             sys.stderr.write(f"{json.dumps({**head, **more})}\n")
             sys.stderr.flush()

@@ -16,8 +16,8 @@ from typing import Final
 
 from gcs.api.auth.tokens import Tokens
 from gcs.api.listener import check_tls, listen
-from gcs.cli import scheduling
-from gcs.cli.api_settings import ApiSettings
+from gcs.cli.service import scheduling
+from gcs.cli.service.api_settings import ApiSettings
 from gcs.config.schema import Config
 from gcs.model.errors import LinkError
 from gcs.service import Service
@@ -115,7 +115,7 @@ class ApiProcess:
             ours = signal.pthread_sigmask(signal.SIG_BLOCK, STOPS)
             try:  # the process inherits what is blocked
                 self._process = await asyncio.create_subprocess_exec(
-                    *(sys.executable, "-m", "gcs.cli.api_child", *map(str, (os.getpid(), *files))),
+                    *(sys.executable, "-m", "gcs.cli.service.api_child", *map(str, (os.getpid(), *files))),
                     stdin=asyncio.subprocess.DEVNULL,
                     stdout=asyncio.subprocess.DEVNULL,
                     pass_fds=files,

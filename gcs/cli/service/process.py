@@ -15,7 +15,7 @@ from typing import Any, Final, TypeVar
 from pythonjsonlogger.json import JsonFormatter
 
 from gcs.cli.outlet import Outlet, OutletHandler
-from gcs.cli.supervisor import hangs_up
+from gcs.cli.service.supervisor import hangs_up
 
 FIELDS: Final = {"levelname": "level", "name": "logger", "message": "event", "exc_info": "traceback"}
 

@@ -18,14 +18,14 @@ from typing import Any
 
 import numpy as np
 
-from gcs.cli import demo_report as report
-from gcs.cli import demo_script, demo_show, demo_site
-from gcs.cli.demo_script import DemoScript, Marks, Scale, StoppedEarlyError
-from gcs.cli.demo_show import ShowScript
+from gcs.cli.demo import demo_report as report
+from gcs.cli.demo import demo_script, demo_show, demo_site
+from gcs.cli.demo.demo_script import DemoScript, Marks, Scale, StoppedEarlyError
+from gcs.cli.demo.demo_show import ShowScript
 from gcs.cli.output import REFUSED, Say, answer, failed, lines
-from gcs.cli.process import ignore_the_terminal, run_exactly, set_up_log
-from gcs.cli.serve import StationService, running
-from gcs.cli.supervisor import hangs_up
+from gcs.cli.service.process import ignore_the_terminal, run_exactly, set_up_log
+from gcs.cli.service.serve import StationService, running
+from gcs.cli.service.supervisor import hangs_up
 from gcs.client import Client
 from gcs.config import schema as configuration
 from gcs.config.sections import LinkSettings

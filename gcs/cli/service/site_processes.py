@@ -14,8 +14,8 @@ from typing import Final
 
 from gcs.cli.outlet import Outlet
 from gcs.cli.output import noted
-from gcs.cli.process import Notifier
-from gcs.cli.supervisor import ALL, pass_on
+from gcs.cli.service.process import Notifier
+from gcs.cli.service.supervisor import ALL, pass_on
 
 LOOK_S: Final = 0.05
 

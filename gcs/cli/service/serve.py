@@ -17,10 +17,10 @@ from typing import Any, TypeAlias
 from pydantic import ValidationError
 
 from gcs.api.map_tiles import open_map
-from gcs.cli import scheduling, site_processes, supervisor, wall_clock
-from gcs.cli.api_process import api_process
 from gcs.cli.output import REFUSED, Say, failed, lines, require_stations
-from gcs.cli.process import (
+from gcs.cli.service import scheduling, site_processes, supervisor, wall_clock
+from gcs.cli.service.api_process import api_process
+from gcs.cli.service.process import (
     Notifier,
     StopRequests,
     ignore_the_terminal,

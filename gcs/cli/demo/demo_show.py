@@ -8,8 +8,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from gcs.cli.demo_report import GroundTruth
-from gcs.cli.demo_script import CONNECT_S, READY_S, Marks, StoppedEarlyError
+from gcs.cli.demo.demo_report import GroundTruth
+from gcs.cli.demo.demo_script import CONNECT_S, READY_S, Marks, StoppedEarlyError
 from gcs.client import Client
 from gcs.model.errors import CommandError, ConfigError, RefusedError
 from gcs.model.state import Array

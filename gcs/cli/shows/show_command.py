@@ -9,10 +9,10 @@ ACTIONS: Final = {
     "check": ("simulate", "check_show"),
     "hash": ("simulate", "hash_show"),
     "plot": ("simulate", "plot_show"),
-    "import": ("drawn_shows", "import_show"),
-    "sample": ("drawn_shows", "sample_show"),
-    "place": ("place_show", "place_show"),
-    "export": ("show_export", "export_show"),
+    "import": ("shows.drawn_shows", "import_show"),
+    "sample": ("shows.drawn_shows", "sample_show"),
+    "place": ("shows.place_show", "place_show"),
+    "export": ("shows.show_export", "export_show"),
 }
 
 

@@ -1,0 +1,1 @@
+"""`gcs demo`: the whole story, with an embedded fake fleet."""

@@ -1,0 +1,1 @@
+"""`gcs serve`: the service, the process of its API, its priority and its restart."""

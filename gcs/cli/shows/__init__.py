@@ -1,0 +1,1 @@
+"""`gcs show`: shows as files, checked, drawn, imported, sampled, placed and exported."""
