@@ -2,20 +2,22 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from math import radians
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from gcs.control.center import move_center
-from gcs.control.desired_velocity import desired_velocity, slots_m, spread
+from gcs.control.center import Lead, move_center
+from gcs.control.desired_velocity import Spread, desired_velocity, slots_m, spread
 from gcs.control.goal_routes import follow_routes
 from gcs.control.inputs import ControlSettings, FormationState, Task, Tasks, TickInputs
 from gcs.control.memory import GoalRoutes, Memory
 from gcs.control.others import Others
 from gcs.control.round_obstacles import round_obstacles
 from gcs.control.round_obstacles import warm_up as obstacles_warm_up
-from gcs.control.setpoint_shaping import shape_setpoints
+from gcs.control.setpoint_shaping import ShapedSetpoints, shape_setpoints
 from gcs.formation.law import begun_yaw, desired_yaw_rad, turn_towards
 from gcs.formation.neighbours import Sight
 from gcs.formation.orbit import Center
@@ -61,6 +63,27 @@ class Tick:
         return minimum_separation(self.position_m, self.airborne, self.floor, own)[0]
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Velocities:
+    """The velocities of a tick, each made of the one above; (n, 3) of the own vehicles, show frame."""
+
+    desired_m_s: Array  # by the law or towards a goal, past obstacles, by the rules of traffic
+    reached_m_s: Array  # of this, as far as acceleration and the vehicle's authority allow
+    allowed_m_s: Array  # what the safety filter leaves
+    setpoint_m_s: Array  # with inner loop and lead: what is sent
+    yields: Mask  # (n,) does not follow its setpoints, so that `reached_m_s` follows it
+
+
+class Aims(NamedTuple):
+    """Where the vehicles fly to, on the way to their slots and goals."""
+
+    slot_m: Array  # (n, 3)
+    aim_m: Array  # (n, 3) the next corner of the way, or the goal
+    aiming: NDArray[np.intp]  # (k,) rows that do
+    straight: Mask  # (n,) flies straight there: out of the way of a box that moves
+    routes: GoalRoutes | None
+
+
 def tick(
     fleet: FleetState,
     tasks: Tasks,
@@ -75,104 +98,151 @@ def tick(
     """Compute every commanded vehicle's setpoint for the instant `fleet.time_s`.
 
     Args:
-        fleet: n vehicles.
-        tasks: what each has to do.
+        fleet: n vehicles, with what each has to do (`tasks`) and in what they differ (`traits`).
+        tasks: of these n.
         plan: formation, orbit, target, obstacles, yaw.
-        traits: in what the vehicles differ.
-        memory: of the previous tick, or fresh.
+        traits: of these n.
+        memory: of the previous tick, or fresh; of n + k rows where there are `others`.
         settings: gains and limits.
         sight: what vehicles with the law `neighbours` received from each other; None: all that is in range.
-        others: k vehicles that other stations fly; a fresh `memory` then has n + k rows.
-        shared: the formation as another station computes it; None: this station computes it.
-
-    Returns: setpoints for those vehicles only that have a task and fresh telemetry.
+        others: k vehicles that are flown elsewhere.
+        shared: the formation as another flight computes it; None: this one computes it.
     """
-    own, count, pace = (fleet, tasks, traits), len(fleet.ids), 1.0
-    memory = memory.of_own(count)
-    if others is not None:
-        pace = others.pace
-        fleet, tasks, traits, memory = others.joined(fleet, tasks, traits, memory)
-    now = TickInputs.of(
-        fleet,
-        tasks,
-        plan,
-        traits,
-        settings,
-        before_s=memory.time_s,
-        own=count,
-        follows=shared is not None and plan.formation.law is LawName.SLOTS,
-        pace=pace,
-    )
-    mine = now if others is None else now.of_own(*own)
+    now, mine, memory = _inputs(fleet, tasks, plan, traits, memory, settings, others, shared)
     authority = _authority(mine, memory)
     if authority.slow.any():
         now, mine = (replace(each, traits=authority.limit(each.traits)) for each in (now, mine))
     lead = move_center(now, memory, shared)
     places = spread(now, lead, memory, sight, shared)
+    aims = _aims(now, memory, lead, places)
+    desired_m_s = _desired(now, lead, places, aims)
+    reached_m_s, yields = _reached(mine, memory, authority, desired_m_s)
+    allowed_m_s, limited_by = _allowed(now, authority, aims.routes, reached_m_s, others)
+    knows_center = places.knows_center
+    shaped = shape_setpoints(mine, allowed_m_s, lead.center, memory, knows_center=knows_center, yields=yields)
+    sent = Velocities(desired_m_s, reached_m_s, allowed_m_s, shaped.setpoint_m_s, yields)
+    yaw = _yaw(mine, memory)
+    remember = partial(_remember, mine, memory, authority, lead, places, aims.routes, sent, shaped, yaw)
+    return _made(now, mine, sent, yaw, limited_by, remember)
+
+
+def _inputs(
+    fleet: FleetState,
+    tasks: Tasks,
+    plan: Plan,
+    traits: Traits,
+    memory: Memory,
+    settings: ControlSettings,
+    others: Others | None,
+    shared: FormationState | None,
+) -> tuple[TickInputs, TickInputs, Memory]:
+    """Inputs of all vehicles and of the own ones, and the memory with rows for all."""
+    own, count = (fleet, tasks, traits), len(fleet.ids)
+    memory, pace = memory.of_own(count), 1.0
+    if others is not None:
+        pace = others.pace
+        fleet, tasks, traits, memory = others.joined(fleet, tasks, traits, memory)
+    follows = shared is not None and plan.formation.law is LawName.SLOTS
+    before_s = memory.time_s
+    now = TickInputs.of(
+        fleet, tasks, plan, traits, settings, before_s=before_s, own=count, follows=follows, pace=pace
+    )
+    return now, now if others is None else now.of_own(*own), memory
+
+
+def _aims(now: TickInputs, memory: Memory, lead: Lead, places: Spread) -> Aims:
     slot_m = slots_m(now, lead, places)
     aim_m, aiming, routes = follow_routes(now, memory.routes, slot_m)
-    aim_m, aiming, straight = round_obstacles(
-        now, aim_m, aiming, slot_m, stands=lead.stands, stuck=lead.is_stuck
-    )
-    desired_m_s = desired_velocity(now, lead, places, slot_m, aim_m, aiming, straight)
-    desired_m_s = _in_traffic(now, aim_m, desired_m_s)[now.own]
+    past = round_obstacles(now, aim_m, aiming, slot_m, stands=lead.stands, stuck=lead.is_stuck)
+    return Aims(slot_m, *past, routes)
+
+
+def _desired(now: TickInputs, lead: Lead, places: Spread, aims: Aims) -> Array:
+    desired_m_s = desired_velocity(now, lead, places, *aims[:4])
+    return _in_traffic(now, aims.aim_m, desired_m_s)[now.own]
+
+
+def _reached(
+    mine: TickInputs, memory: Memory, authority: Authority, desired_m_s: Array
+) -> tuple[Array, Mask]:
+    """What acceleration limit and authority leave of the desired velocities, and which vehicles yield."""
     possible_m_s = limit_change(
-        desired_m_s, memory.desired_m_s, mine.velocity_m_s, mine.acceleration_max_m_s2, now.dt_s
+        desired_m_s, memory.desired_m_s, mine.velocity_m_s, mine.acceleration_max_m_s2, mine.dt_s
     )
-    least = settings.safety.authority
-    reached_m_s, yields = yielding(
-        possible_m_s,
-        mine.velocity_m_s,
-        authority.lack_m_s,
-        least.lack_m_s,
-        least.reserve_m_s,
-    )
+    least = mine.settings.safety.authority
+    return yielding(possible_m_s, mine.velocity_m_s, authority.lack_m_s, least.lack_m_s, least.reserve_m_s)
+
+
+def _allowed(
+    now: TickInputs,
+    authority: Authority,
+    routes: GoalRoutes | None,
+    reached_m_s: Array,
+    others: Others | None,
+) -> tuple[Array, tuple[str, ...]]:
+    """What the safety filter leaves to the own vehicles, and what limited each of all."""
     all_m_s, shared_m_s = (reached_m_s, None) if others is None else others.velocities(reached_m_s)
-    allowed_m_s, limited_by = filter_velocities(
-        all_m_s, _surroundings(now, authority, routes, shared_m_s), settings.safety
-    )
-    allowed_m_s = allowed_m_s[now.own]
-    shaped = shape_setpoints(
-        mine, allowed_m_s, lead.center, memory, knows_center=places.knows_center, yields=yields
-    )
-    yaw_rad, held_rad = _yaw(mine, memory)
+    around = _surroundings(now, authority, routes, shared_m_s)
+    allowed_m_s, limited_by = filter_velocities(all_m_s, around, now.settings.safety)
+    return allowed_m_s[now.own], limited_by
 
-    def remember() -> Memory:
-        place, change = (places.place, places.change) if places.move_on is None else places.move_on()
-        commanded_m_s, unfiltered_m_s, asked_m_s = _of_commanded(
-            mine.commanded, allowed_m_s, reached_m_s, desired_m_s, yields
-        )
-        trim_m_s, expected_m_s, pace = shaped.learn()
-        return Memory(
-            time_s=fleet.time_s,
-            center=lead.center,
-            radius_m=lead.radius_m,
-            desired_m_s=commanded_m_s,
-            unfiltered_m_s=unfiltered_m_s,
-            asked_m_s=asked_m_s,
-            setpoint_m_s=np.where(mine.commanded[:, None], shaped.setpoint_m_s - memory.trim_m_s, np.nan),
-            yaw_rad=yaw_rad,
-            held_yaw_rad=held_rad,
-            engaged_time_s=lead.engaged_time_s,
-            place=place,
-            change=change,
-            trim_m_s=trim_m_s,
-            expected_m_s=expected_m_s,
-            pace=pace,
-            sides=lead.sides,
-            authority=authority,
-            answers=_answers(mine, memory, authority),
-            number=memory.number + 1,
-            spin_rad_s=places.spin_rad_s,
-            detour=lead.detour,
-            unfollowed_s=places.unfollowed_s,
-            belief=places.belief,
-            routes=routes,
-        )
 
-    setpoints = _setpoints(mine, shaped.setpoint_m_s, yaw_rad)
-    floor, elsewhere = settings.safety.floor, () if others is None else others.ids
-    return Tick(setpoints, remember, limited_by, fleet.position_m, tasks.airborne, floor, elsewhere)
+def _remember(
+    mine: TickInputs,
+    memory: Memory,
+    authority: Authority,
+    lead: Lead,
+    places: Spread,
+    routes: GoalRoutes | None,
+    sent: Velocities,
+    shaped: ShapedSetpoints,
+    yaw: tuple[Array, Array],
+) -> Memory:
+    """State for the next tick."""
+    place, change = (places.place, places.change) if places.move_on is None else places.move_on()
+    commanded_m_s, unfiltered_m_s, asked_m_s = _of_commanded(
+        mine.commanded, sent.allowed_m_s, sent.reached_m_s, sent.desired_m_s, sent.yields
+    )
+    trim_m_s, expected_m_s, pace = shaped.learn()
+    return Memory(
+        time_s=mine.fleet.time_s,
+        center=lead.center,
+        radius_m=lead.radius_m,
+        desired_m_s=commanded_m_s,
+        unfiltered_m_s=unfiltered_m_s,
+        asked_m_s=asked_m_s,
+        setpoint_m_s=np.where(mine.commanded[:, None], sent.setpoint_m_s - memory.trim_m_s, np.nan),
+        yaw_rad=yaw[0],
+        held_yaw_rad=yaw[1],
+        engaged_time_s=lead.engaged_time_s,
+        place=place,
+        change=change,
+        trim_m_s=trim_m_s,
+        expected_m_s=expected_m_s,
+        pace=pace,
+        sides=lead.sides,
+        authority=authority,
+        answers=_answers(mine, memory, authority),
+        number=memory.number + 1,
+        spin_rad_s=places.spin_rad_s,
+        detour=lead.detour,
+        unfollowed_s=places.unfollowed_s,
+        belief=places.belief,
+        routes=routes,
+    )
+
+
+def _made(
+    now: TickInputs,
+    mine: TickInputs,
+    sent: Velocities,
+    yaw: tuple[Array, Array],
+    limited_by: tuple[str, ...],
+    remember: Callable[[], Memory],
+) -> Tick:
+    setpoints = _setpoints(mine, sent.setpoint_m_s, yaw[0])
+    floor, elsewhere = now.settings.safety.floor, now.fleet.ids[len(mine.fleet.ids) :]
+    return Tick(setpoints, remember, limited_by, now.fleet.position_m, now.tasks.airborne, floor, elsewhere)
 
 
 def _answers(now: TickInputs, memory: Memory, authority: Authority) -> Answers:
