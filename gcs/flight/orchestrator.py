@@ -28,7 +28,7 @@ from gcs.flight.shows.lights import Lights
 from gcs.flight.shows.show_player import ShowPlayer
 from gcs.flight.state.corrections import Corrections
 from gcs.flight.state.elsewhere import Elsewhere
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.flight.state.ticker import TickClock, garbage_between_ticks, ticks
 from gcs.flight.state.timecode import Timecode
 from gcs.links.batch_link import Link
@@ -97,7 +97,7 @@ class Orchestrator:
         self._config = config
         self.command_log = CommandLog(None if record is None else record.audit)
         clocks: dict[str, Any] = {"unix_s": unix_s, "clock_problem": clock_problem}
-        self.fleet = flight = Fleet(config, links, loop.time(), book=self.command_log, **clocks)
+        self.flight = flight = Flight(config, links, loop.time(), book=self.command_log, **clocks)
         self._record = record
         self._heart = heart
         self._planning = planning or ThreadPoolExecutor(1, thread_name_prefix="ways")
@@ -137,9 +137,9 @@ class Orchestrator:
 
     def join(self, elsewhere: Elsewhere) -> None:
         """Have vehicles that are flown elsewhere take part, before `run`."""
-        flight = self.fleet
+        flight = self.flight
         flight.elsewhere = elsewhere
-        flight.memory = Memory.fresh(len(flight.vehicles) + elsewhere.count, flight.fleet.time_s)
+        flight.memory = Memory.fresh(len(flight.vehicles) + elsewhere.count, flight.state.time_s)
         self.recovery.review()
         first = self._decide()
         self.view.promise(partial(elsewhere.hooks.whole, self._promised_view(first), first))
@@ -151,7 +151,7 @@ class Orchestrator:
                     self.recovery.log_found()
                     if self._record is not None and self._record.lost_begin is not None:
                         self.player.begin.log_lost(self._record.lost_begin)
-                    for link in self.fleet.links:
+                    for link in self.flight.links:
                         group.create_task(keep_open(link, self._failed_links), name=f"link/{link.name}")
                     group.create_task(self._control(collect), name="control")
         finally:
@@ -162,12 +162,12 @@ class Orchestrator:
     @property
     def corrections(self) -> Corrections:
         """Takes what arrives from the base."""
-        return self.fleet.corrections
+        return self.flight.corrections
 
     @property
     def timecode(self) -> Timecode:
         """Takes what arrives of the timecode."""
-        return self.fleet.timecode
+        return self.flight.timecode
 
     def granted(self, scheduling: Scheduling) -> None:
         """Note what the machine grants this process, for displays."""
@@ -185,19 +185,19 @@ class Orchestrator:
             if self._heart is not None and self._control_alive:
                 self._heart.beat()
             self._estimating.refresh(len(self.maneuvers.waiting), self.commands.home_left_s)
-            own, hooks = cache(self._promised_view(result)), self.fleet.elsewhere.hooks
+            own, hooks = cache(self._promised_view(result)), self.flight.elsewhere.hooks
             self.view.promise(partial(hooks.whole, own, result))
             if self._record is not None:
-                run = self.fleet.show_run
+                run = self.flight.show_run
                 parts = {} if run is None else run.parts
-                sample = Sample(own(), parts, self.fleet.control, elsewhere=hooks.recorded())
-                self._record.note(sample, self.fleet.links)
-            self.fleet.wake()
+                sample = Sample(own(), parts, self.flight.control, elsewhere=hooks.recorded())
+                self._record.note(sample, self.flight.links)
+            self.flight.wake()
             collect_garbage(now_s)
 
     def _tick(self, now_s: float) -> Tick:
         """Run one tick without waiting for any vehicle: read telemetry, compute, send."""
-        flight, hooks = self.fleet, self.fleet.elsewhere.hooks
+        flight, hooks = self.flight, self.flight.elsewhere.hooks
         flight.receive(now_s)
         hooks.before(now_s)
         flight.note_setpoints()
@@ -224,7 +224,7 @@ class Orchestrator:
         return result
 
     def _findings(self) -> Findings:
-        links = self.fleet.links
+        links = self.flight.links
         recorded = () if self._record is None else self._record.problems
         return Findings(
             failsafes=self._progress.failsafe_monitor.active,
@@ -239,8 +239,8 @@ class Orchestrator:
         )
 
     def _decide(self) -> Tick:
-        flight = self.fleet
-        now = flight.fleet, flight.tasks(), flight.plan, flight.traits, flight.memory, flight.control_now
+        flight = self.flight
+        now = flight.state, flight.tasks(), flight.plan, flight.traits, flight.memory, flight.control_now
         return tick(*now, None, flight.elsewhere.others, flight.elsewhere.shared())
 
     @property
@@ -252,14 +252,14 @@ class Orchestrator:
         countdown = self.commands.starting.countdown
         return partial(
             fleet_view,
-            copy(self.fleet),  # what commands change later does not belong to this tick
+            copy(self.flight),  # what commands change later does not belong to this tick
             result,
             timing=self._clock.summary(),
             histograms=self._clock.histograms,
             control_alive=self._control_alive,
             interventions=self._interventions,
             estimates=self._estimating.newest,
-            unix_time_s=self.fleet.unix_s(),
+            unix_time_s=self.flight.unix_s(),
             start_unix_s=None if countdown is None else countdown.at_unix_s,
             failsafes=self._progress.failsafe_monitor.active,
             interrupted=self.recovery.view(),

@@ -12,7 +12,7 @@ from gcs.flight.monitors.failsafe_monitor import FailsafeMonitor
 from gcs.flight.monitors.telemetry_monitor import TelemetryMonitor
 from gcs.flight.preflight.parameter_reader import ParameterReader
 from gcs.flight.shows.show_player import ShowPlayer
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.flight.state.ticker import TickClock
 from gcs.flight.state.vehicle import Vehicle
 from gcs.model.errors import CommandError, RefusedError
@@ -33,7 +33,7 @@ OVER = frozenset({ShowPhase.LANDED, ShowPhase.UNCONTROLLED})
 class ShowProgress:
     """Follows the telemetry with phases, failsafes and the show's progress. Called once a tick."""
 
-    flight: Fleet
+    flight: Flight
     maneuvers: Maneuvers
     commander: Commander
     parameter_reader: ParameterReader
@@ -109,7 +109,7 @@ class ShowProgress:
         elif (
             (show_run := flight.show_run) is not None
             and flight.elsewhere.shows.leads
-            and show_run.is_over(flight.fleet.time_s)
+            and show_run.is_over(flight.state.time_s)
         ):
             reason = f"show {show_run.name!r} is over: all vehicles return home"
             self.commander.execute_show_failsafe(ShowAction.STOP, reason)
@@ -126,7 +126,7 @@ class ShowProgress:
             flight.move_show(ShowEvent.ALL_DOWN, "no vehicle took off")
 
 
-def _follow(flight: Fleet, *, busy: bool) -> None:
+def _follow(flight: Flight, *, busy: bool) -> None:
     """Move the show's phase to match what is airborne; called once a tick.
 
     `busy`: whether a vehicle is under control, or takes off or lands.
@@ -148,7 +148,7 @@ def _follow(flight: Fleet, *, busy: bool) -> None:
         _land(flight)
 
 
-def _land(flight: Fleet) -> None:
+def _land(flight: Flight) -> None:
     """End the phase with nothing airborne: lost and killed vehicles are named, and no longer count."""
     unknown = [one.id for one in flight.vehicles.values() if flight.whereabouts(one) is Whereabouts.UNKNOWN]
     named = f"; not confirmed on the ground: {', '.join(unknown)}" if unknown else ""

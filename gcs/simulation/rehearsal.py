@@ -10,7 +10,7 @@ from gcs.control import Task, Tasks
 from gcs.failsafe.policy import Action, Cause, FailsafePolicy
 from gcs.flight.commands.spares import climb_is_free, replacements
 from gcs.flight.maneuvers.maneuvers import UP_SHARE
-from gcs.flight.state.fleet import stands
+from gcs.flight.state.flight import stands
 from gcs.flight.state.running_show import ShowFleet, ShowRun
 from gcs.model.errors import RefusedError
 from gcs.model.plan import Obstacle, Plan

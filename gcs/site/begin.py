@@ -10,7 +10,7 @@ from typing import Final
 
 from gcs.flight.shows.show_begin import ALIGNS_S, EARLY_S, ShowBegin
 from gcs.flight.state.elsewhere import LedBegin
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.flight.state.running_show import ShowRun
 from gcs.model.lifecycle import ShowPhase
 from gcs.site.led_show import LedShow
@@ -27,7 +27,7 @@ CENTRE_AFTER_S: Final = 0.015
 class FollowedBegin(LedBegin):
     """When the show begins at a station that does not lead: with the lead."""
 
-    flight: Fleet
+    flight: Flight
     member: SiteMember
     local: ShowBegin
     began_s: float = -inf  # when a show began here, by the loop's clock
@@ -71,7 +71,7 @@ class FollowedBegin(LedBegin):
     def follow(self) -> None:
         """Begin with the lead, and show how it waits. Call once a tick at a station that does not lead."""
         flight, show_run = self.flight, self.flight.show_run
-        led, now_s = self._led(show_run), self.flight.fleet.time_s
+        led, now_s = self._led(show_run), self.flight.state.time_s
         self._watch_timecode(show_run, now_s)
         if led is None or show_run is None:
             return

@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable
 from typing import Final
 
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.model.lifecycle import AIRBORNE, Phase, ShowEvent, ShowPhase
 from gcs.site.member import SiteMember
 
@@ -30,7 +30,7 @@ class SiteHolds:
 
     def __init__(
         self,
-        flight: Fleet,
+        flight: Flight,
         member: SiteMember,
         pause: Callable[[str], object],
         resume: Callable[[], object],
@@ -78,7 +78,7 @@ class SiteHolds:
     def _wait_for(self, station: str, reason: str) -> None:
         log.warning("holds_for_station", extra={"other": station, "reason": reason})
         self._pause(reason)
-        self._waits_for, self._waits_since_s = station, self._flight.fleet.time_s
+        self._waits_for, self._waits_since_s = station, self._flight.state.time_s
 
     def _may_go_on(self, now_s: float) -> bool:
         """Whether what this station waited for is over."""

@@ -12,7 +12,7 @@ from typing import Any, Final
 
 from pydantic_core import from_json
 
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.flight.state.running_show import ShowRun
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import ON_THE_GROUND
@@ -78,7 +78,7 @@ class LedShow:
 class ShowTraffic:
     """What of the show crosses the bus: the lead sends it, the others take it."""
 
-    def __init__(self, flight: Fleet, site: Site, ids: tuple[VehicleId, ...]) -> None:
+    def __init__(self, flight: Flight, site: Site, ids: tuple[VehicleId, ...]) -> None:
         """`ids`: all vehicles of the site, in the order of its file."""
         self._flight, self._site, self._ids = flight, site, ids
         self._row_of = {name: row for row, name in enumerate(ids)}

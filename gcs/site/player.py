@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from gcs.flight.shows.show_player import ShowPlayer
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.flight.state.running_show import ShowRun
 from gcs.model.errors import GcsError, RefusedError
 from gcs.model.lifecycle import ON_THE_GROUND
@@ -21,7 +21,7 @@ SELECTED_WITHIN_S: Final = 60.0
 class SitePlayer:
     """Commands to the show, executed at the lead or asked of it. Implements `gcs.service.Player`."""
 
-    flight: Fleet
+    flight: Flight
     local: ShowPlayer
     member: SiteMember
     shows: SiteShows
@@ -37,7 +37,7 @@ class SitePlayer:
         show_run = ShowRun(name, timeline, figures=self.local.show_library.checked(name).figures)
         self.shows.post(self.member.site.lead.name, show_run)
         self._ask("select", show_hash)
-        return show_run.view(self.flight.fleet.time_s)
+        return show_run.view(self.flight.state.time_s)
 
     def deselect(self) -> None:
         if self.shows.leads:
@@ -49,7 +49,7 @@ class SitePlayer:
     def seek(self, cue: str) -> SelectedShow:
         if self.shows.leads:
             return self.local.seek(cue)
-        show_run, now_s = self.flight.show_run, self.flight.fleet.time_s
+        show_run, now_s = self.flight.show_run, self.flight.state.time_s
         if show_run is None:
             raise RefusedError("no show is selected: seek is for one that is")
         self._need_lead("seek a cue")
@@ -108,7 +108,7 @@ class SitePlayer:
             if not self.shows.leads:
                 raise RefusedError(f"station {self.member.site.own} does not lead")
             if request.action == "select":
-                self._selecting = station, request, self.flight.fleet.time_s + SELECTED_WITHIN_S
+                self._selecting = station, request, self.flight.state.time_s + SELECTED_WITHIN_S
                 self.advance()
             else:
                 self._change(request)
@@ -133,7 +133,7 @@ class SitePlayer:
         """Select the show that another station asked for, once its drawing is read; once a tick."""
         if self._selecting is None or not self.shows.leads:
             return
-        (station, request, until_s), now_s = self._selecting, self.flight.fleet.time_s
+        (station, request, until_s), now_s = self._selecting, self.flight.state.time_s
         try:
             show_run = self.shows.arrivals.find(request.value, now_s)
             if show_run is None and self.shows.arrivals.has(request.value) and now_s < until_s:

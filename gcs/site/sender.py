@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from gcs.bus import Bus
 from gcs.bus.interface import PAYLOAD_MAX
 from gcs.control import Tick
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import Phase
 from gcs.model.plan import Plan, plan_json
@@ -52,7 +52,7 @@ class SiteSender:
     """Used on the event loop only; nothing here waits."""
 
     def __init__(
-        self, flight: Fleet, site: Site, bus: Bus, letters: Mapping[str, Letters], shows: ShowTraffic
+        self, flight: Flight, site: Site, bus: Bus, letters: Mapping[str, Letters], shows: ShowTraffic
     ) -> None:
         self.flight, self.site, self.bus = flight, site, bus
         self.plan_version = 0  # of the plan that is flown
@@ -83,7 +83,7 @@ class SiteSender:
             all_up: no vehicle climbs, or waits for its turn.
             leads: send formation, plan and show as well.
         """
-        flight, site, now_s = self.flight, self.site, self.flight.fleet.time_s
+        flight, site, now_s = self.flight, self.site, self.flight.state.time_s
         memory = result.memory
         reported = self._reported(all_up=all_up)
         tasks = flight.last_tasks
@@ -122,7 +122,7 @@ class SiteSender:
 
     def _send_anew(self, topic: str, payload: bytes) -> None:
         """Send what has changed; the same again for stations that missed it."""
-        now_s = self.flight.fleet.time_s
+        now_s = self.flight.state.time_s
         if self._sent_texts.get(topic) == payload and now_s < self._again_s.get(topic, -inf):
             return
         self._sent_texts[topic], self._again_s[topic] = payload, now_s + UNCHANGED_S
@@ -188,7 +188,7 @@ class SiteSender:
 
     def is_check_due(self, every_s: float, least_s: float) -> bool:
         """Whether readiness must be checked again; after `least_s` where a vehicle became ready."""
-        since_s = self.flight.fleet.time_s - self._checked_s
+        since_s = self.flight.state.time_s - self._checked_s
         changed = self.flight.telemetry.ready != self._ready_when_checked
         return since_s >= every_s or (changed and since_s >= least_s)
 
@@ -201,7 +201,7 @@ class SiteSender:
             self._slow_due_s = 0.0
         self._why_not_ready = why_not_ready
         self._ready_when_checked = tuple(self.flight.telemetry.ready)
-        self._checked_s = self.flight.fleet.time_s
+        self._checked_s = self.flight.state.time_s
 
     def note_applied(self, station: str, number: int) -> None:
         """Note, as the lead, that a station's change of the plan is in force, or was refused."""
@@ -236,7 +236,7 @@ class SiteSender:
             )
             for part, message in enumerate(in_parts(whole)):
                 self._return_parts.append((f"return.{name}.{part}", message.encode()))
-        self._return_until_s = self.flight.fleet.time_s + RETURN_SENT_S
+        self._return_until_s = self.flight.state.time_s + RETURN_SENT_S
         self._return_due_s = 0.0
 
 

@@ -98,7 +98,7 @@ class SiteService:
         publishing.warm_up()
         planning = planning or ThreadPoolExecutor(1, thread_name_prefix="ways")
         self.local = local = Orchestrator(config, links, record, planning=planning, **given)
-        flight, commander, bus = local.fleet, local.commands, membership.site.bus
+        flight, commander, bus = local.flight, local.commands, membership.site.bus
         self._member = member = SiteMember(flight, membership)
         display, routing = SiteDisplay(member, membership.site), SiteRouting(member, flight.book)
         standby = Standby(flight, local.maneuvers, member, bus.lease_s, bus.standby_rejoins)

@@ -15,7 +15,7 @@ import numpy as np
 
 from gcs.flight.shows.show_player import ShowPlayer
 from gcs.flight.state.elsewhere import LedBegin, ShowsElsewhere
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.flight.state.running_show import ShowFleet, ShowRun
 from gcs.model.errors import LinkError, RefusedError
 from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
@@ -40,7 +40,7 @@ class SiteShows(ShowsElsewhere):
 
     why_begin_lost = "the station was restarted; only another that leads now keeps the time"
 
-    flight: Fleet
+    flight: Flight
     local: ShowPlayer
     member: SiteMember
     arrivals: ShowArrivals
@@ -107,7 +107,7 @@ class SiteShows(ShowsElsewhere):
             self._followed = True
             self._keep_with_lead()
             return True
-        now_s = flight.fleet.time_s
+        now_s = flight.state.time_s
         if self._followed and show_run is not None:
             if show_run.is_live(now_s) and show_run.live is None:
                 show_run.live = flight.plan.target
@@ -116,7 +116,7 @@ class SiteShows(ShowsElsewhere):
         return False
 
     def _keep_with_lead(self) -> None:
-        member, flight, now_s = self.member, self.flight, self.flight.fleet.time_s
+        member, flight, now_s = self.member, self.flight, self.flight.state.time_s
         led = member.show_traffic.led
         if led is not None and now_s - led.made_s > member.lead_silent_s:
             led = member.show_traffic.led = None  # a lead that comes back may not fly the show yet
@@ -138,7 +138,7 @@ class SiteShows(ShowsElsewhere):
 
     def _adopt(self, led: LedShow) -> None:
         """Have the show that the lead has, or none."""
-        show_run, now_s = self.flight.show_run, self.flight.fleet.time_s
+        show_run, now_s = self.flight.show_run, self.flight.state.time_s
         if not led.hash or (show_run is not None and show_run.hash == led.hash):
             self._why_not_here = ""
             if show_run is not None and not led.hash:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from gcs.flight.maneuvers.maneuvers import Maneuvers
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.flight.state.refusals import why_never, why_not_touching_down
 from gcs.flight.state.vehicle import Vehicle
 from gcs.model.errors import RefusedError
@@ -40,7 +40,7 @@ LONG_TICK_S: Final = 0.1
 class Standby:
     """What a station does for those that it stands by for, and for its own standbys. Used once a tick."""
 
-    flight: Fleet
+    flight: Flight
     maneuvers: Maneuvers
     member: SiteMember
     lease_s: float
@@ -132,7 +132,7 @@ class Standby:
         if name not in self.member.roles.stands_by_for:
             known = ", ".join(self.member.roles.stands_by_for) or "none"
             raise RefusedError(f"this station is no standby for {name}; it is for: {known}")
-        now_s = self.flight.fleet.time_s
+        now_s = self.flight.state.time_s
         if name not in self.taken:
             raise RefusedError(f"station {name} is not lost: stop it there first")
         left_s = NO_SETPOINTS_S - (now_s - self.taken[name])

@@ -162,7 +162,7 @@ async def service(fleet: Fleet, config: Config, missing: int = 0) -> Cost:
     count = len(config.fleet)
     links = links_of(config)
     orchestrator = Orchestrator(config, links)
-    flight = orchestrator.fleet
+    flight = orchestrator.flight
     raise_priority(orchestrator, config.scheduling)
     running = asyncio.create_task(orchestrator.run())
     await in_formation(orchestrator, links, count - missing)
@@ -185,7 +185,7 @@ async def service(fleet: Fleet, config: Config, missing: int = 0) -> Cost:
 
 async def in_formation(orchestrator: Orchestrator, links: Sequence[Link], count: int) -> None:
     """Until so many are met; they are then flown, as after a start."""
-    flight = orchestrator.fleet
+    flight = orchestrator.flight
     here = await asyncio.wait_for(met(links, count), MEETING_S)
     for vehicle in flight.vehicles.values():
         if vehicle.id not in here:

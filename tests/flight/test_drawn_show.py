@@ -118,7 +118,7 @@ def test_the_drawings_yaw_is_flown_where_the_show_asks_for_it(folder: Path) -> N
     async def story(show: Show) -> tuple[float, list[float]]:
         await start(show, folder, "{yaw: drawn}")
         await show.until(lambda: selected(show).clock_s > 15.0)
-        fleet = show.service.player.flight.fleet
+        fleet = show.service.player.flight.state
         return selected(show).clock_s, np.degrees(fleet.yaw_rad).tolist()
 
     clock_s, yaws_deg = fly(story, config(folder), **on_pads(folder))

@@ -74,7 +74,7 @@ async def box_on_a_landing_place(show: Show) -> Landed:
     """While all come down where they are, a box comes under one of them."""
     record = show.service.commands.command_show(ShowAction.ABORT)
     await show.wait(2.0)
-    goal_m = show.service.fleet.vehicles["d1"].goal_m
+    goal_m = show.service.flight.vehicles["d1"].goal_m
     assert goal_m is not None
     show.service.plan.add_obstacle(over(goal_m, 0.5, 1.0))
     return await all_down(show, record)

@@ -81,7 +81,7 @@ async def flown_return(show: Show) -> tuple[PathProgress, Array, list[Step]]:
     await show.start()
     show.service.commands.command_show(ShowAction.STOP)
     await show.until(lambda: show.vehicle("d1").reason == "on its way home")
-    flight, collective_return = show.service.fleet, show.service.commands.collective_return
+    flight, collective_return = show.service.flight, show.service.commands.collective_return
     assert collective_return is not None
     progress = collective_return._progress
     assert progress is not None
@@ -90,7 +90,7 @@ async def flown_return(show: Show) -> tuple[PathProgress, Array, list[Step]]:
         vehicles = list(flight.vehicles.values())
         descending = np.array([vehicle.phase is Phase.LANDING for vehicle in vehicles])
         goal_m = np.array([vehicle.goal_m for vehicle in vehicles])
-        steps.append(Step(np.array(flight.fleet.position_m), goal_m, descending))
+        steps.append(Step(np.array(flight.state.position_m), goal_m, descending))
         if descending.all():
             break
     return progress, np.array([vehicle.home_m for vehicle in vehicles]), steps

@@ -31,7 +31,7 @@ async def blind(show: Show) -> dict[str, Any]:
     first = {alarm.cause: alarm for alarm in show.view.alarms}
     await show.wait(ACTS_S + BEAT_S)
     then = {alarm.cause: alarm for alarm in show.view.alarms if alarm.lasts}
-    cause = show.service.fleet.vehicles["d2"].cause
+    cause = show.service.flight.vehicles["d2"].cause
     taken = await refused(
         show, lambda: show.service.commands.command_vehicle("d2", VehicleAction.TAKE_CONTROL)
     )

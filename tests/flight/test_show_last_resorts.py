@@ -172,7 +172,7 @@ def test_one_disobedient_vehicle_does_not_keep_the_show_alive() -> None:
 
 async def found_in_the_air(show: Show) -> tuple[str, list[bool]]:
     """The service has no record of where a vehicle started: as after a restart."""
-    vehicle = show.service.fleet.vehicles["d1"]
+    vehicle = show.service.flight.vehicles["d1"]
     show.pilot("d1", PilotMode.HOLD)
     await show.phase("d1", Phase.PILOT)
     vehicle.home_m = None

@@ -26,7 +26,7 @@ async def three_flat(show: Show) -> dict[str, Any]:
     await show.until(lambda: all(" lands " in show.vehicle(name).reason for name in ("d1", "d2", "d3")), 8.0)
     await show.wait(0.5)
     alarms, reasons = show.view.alarms, [show.vehicle(name).reason for name in ("d1", "d2", "d3")]
-    flight = show.service.fleet
+    flight = show.service.flight
     refusals = [
         control_refusal(name, flight.inputs(flight.vehicles[name])) for name in ("d1", "d2", "d3", "d4")
     ]

@@ -13,7 +13,7 @@ from gcs.flight.maneuvers.landing_places import landing_sites_m
 from gcs.flight.maneuvers.maneuvers import Done, Maneuvers
 from gcs.flight.preflight.preflight_gate import PreflightGate
 from gcs.flight.shows.show_player import ShowPlayer
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.flight.state.refusals import why_never, with_alternative
 from gcs.flight.state.vehicle import Vehicle
 from gcs.model.errors import InvalidError, RefusedError
@@ -34,7 +34,7 @@ class Commander(VehicleCommands):
 
     def __init__(
         self,
-        flight: Fleet,
+        flight: Flight,
         maneuvers: Maneuvers,
         show_player: ShowPlayer,
         preflight_gate: PreflightGate,
@@ -305,7 +305,7 @@ class Commander(VehicleCommands):
     def _stops_m(self, vehicle: Vehicle) -> Array:
         """(3,) Position at which the vehicle can soon be at rest, show frame."""
         place_m: Array = (
-            self.flight.position_m(vehicle) + self.flight.fleet.velocity_m_s[vehicle.row] * STOPS_WITHIN_S
+            self.flight.position_m(vehicle) + self.flight.state.velocity_m_s[vehicle.row] * STOPS_WITHIN_S
         )
         return place_m
 

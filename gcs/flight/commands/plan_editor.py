@@ -7,7 +7,7 @@ from typing import TypeVar
 
 from gcs.flight.maneuvers.maneuvers import Maneuvers
 from gcs.flight.shows.show_player import ShowPlayer
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.flight.state.vehicle import Vehicle
 from gcs.model.errors import GcsError, RefusedError, UnknownError
 from gcs.model.interrupted_flight import TAKEN_OVER_FROM, Interruption, Offer
@@ -24,7 +24,7 @@ Part = TypeVar("Part", Formation, Orbit, Yaw)
 class PlanEditor:
     """Changes the plan of a flight, or refuses the change. Implements `gcs.service.PlanChanges`."""
 
-    flight: Fleet
+    flight: Flight
     show_player: ShowPlayer
     maneuvers: Maneuvers
     now_s: Callable[[], float]
@@ -138,7 +138,7 @@ def merged_obstacles(
 class RestoredPlan:
     """Restores the plan of an interrupted flight, once for each offer. Changed on the event loop only."""
 
-    flight: Fleet
+    flight: Flight
     show_player: ShowPlayer
 
     def __post_init__(self) -> None:
@@ -207,7 +207,7 @@ class RestoredPlan:
         """The recorded plan, with target and obstacles moved to now. Raises: RefusedError if unreadable."""
         if found.plan is None:
             raise RefusedError("what was flown is not in the record")
-        now_s = self.flight.fleet.time_s
+        now_s = self.flight.state.time_s
         try:
             shift_s = now_s - (self.flight.unix_s() - found.unix_s) - float(found.plan["time_s"])
             return plan_of(found.plan, shift_s)
@@ -241,7 +241,7 @@ class RestoredPlan:
             # As configured, not as reported: a worse accuracy must not leave flying vehicles uncontrolled.
             check_formation(plan.formation, max(1, len(found.vehicles)), control.safety)
             check_orbit(plan.orbit, control.law)
-            target = followed(plan, self.flight.fleet.time_s, control.safety.fence)
+            target = followed(plan, self.flight.state.time_s, control.safety.fence)
             check_target(target, plan.orbit, plan.formation, control)
         except GcsError as error:
             raise RefusedError(f"what was flown cannot be flown now: {error}") from None

@@ -17,7 +17,7 @@ from gcs.flight.commands.plan_editor import RestoredPlan
 from gcs.flight.commands.stall_recovery import REPLACED, AwaitedVehicles, Stall, StallRecovery
 from gcs.flight.maneuvers.maneuvers import Maneuvers
 from gcs.flight.shows.show_player import ShowPlayer
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.flight.state.refusals import (
     why_never,
     why_not_touching_down,
@@ -61,7 +61,7 @@ class _Batch:
 class Recovery:
     """Tracks an interrupted flight until all its vehicles are accounted for: `gcs.service.Recovery`."""
 
-    flight: Fleet
+    flight: Flight
     maneuvers: Maneuvers
     show_player: ShowPlayer
     found: Interruption | None

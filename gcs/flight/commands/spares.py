@@ -13,7 +13,7 @@ import numpy as np
 from gcs.flight.maneuvers.landing_places import closed_to
 from gcs.flight.maneuvers.maneuvers import Maneuvers
 from gcs.flight.preflight.preflight_gate import PreflightGate
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.flight.state.running_show import ShowRun
 from gcs.flight.state.vehicle import Vehicle
 from gcs.model.lifecycle import Phase, ShowPhase
@@ -62,7 +62,7 @@ def climb_is_free(here_m: Array, airborne_m: Array, takeoff_height_m: float) -> 
 class Spares:
     """Has spare vehicles take off when others are lost, while the show runs or assembles."""
 
-    flight: Fleet
+    flight: Flight
     maneuvers: Maneuvers
     preflight_gate: PreflightGate
 
@@ -74,7 +74,7 @@ class Spares:
         if flight.show not in {ShowPhase.ASSEMBLING, ShowPhase.RUNNING}:
             return
         lost = [name for name, vehicle in flight.vehicles.items() if vehicle.phase in REPLACED]
-        for gone, spare in replacements(show_run, flight.fleet.time_s, lost, self._may_climb):
+        for gone, spare in replacements(show_run, flight.state.time_s, lost, self._may_climb):
             self._take_off(flight.vehicles[spare], gone, show_run.name)
 
     def _may_climb(self, name: VehicleId) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 
 from gcs.failsafe.autopilot_failsafe import FailsafeCause
 from gcs.flight.maneuvers.maneuvers import Maneuvers
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.flight.state.vehicle import Vehicle
 from gcs.model.interrupted_flight import Before, Interruption, Written, is_left_alone, left_by, triple
 from gcs.model.lifecycle import FLOWN, Phase
@@ -60,7 +60,7 @@ class Stall:
 class StallRecovery:
     """Remembers what is flown, and explains modes by the newest stall. Changed on the event loop only."""
 
-    flight: Fleet
+    flight: Flight
 
     def __post_init__(self) -> None:
         # At the end of a tick: commands after a stall may come before its first tick.
@@ -71,7 +71,7 @@ class StallRecovery:
     def note_setpoints(self) -> None:
         """Remember which vehicles fly under setpoints until the next tick; called at the end of each tick."""
         self._show = self.flight.show, self.flight.reason
-        self._states = self.flight.states.flown
+        self._states = self.flight.vehicle_states.flown
 
     def _flown(self) -> dict[VehicleId, tuple[Phase, str]]:
         """Vehicles under setpoints as of the last note, with their phases and reasons."""
@@ -86,7 +86,7 @@ class StallRecovery:
     def stalled(self, gap_s: float) -> None:
         """Keep what was flown when no tick came for `gap_s`; to be called before telemetry changes phases."""
         flight, show_run, (show, reason) = self.flight, self.flight.show_run, self._show
-        now_s = flight.fleet.time_s
+        now_s = flight.state.time_s
         noticed_s = flight.uncontrolled.without_setpoints.flies_on_s.min(initial=np.inf)
         if gap_s < STALL_SHARE * noticed_s:
             return
@@ -107,7 +107,7 @@ class StallRecovery:
         self.stall = Stall(interruption, now_s - gap_s / 2.0, now_s + STALL_EXPLAINS_S)
 
     def expire(self) -> None:
-        if self.stall is not None and self.flight.fleet.time_s > self.stall.until_s:
+        if self.stall is not None and self.flight.state.time_s > self.stall.until_s:
             self.stall = None
 
     def fallen(self, known: Collection[VehicleId]) -> dict[VehicleId, Before]:
@@ -145,7 +145,7 @@ class _Command:
 class AwaitedVehicles:
     """Keeps the awaited vehicles of the newest command. Changed on the event loop only."""
 
-    flight: Fleet
+    flight: Flight
     maneuvers: Maneuvers
     now_s: Callable[[], float]
     _command: _Command | None = None
@@ -199,7 +199,7 @@ class AwaitedVehicles:
         command = self._command
         if command is None:
             return
-        late = self.flight.fleet.time_s > command.given_s + RECEIVED_WITHIN_S
+        late = self.flight.state.time_s > command.given_s + RECEIVED_WITHIN_S
         for vehicle in list(command.vehicles.values()):
             if vehicle.phase is Phase.OFFLINE and not late:
                 continue

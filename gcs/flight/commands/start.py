@@ -9,7 +9,7 @@ from gcs.flight.maneuvers.maneuvers import Maneuvers
 from gcs.flight.preflight.preflight_gate import Cleared, PreflightGate
 from gcs.flight.shows.show_begin import AHEAD_MAX_S
 from gcs.flight.shows.show_player import ShowPlayer
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.flight.state.vehicle import Vehicle
 from gcs.model.errors import InvalidError, RefusedError, UnknownError
 from gcs.model.lifecycle import Phase, ShowEvent, advance_show
@@ -27,7 +27,7 @@ NAMED: Final = 6
 """Up to this many vehicles are named; of more, only the number is given."""
 
 
-def uncontrolled(flight: Fleet) -> list[Vehicle]:
+def uncontrolled(flight: Flight) -> list[Vehicle]:
     """Airborne vehicles under the control of a pilot or of their own autopilot."""
     vehicles = flight.in_phase(Phase.PILOT, Phase.KILLED)
     return [one for one in vehicles if flight.whereabouts(one) is Whereabouts.UNCONTROLLED]
@@ -64,7 +64,7 @@ class Countdown:
 class Starting:
     """Executes start commands, and counts down to scheduled ones."""
 
-    flight: Fleet
+    flight: Flight
     maneuvers: Maneuvers
     preflight_gate: PreflightGate
     show_player: ShowPlayer

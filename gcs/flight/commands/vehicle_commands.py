@@ -9,7 +9,7 @@ from gcs.flight.maneuvers.landing_places import landing_sites_m
 from gcs.flight.maneuvers.maneuver_steps import Maneuver
 from gcs.flight.maneuvers.maneuvers import Maneuvers
 from gcs.flight.shows.lights import find
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.flight.state.refusals import instead, why_never, why_not_unnamed, with_alternative
 from gcs.flight.state.vehicle import Vehicle, require_phase
 from gcs.links import Command, Verb
@@ -35,7 +35,7 @@ EVENT_OF = {
 class VehicleCommands:
     """Turns commands to vehicles into maneuvers; the base of `Commander`."""
 
-    flight: Fleet
+    flight: Flight
     maneuvers: Maneuvers
 
     def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> CommandRecord:

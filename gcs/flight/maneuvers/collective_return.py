@@ -8,7 +8,7 @@ import numpy as np
 
 from gcs.flight.maneuvers.landing_places import closed_to, homes_of
 from gcs.flight.state.elsewhere import Returning
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.flight.state.vehicle import Vehicle
 from gcs.model.errors import cut
 from gcs.model.lifecycle import Phase
@@ -41,7 +41,7 @@ FLYING = frozenset({Phase.FORMATION, Phase.HOLD, Phase.RETURN})
 class CollectiveReturn:
     """One collective return. Changed on the event loop only."""
 
-    def __init__(self, flight: Fleet, vehicles: Iterable[Vehicle], planning: Executor) -> None:
+    def __init__(self, flight: Flight, vehicles: Iterable[Vehicle], planning: Executor) -> None:
         """`vehicles` know where they started. The planner runs in `planning`, outside the tick."""
         self._flight = flight
         self._planning = planning
@@ -62,7 +62,7 @@ class CollectiveReturn:
         self._enough = False  # read by the planning thread
         self._progress: PathProgress | None = None
         self._led: set[VehicleId] = set()  # vehicles that took their goal since the last tick
-        self._since_s = flight.fleet.time_s  # time of the command, the planning, or the last tick
+        self._since_s = flight.state.time_s  # time of the command, the planning, or the last tick
 
     @property
     def is_planned(self) -> bool:
@@ -90,7 +90,7 @@ class CollectiveReturn:
         return vehicle.id in (self._expected if self._planned is None else self._rows)
 
     def advance(self) -> None:
-        now_s = self._flight.fleet.time_s
+        now_s = self._flight.state.time_s
         since_s = now_s - self._since_s
         if self._progress is not None:
             self._since_s = now_s
@@ -121,7 +121,7 @@ class CollectiveReturn:
         if received is not None:
             paths, rows, home_m = received
             self._places = rows.tolist()
-            self._rows = {self._flight.fleet.ids[row]: at for at, row in enumerate(self._places)}
+            self._rows = {self._flight.state.ids[row]: at for at, row in enumerate(self._places)}
             if self._exchanges_pads:
                 for row, place_m in zip(self._places, home_m, strict=True):
                     self._flight.at_row(row).home_m = place_m.copy()
@@ -136,7 +136,7 @@ class CollectiveReturn:
             self._others.publish_paths(paths, self._elsewhere, self._home_m[len(self._places) :])
 
     def _follow(self, progress: PathProgress, step_s: float) -> None:
-        position_m, flown, led_s = self._flight.fleet.position_m[self._places], self._flown(), np.nan
+        position_m, flown, led_s = self._flight.state.position_m[self._places], self._flown(), np.nan
         if len(self._elsewhere):
             their_m, under_way = self._others.under_way(self._elsewhere)
             position_m, flown = np.concatenate([position_m, their_m]), np.concatenate([flown, under_way])
@@ -152,7 +152,7 @@ class CollectiveReturn:
         if closing != self._closing or flight.plan.obstacles:
             self._closing = closing
             closed = closed_to(flight, self._places, self._home_m[: len(self._places)])
-            self._left.update(flight.fleet.ids[self._places[at]] for at in np.flatnonzero(closed).tolist())
+            self._left.update(flight.state.ids[self._places[at]] for at in np.flatnonzero(closed).tolist())
 
     def _fail(self, error: BaseException) -> None:
         """Log any error of the planner, and show it as an alarm: the fleet returns without a plan."""
@@ -192,7 +192,7 @@ class CollectiveReturn:
     def _all_stand(self) -> bool:
         """Whether every participating vehicle is under control and nearly at rest."""
         ours = [vehicle for vehicle in self._expected.values() if vehicle.phase in FLYING | {Phase.PILOT}]
-        stands = np.linalg.norm(self._flight.fleet.velocity_m_s, axis=1) < STANDS_M_S
+        stands = np.linalg.norm(self._flight.state.velocity_m_s, axis=1) < STANDS_M_S
         if self._others.plans_returns and not self._others.stands(STANDS_M_S):
             return False
         return all(vehicle.id in self._stopping and stands[vehicle.row] for vehicle in ours)
@@ -207,7 +207,7 @@ class CollectiveReturn:
             theirs = self._exchange_pads(homing, theirs)
         self._places = rows = [vehicle.row for vehicle in homing]
         operation, uncertainty_m = flight.config.operation, flight.traits.uncertainty_m
-        start_m, own_m = flight.fleet.position_m[rows], uncertainty_m[rows]
+        start_m, own_m = flight.state.position_m[rows], uncertainty_m[rows]
         places_m = homes_of(flight, homing, theirs)
         self._elsewhere = theirs.rows
         start_m = np.concatenate([start_m, theirs.position_m])
@@ -219,7 +219,7 @@ class CollectiveReturn:
         slow_from_m = flight.slow_from_m(homing).max(initial=operation.handover_height_m)
         heights_m = over_m, min(float(slow_from_m), over_m)
         self._rows = {vehicle.id: row for row, vehicle in enumerate(homing)}
-        about = heights_m, flight.control, flight.plan, flight.fleet.time_s, own_m, flight.closed()
+        about = heights_m, flight.control, flight.plan, flight.state.time_s, own_m, flight.closed()
 
         def planner_for(home_m: Array) -> Planner:
             return return_planner(start_m.copy(), home_m, *about)

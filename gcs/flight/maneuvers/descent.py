@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from gcs.estimation.touch_down import MOST_M, SLOWLY_M_S, GroundContact
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.flight.state.vehicle import Vehicle
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Array
@@ -21,7 +21,7 @@ SLOW_S: Final = MOST_M / SLOWLY_M_S
 class Descent:
     """One descent onto a place. The vehicle is above it."""
 
-    def __init__(self, flight: Fleet, vehicle: Vehicle, place_m: Array) -> None:
+    def __init__(self, flight: Flight, vehicle: Vehicle, place_m: Array) -> None:
         """`place_m` is (3,), show frame."""
         self._flight, self._vehicle, self._place_m = flight, vehicle, place_m
         self._contact = GroundContact()
@@ -51,7 +51,7 @@ class Descent:
 
     def _stands(self) -> bool:
         flight, row = self._flight, self._vehicle.row
-        fleet = flight.fleet
+        fleet = flight.state
         fresh = fleet.age_s[row] <= flight.control.telemetry_age_max_s
         return self._contact.note(
             fleet.time_s,

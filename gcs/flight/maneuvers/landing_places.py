@@ -7,7 +7,7 @@ import numpy as np
 
 from gcs.control import ellipses_of
 from gcs.flight.state.elsewhere import Returning
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.flight.state.vehicle import Vehicle
 from gcs.model.lifecycle import AIRBORNE, Phase
 from gcs.model.state import Array, Mask, VehicleId
@@ -15,13 +15,13 @@ from gcs.planning.landing_sites import are_covered, distinct_sites_m
 from gcs.planning.return_paths.planner import closed_places, return_places_m
 
 
-def landing_sites_m(flight: Fleet, vehicles: Sequence[Vehicle]) -> dict[VehicleId, Array]:
+def landing_sites_m(flight: Flight, vehicles: Sequence[Vehicle]) -> dict[VehicleId, Array]:
     """(3,) For each vehicle: a landing position clear of obstacles, all pads, and the other positions."""
     if not vehicles:
         return {}
     desired_m = np.array([flight.position_m(vehicle)[:2] for vehicle in vehicles])
     spacing_m = flight.config.operation.landing_site_spacing_m
-    ellipses = ellipses_of(flight.plan, flight.control, flight.fleet.time_s)
+    ellipses = ellipses_of(flight.plan, flight.control, flight.state.time_s)
     taken_m = _taken_m(flight, vehicles, frozenset({Phase.LANDING}))
     places_m = distinct_sites_m(desired_m, taken_m, spacing_m, ellipses)
     ground_z_m = [0.0 if v.home_m is None else float(v.home_m[2]) for v in vehicles]
@@ -29,7 +29,7 @@ def landing_sites_m(flight: Fleet, vehicles: Sequence[Vehicle]) -> dict[VehicleI
     return {vehicle.id: site_m for vehicle, site_m in zip(vehicles, sites_m, strict=True)}
 
 
-def homes_m(flight: Fleet, vehicles: Sequence[Vehicle]) -> Array:
+def homes_m(flight: Flight, vehicles: Sequence[Vehicle]) -> Array:
     """(n, 3) Where returning vehicles land: their pads, or the nearest clear of lost vehicles and obstacles.
 
     Every vehicle has a `home_m`. Where pads are closed this takes up to tens of milliseconds for each.
@@ -38,7 +38,7 @@ def homes_m(flight: Fleet, vehicles: Sequence[Vehicle]) -> Array:
 
 
 def homes_of(
-    flight: Fleet, vehicles: Sequence[Vehicle], elsewhere: Returning | None = None
+    flight: Flight, vehicles: Sequence[Vehicle], elsewhere: Returning | None = None
 ) -> Callable[[], Array]:
     """Return a function that computes `homes_m` for the flight as it is now; any thread may call it.
 
@@ -59,29 +59,29 @@ def homes_of(
         operation.landing_site_spacing_m,
         flight.control,
         flight.plan,
-        flight.fleet.time_s,
+        flight.state.time_s,
         own_m,
         flight.closed(),
     )
 
 
-def closed_to(flight: Fleet, rows: Sequence[int], place_m: Array) -> Mask:
+def closed_to(flight: Flight, rows: Sequence[int], place_m: Array) -> Mask:
     """(n,) At which landing places (n, 3) of these own vehicles a lost one or an obstacle is by now."""
     uncertainty_m, floor = flight.traits.uncertainty_m[list(rows)], flight.control.safety.floor
     over_m = flight.config.operation.takeoff_height_m
     closed = closed_places(place_m, over_m, floor, uncertainty_m, flight.closed())
-    return closed | are_covered(place_m, ellipses_of(flight.plan, flight.control, flight.fleet.time_s))
+    return closed | are_covered(place_m, ellipses_of(flight.plan, flight.control, flight.state.time_s))
 
 
-def is_covered(flight: Fleet, place_m: Array) -> bool:
+def is_covered(flight: Flight, place_m: Array) -> bool:
     """Whether an obstacle keeps a vehicle from landing at a place (3,)."""
     if not flight.plan.obstacles:
         return False
-    ellipses = ellipses_of(flight.plan, flight.control, flight.fleet.time_s)
+    ellipses = ellipses_of(flight.plan, flight.control, flight.state.time_s)
     return bool(are_covered(place_m[None], ellipses)[0])
 
 
-def is_taken(flight: Fleet, vehicle: Vehicle, place_m: Array) -> bool:
+def is_taken(flight: Flight, vehicle: Vehicle, place_m: Array) -> bool:
     """Whether a vehicle flown elsewhere stands or lands at a place (3,) that is not the vehicle's pad.
 
     Flights that choose places at the same time do not know each other's choice.
@@ -93,7 +93,7 @@ def is_taken(flight: Fleet, vehicle: Vehicle, place_m: Array) -> bool:
 
 
 def _taken_m(
-    flight: Fleet,
+    flight: Flight,
     vehicles: Sequence[Vehicle],
     goals_of: frozenset[Phase],
     elsewhere: Returning | None = None,

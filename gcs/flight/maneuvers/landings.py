@@ -11,7 +11,7 @@ from gcs.flight.maneuvers.collective_return import CollectiveReturn
 from gcs.flight.maneuvers.descent import SLOW_S, Descent
 from gcs.flight.maneuvers.landing_places import homes_m, is_covered, is_taken, landing_sites_m
 from gcs.flight.maneuvers.maneuver_steps import NO_PROGRESS_S, Maneuver, Steps
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.flight.state.vehicle import Vehicle
 from gcs.model.lifecycle import Event
 from gcs.model.state import Array, FleetState, VehicleId
@@ -44,7 +44,7 @@ def _has_passed(time_s: float) -> bool:
 class Landings:
     """The landings of one flight."""
 
-    def __init__(self, flight: Fleet, steps: Steps) -> None:
+    def __init__(self, flight: Flight, steps: Steps) -> None:
         self._flight, self._steps = flight, steps
         self._settings = flight.config.operation
         self._searched: tuple[FleetState, int] | None = None  # landing places in one tick
@@ -156,7 +156,7 @@ class Landings:
 
     def _may_search(self) -> bool:
         """Whether a vehicle may search for its landing place in this tick: only a few fit into it."""
-        fleet, before = self._flight.fleet, self._searched
+        fleet, before = self._flight.state, self._searched
         count = 0 if before is None or before[0] is not fleet else before[1]
         self._searched = fleet, count + 1
         return count < SEARCHES_A_TICK

@@ -8,7 +8,7 @@ import logging
 from collections.abc import Callable, Coroutine
 from typing import TypeAlias
 
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.flight.state.vehicle import Vehicle
 from gcs.links import Command, Verb
 from gcs.model.errors import CommandError, RefusedError
@@ -29,7 +29,7 @@ NO_PROGRESS_S = 30.0
 class Steps:
     """The steps of one flight's maneuvers."""
 
-    def __init__(self, flight: Fleet) -> None:
+    def __init__(self, flight: Flight) -> None:
         self._flight = flight
 
     async def until(

@@ -11,7 +11,7 @@ from typing import TypeAlias
 
 from gcs.flight.maneuvers.landings import Landings
 from gcs.flight.maneuvers.maneuver_steps import Maneuver, Steps
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.flight.state.vehicle import Vehicle
 from gcs.links import Verb
 from gcs.model.errors import CommandError, RefusedError
@@ -38,7 +38,7 @@ _LOOKS_S = 0.2
 class Maneuvers:
     """Starts, replaces and ends maneuvers: which vehicle executes which."""
 
-    def __init__(self, group: asyncio.TaskGroup, flight: Fleet) -> None:
+    def __init__(self, group: asyncio.TaskGroup, flight: Flight) -> None:
         self._group = group
         self._running: dict[str, tuple[asyncio.Task[None], Done]] = {}
         self._flight = flight
@@ -207,7 +207,7 @@ class Maneuvers:
 
     def _all_up(self) -> bool:
         """Whether no vehicle climbs any more, or waits on the ground for its turn."""
-        fleet = self._flight.fleet
+        fleet = self._flight.state
         if self._up is None or self._up[0] is not fleet:  # every waiting vehicle asks in every tick
             below = self._flight.in_phase(Phase.STANDBY, Phase.TAKEOFF)
             self._up = fleet, not any(map(self.running, below))

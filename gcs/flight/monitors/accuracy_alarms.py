@@ -9,7 +9,7 @@ import numpy as np
 
 from gcs.control import Tick
 from gcs.failsafe.policy import Cause
-from gcs.flight.state.fleet import FLIES, Fleet
+from gcs.flight.state.flight import FLIES, Flight
 from gcs.flight.state.vehicle import SHOW_FLIES, Vehicle
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Array, Landed, Mask
@@ -58,7 +58,7 @@ BLIND: Final = (
 class AccuracyAlarms:
     """Sources of these conditions, with what their hysteresis needs."""
 
-    flight: Fleet
+    flight: Flight
 
     def __post_init__(self) -> None:
         n = len(self.flight.vehicles)
@@ -70,7 +70,7 @@ class AccuracyAlarms:
 
     def of_positions(self, failsafes: Sequence[ActiveFailsafe]) -> Iterator[Condition]:
         """Yield vehicles whose positions are in doubt, but for those about which a failsafe says so."""
-        flight, doubtful, jumped = self.flight, self.flight.fleet.doubtful, self._jumped_wide()
+        flight, doubtful, jumped = self.flight, self.flight.state.doubtful, self._jumped_wide()
         if not (doubtful.any() or jumped.any()):
             return
         named = {name for each in failsafes if each.cause == Cause.BAD_POSITION for name in each.vehicles}
@@ -92,7 +92,7 @@ class AccuracyAlarms:
         flight = self.flight
         if flight.show_run is not None and flight.show_run.goals is not None:
             return
-        doubtful = flight.fleet.doubtful
+        doubtful = flight.state.doubtful
         formed = flight.in_phase(Phase.FORMATION) if flight.show in SHOW_FLIES else []
         formed = [vehicle for vehicle in formed if not doubtful[vehicle.row]]
         uncertainty_m = flight.in_formation_m(formed)
@@ -128,7 +128,7 @@ class AccuracyAlarms:
     def _jumped_wide(self) -> Mask:
         """(n,) vehicles with jumps so far, and so lately, that others keep clear of both places."""
         flight = self.flight
-        lately = flight.fleet.time_s - flight.reset_time_s < flight.config.positioning.reset_margin_s
+        lately = flight.state.time_s - flight.reset_time_s < flight.config.positioning.reset_margin_s
         return lately & (flight.jumped_m >= WIDE_JUMP_M)
 
     def _uncertain(self, vehicle: Vehicle) -> Condition:
@@ -139,7 +139,7 @@ class AccuracyAlarms:
 
     def _why_uncertain(self, vehicle: Vehicle) -> str:
         flight, row = self.flight, vehicle.row
-        jumped_s = flight.fleet.time_s - float(flight.reset_time_s[row])
+        jumped_s = flight.state.time_s - float(flight.reset_time_s[row])
         if jumped_s < flight.config.positioning.reset_margin_s:
             return f"its position jumped by {flight.jumped_m[row]:.1f} m, {jumped_s:.0f} s ago"
         telemetry = flight.telemetry
@@ -159,7 +159,7 @@ class AccuracyAlarms:
         for row in np.flatnonzero(self._off_ground).tolist():
             side = "above" if height_m[row] > 0.0 else "below"
             because = f"stands on its start, and reports {abs(height_m[row]):.1f} m {side} it"
-            vehicle_id = flight.fleet.ids[row]
+            vehicle_id = flight.state.ids[row]
             yield Condition(AlarmCause.HEIGHT_DIFFERS, because, (vehicle_id,), advice=REBOOT)
 
     def _reported_on_pads_m(self) -> Array:
@@ -169,7 +169,7 @@ class AccuracyAlarms:
             zip(flight.vehicles.values(), flight.telemetry.landed, strict=True)
         ):
             if landed is Landed.ON_GROUND and vehicle.home_m is not None and vehicle.phase in MAY_STAND:
-                above_m = vehicle.home_m - flight.fleet.position_m[row]
+                above_m = vehicle.home_m - flight.state.position_m[row]
                 if np.hypot(above_m[0], above_m[1]) < ON_PAD_M:  # False for NaN
                     height_m[row] = above_m[2]
         return height_m
@@ -186,7 +186,7 @@ class AccuracyAlarms:
             because = f"{off_m_s:.1f} m/s off on average, by wind or gusts"
             if alone:
                 off_m_s = float(lack_m_s[blown[0]])
-                because = f"{self.flight.fleet.ids[blown[0]]} alone, {off_m_s:.1f} m/s off"
+                because = f"{self.flight.state.ids[blown[0]]} alone, {off_m_s:.1f} m/s off"
             consequence = f"Pairs keep up to {wider_m:.1f} m more than usual."
             yield Condition(AlarmCause.LITTLE_AUTHORITY, because, consequence=consequence)
         fastest_m_s = np.minimum(self.flight.traits.speed_max_m_s, safety.limits.horizontal_m_s)
@@ -194,7 +194,7 @@ class AccuracyAlarms:
             reached_m_s = authority.speed_max_m_s[row]
             because = f"reaches {reached_m_s:.1f} of {fastest_m_s[row]:g} m/s"
             consequence = "[Its limit is|Their limits are] lowered until [it is|they are] faster again."
-            yield Condition(AlarmCause.SLOW_VEHICLE, because, (self.flight.fleet.ids[row],), consequence)
+            yield Condition(AlarmCause.SLOW_VEHICLE, because, (self.flight.state.ids[row],), consequence)
         least_m_s2 = slowest_m_s2(self.flight.traits.response)
         for row in np.flatnonzero(tick.memory.answers.slow[: len(fastest_m_s)]).tolist():
             vehicle = self.flight.at_row(row)
@@ -207,9 +207,9 @@ class AccuracyAlarms:
 
         A vehicle whose position is in doubt, or jumped, shows none: its velocity is then wrong as well.
         """
-        flight, now_s = self.flight, self.flight.fleet.time_s
+        flight, now_s = self.flight, self.flight.state.time_s
         jumped_s = now_s - flight.reset_time_s
-        lacks = lacks & ~flight.fleet.doubtful & (jumped_s > flight.config.positioning.reset_margin_s)
+        lacks = lacks & ~flight.state.doubtful & (jumped_s > flight.config.positioning.reset_margin_s)
         self._lacks_since_s = np.where(lacks, np.minimum(self._lacks_since_s, now_s), np.inf)
         self._lacked_s = np.where(lacks, now_s, self._lacked_s)
         blown = np.flatnonzero(now_s - self._lacked_s <= LACKED_S).tolist()

@@ -17,7 +17,7 @@ from gcs.failsafe.policy import Action, Cause
 from gcs.failsafe.triggers import OF_THE_SHOW
 from gcs.flight.monitors.accuracy_alarms import BLIND, AccuracyAlarms
 from gcs.flight.monitors.space_alarms import SpaceAlarms, of_routes, of_the_centre
-from gcs.flight.state.fleet import FLIES, Fleet
+from gcs.flight.state.flight import FLIES, Flight
 from gcs.flight.state.vehicle import Vehicle
 from gcs.model.interrupted_flight import InterruptedFlight
 from gcs.model.lifecycle import Phase, ShowPhase
@@ -109,7 +109,7 @@ class Findings:
 class AlarmMonitor:
     """Maintains the alarms of one flight, on the event loop only. Implements `gcs.service.Alarms`."""
 
-    flight: Fleet
+    flight: Flight
 
     def __post_init__(self) -> None:
         self._alarm_book = AlarmBook()
@@ -128,14 +128,14 @@ class AlarmMonitor:
         return now_s >= self._due_s
 
     def look(self, tick: Tick, findings: Findings) -> None:
-        now_s = self.flight.fleet.time_s
+        now_s = self.flight.state.time_s
         self._due_s = now_s + PERIOD_S
         conditions = [
             *self._of_vehicles(findings.failsafes),
             *self._space.of_distances(tick),
             *self._space.of_obstacles(),
             *of_the_centre(tick),
-            *of_routes(tick, self.flight.fleet.ids + tick.elsewhere),
+            *of_routes(tick, self.flight.state.ids + tick.elsewhere),
             *self._accuracy.of_positions(findings.failsafes),
             *self._accuracy.of_the_radius(),
             *self._accuracy.of_authority(tick),
@@ -182,7 +182,7 @@ class AlarmMonitor:
                 because, _, advice = vehicle.reason.removeprefix(f"{vehicle.id} ").partition(". ")
                 if vehicle.cause in {None, FailsafeCause.UNKNOWN}:
                     why = because.removesuffix(".")  # the cause's advice says what to do
-                    advice = BLIND if self.flight.fleet.doubtful[vehicle.row] else ""
+                    advice = BLIND if self.flight.state.doubtful[vehicle.row] else ""
                     yield Condition(AlarmCause.OUTSIDE_CONTROL, why, ids, SENDS_NOTHING, advice)
                     continue
                 critical = vehicle.cause is FailsafeCause.CRITICAL_BATTERY
@@ -212,7 +212,7 @@ class AlarmMonitor:
             newest = ((row, text) for row, own in enumerate(texts) for text in own)
             self._urgent = [each for each in newest if meaning_of(each[1].text) is Meaning.LAND_NOW]
         for row, text in self._urgent:
-            vehicle, age_s = flight.at_row(row), flight.fleet.time_s - text.time_s
+            vehicle, age_s = flight.at_row(row), flight.state.time_s - text.time_s
             if vehicle.phase in FLIES and age_s <= TEXTS_COUNT_S:
                 words = text.text.rstrip(".")
                 yield Condition(AlarmCause.LAND_NOW, f'"{words}"', (vehicle.id,), about=words)
@@ -221,21 +221,21 @@ class AlarmMonitor:
         flight, show_run = self.flight, self.flight.show_run
         if show_run is None or flight.show not in {ShowPhase.ASSEMBLING, ShowPhase.RUNNING}:
             return
-        if why := flight.timecode.why_apart(show_run, flight.fleet.time_s):
+        if why := flight.timecode.why_apart(show_run, flight.state.time_s):
             consequence = "" if flight.timecode.frozen_since_unix_s is None else SHOW_STANDS
-            severity = AlarmSeverity.WARNING if flight.timecode.is_missing(flight.fleet.time_s) else None
+            severity = AlarmSeverity.WARNING if flight.timecode.is_missing(flight.state.time_s) else None
             yield Condition(AlarmCause.TIMECODE, why, consequence=consequence, severity=severity)
 
     def _of_intakes(self) -> Iterator[Condition]:
         for intake in self.flight.intakes:
-            if why := intake.why_over(self.flight.fleet.time_s):
+            if why := intake.why_over(self.flight.state.time_s):
                 yield Condition(AlarmCause.INPUT_FLOODED, why, about=intake.name)
 
     def _of_links(self, findings: Findings) -> Iterator[Condition]:
         flight = self.flight
         for name, why in findings.failed_links.items():
             yield Condition(AlarmCause.LINK_FAILED, why, about=name)
-        if why := flight.corrections.why_stopped(flight.fleet.time_s):
+        if why := flight.corrections.why_stopped(flight.state.time_s):
             consequence = "Margins grow with the accuracy that the vehicles report."
             yield Condition(AlarmCause.CORRECTIONS_STOPPED, why, consequence=consequence)
         yield from flight.elsewhere.hooks.conditions()

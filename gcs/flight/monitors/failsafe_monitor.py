@@ -12,7 +12,7 @@ from gcs.failsafe.policy import FLIES_ON, SEVERITY, Action, Cause
 from gcs.failsafe.triggers import FailsafeRequest, Known, Roles, Seen
 from gcs.flight.commands.commander import Commander
 from gcs.flight.shows.show_player import ShowPlayer
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.flight.state.ticker import TickClock
 from gcs.flight.state.vehicle import Vehicle
 from gcs.model.lifecycle import AIRBORNE, ON_THE_GROUND, Phase, ShowPhase
@@ -55,7 +55,7 @@ FORMED: Final = frozenset({ShowPhase.ASSEMBLING, ShowPhase.RUNNING})
 class FailsafeMonitor:
     """The failsafes of one flight. Changed on the event loop only."""
 
-    flight: Fleet
+    flight: Flight
     show_player: ShowPlayer
     clock: TickClock
     commander: Commander
@@ -63,7 +63,7 @@ class FailsafeMonitor:
 
     def __post_init__(self) -> None:
         settings, count = self.flight.config.failsafes, len(self.flight.vehicles)
-        self._failsafes = Failsafes(settings, Known.nothing(count, self.flight.fleet.time_s, settings))
+        self._failsafes = Failsafes(settings, Known.nothing(count, self.flight.state.time_s, settings))
         self._commanded: dict[tuple[Cause, Action], str] = {}
         self._sent: dict[int, int] = {}  # severity of the command whose maneuver a vehicle executes
         self._held: dict[tuple[str, str], bool] = {}
@@ -87,7 +87,7 @@ class FailsafeMonitor:
 
     def _seen(self) -> Seen:
         flight = self.flight
-        fleet, telemetry = flight.fleet, flight.telemetry
+        fleet, telemetry = flight.state, flight.telemetry
         return Seen(
             fleet.time_s,
             fleet.position_m,
@@ -124,7 +124,7 @@ class FailsafeMonitor:
             np.array([phase in AIRBORNE for phase in phases]),
             np.array([phase is Phase.FORMATION for phase in phases]),
             np.array([vehicle.id in newly_lost for vehicle in vehicles]),
-            0.0 if since_s is None else self.flight.fleet.time_s - since_s,
+            0.0 if since_s is None else self.flight.state.time_s - since_s,
         )
 
     def _command(self, request: FailsafeRequest) -> FailsafeRequest | None:
@@ -179,7 +179,7 @@ class FailsafeMonitor:
         )
 
     def _named(self, request: FailsafeRequest) -> tuple[str, ...]:
-        return tuple(self.flight.fleet.ids[row] for row in request.rows)
+        return tuple(self.flight.state.ids[row] for row in request.rows)
 
     def _show(self, requests: Sequence[FailsafeRequest]) -> None:
         """Update the active failsafes for display, and log those that are over."""
@@ -189,7 +189,7 @@ class FailsafeMonitor:
             if not any(cause == failsafe.cause for cause, _ in lasting):
                 log.info("failsafe_over", extra={"cause": failsafe.cause})
         began = {(each.cause, each.action): each for each in self.active}
-        now_s, unix_s = self.flight.fleet.time_s, self.flight.unix_s()
+        now_s, unix_s = self.flight.state.time_s, self.flight.unix_s()
         active = []
         for request in requests:
             key, named = (request.cause.value, request.action.value), self._named(request)

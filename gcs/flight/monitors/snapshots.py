@@ -10,7 +10,7 @@ from gcs.control import ControlSettings, Tick
 from gcs.estimation import time_estimates
 from gcs.estimation.fleet_state import tuple3
 from gcs.estimation.time_estimates import Estimates, Speeds
-from gcs.flight.state.fleet import ASSEMBLED_M, ASSEMBLED_SHARE, FLIES, Fleet
+from gcs.flight.state.flight import ASSEMBLED_M, ASSEMBLED_SHARE, FLIES, Flight
 from gcs.model.interrupted_flight import InterruptedFlight
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, Landed, Mask
@@ -25,7 +25,7 @@ def finite(value: float) -> float | None:
 
 
 def fleet_view(
-    flight: Fleet,
+    flight: Flight,
     tick: Tick,
     *,
     timing: TickView,
@@ -43,7 +43,7 @@ def fleet_view(
 
     `flight` is as of that tick: a shallow copy, where commands may have changed it since.
     """
-    center, fleet, show_run = tick.memory.center, flight.fleet, flight.show_run
+    center, fleet, show_run = tick.memory.center, flight.state, flight.show_run
     return FleetView(
         time_s=fleet.time_s,
         unix_time_s=unix_time_s,
@@ -79,8 +79,8 @@ def fleet_view(
     )
 
 
-def _rows(flight: Fleet, tick: Tick) -> VehicleTable:
-    fleet, telemetry, show_run = flight.fleet, flight.telemetry, flight.show_run
+def _rows(flight: Flight, tick: Tick) -> VehicleTable:
+    fleet, telemetry, show_run = flight.state, flight.telemetry, flight.show_run
     vehicles, known = flight.vehicles.values(), flight.known  # only those with all data can be ready
     setpoint_m_s = np.full((len(fleet.ids), 3), np.nan)
     if tick.setpoints.ids:
@@ -131,7 +131,7 @@ SPEED_SHARE: Final = 0.95
 class Estimating:
     """Keeps the newest estimates of one flight. Used on the event loop only."""
 
-    def __init__(self, flight: Fleet) -> None:
+    def __init__(self, flight: Flight) -> None:
         self._flight = flight
         self._history = time_estimates.BatteryHistory(len(flight.vehicles))
         self._made_s = -np.inf
@@ -145,7 +145,7 @@ class Estimating:
             waiting: vehicles on the ground that have yet to take off with this start.
             left_s: remaining time of a collective return; None: none has begun.
         """
-        now_s = self._flight.fleet.time_s
+        now_s = self._flight.state.time_s
         if now_s - self._made_s < EVERY_S - 1e-3:
             return
         self._made_s = now_s
@@ -167,7 +167,7 @@ class Estimating:
         if flight.show not in FORMING:
             return None
         control, operation, memory = flight.control, flight.config.operation, flight.memory
-        position_m, formation = flight.fleet.position_m, flight.plan.formation
+        position_m, formation = flight.state.position_m, flight.plan.formation
         within_m = ASSEMBLED_M + ASSEMBLED_SHARE * formation.radius_m
         speeds = speeds_of(control)
         place = memory.place[: len(position_m)]
@@ -207,7 +207,7 @@ class Estimating:
         homes = [(vehicle, vehicle.home_m) for vehicle in ours if vehicle.home_m is not None]
         if not ours or len(homes) < len(ours):
             return None
-        position_m = flight.fleet.position_m[[vehicle.row for vehicle in ours]]
+        position_m = flight.state.position_m[[vehicle.row for vehicle in ours]]
         aborting = flight.show is ShowPhase.ABORTING
         goals_m = [one.goal_m if aborting and one.goal_m is not None else pad_m for one, pad_m in homes]
         home_m = np.array(goals_m)

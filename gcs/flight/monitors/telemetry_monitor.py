@@ -13,7 +13,7 @@ from gcs.estimation.link_health import BEATS_LACK_MAX_S, BEATS_MAY_LACK_S, lacki
 from gcs.failsafe.autopilot_failsafe import FailsafeInputs, cause_of, described, lost_on_the_way
 from gcs.flight.maneuvers.maneuver_steps import Maneuver
 from gcs.flight.maneuvers.maneuvers import Maneuvers
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.flight.state.vehicle import NOT_RECEIVED, Explanation, Vehicle, VehicleStatus
 from gcs.links.link import Absent
 from gcs.model.lifecycle import AIRBORNE, FLOWN, Event, Phase
@@ -38,7 +38,7 @@ Zero for a lost vehicle: an old heartbeat does not show whether a pilot has take
 class TelemetryMonitor:
     """Keeps the phases consistent with the vehicles' telemetry."""
 
-    flight: Fleet
+    flight: Flight
     maneuvers: Maneuvers
     come_back: Maneuver
     _resumed_s: float = -np.inf  # after a stall; messages of that time may not be read yet
@@ -54,12 +54,12 @@ class TelemetryMonitor:
 
     def resume(self) -> None:
         """Note that the service has stalled: it cannot know yet which vehicles were silent meanwhile."""
-        self._resumed_s = self.flight.fleet.time_s
+        self._resumed_s = self.flight.state.time_s
 
     def look(self) -> None:
         """Let the telemetry change phases, and end maneuvers that no longer apply; called once a tick."""
         flight = self.flight
-        now_s, telemetry = flight.fleet.time_s, flight.telemetry
+        now_s, telemetry = flight.state.time_s, flight.telemetry
         for row in np.flatnonzero(flight.reset_time_s == now_s).tolist():
             self._mind_reset(flight.at_row(row))
         fresh = self._judge(now_s, telemetry)
@@ -87,7 +87,7 @@ class TelemetryMonitor:
         """
         flight, before = self.flight, self._looked
         now: tuple[Sequence[Any], ...] = (
-            *(flight.states.phases, flight.states.modes),
+            *(flight.vehicle_states.phases, flight.vehicle_states.modes),
             *(telemetry.mode, telemetry.armed, telemetry.in_failsafe, telemetry.landed),
             *(flight.silent.tobytes(), flight.has_heartbeat.tobytes(), fresh.tobytes()),
         )
@@ -128,7 +128,7 @@ class TelemetryMonitor:
             telemetry.life_time_s,
             telemetry.heartbeat_time_s,
             telemetry.position_time_s,
-            flight.fleet.position_m,
+            flight.state.position_m,
             may_lack_s,
             absent,
             flight.config.operation.silence_s,
@@ -138,7 +138,7 @@ class TelemetryMonitor:
         return fresh
 
     def _look_at(self, vehicle: Vehicle, telemetry: Telemetry) -> None:
-        flight, row, now_s = self.flight, vehicle.row, self.flight.fleet.time_s
+        flight, row, now_s = self.flight, vehicle.row, self.flight.state.time_s
         if not flight.elsewhere.owned[row]:
             return
         silence_s = flight.config.operation.silence_s
@@ -235,10 +235,10 @@ class TelemetryMonitor:
             f" and its position counts as {positioning.reset_uncertainty_m:g} m more uncertain"
             f" for {positioning.reset_margin_s:g} s"
         )
-        vehicle.freeze(flight.position_m(vehicle), flight.fleet.time_s + positioning.freeze_s, reason)
+        vehicle.freeze(flight.position_m(vehicle), flight.state.time_s + positioning.freeze_s, reason)
 
     def _by_itself(self, vehicle: Vehicle, maneuver: Maneuver) -> None:
         """Start an automatic maneuver: not recorded as a command, and not repeated at once when it fails."""
-        if self.flight.fleet.time_s >= vehicle.try_again_s:
-            vehicle.try_again_s = self.flight.fleet.time_s + TRY_AGAIN_S
+        if self.flight.state.time_s >= vehicle.try_again_s:
+            vehicle.try_again_s = self.flight.state.time_s + TRY_AGAIN_S
             self.maneuvers.start(vehicle, maneuver, lambda _outcome, _reason: None)

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.flight.state.vehicle import Vehicle
 from gcs.links import ParameterValue
 from gcs.links.autopilots.versions import Version
@@ -62,9 +62,9 @@ async def read_needed(
 
 
 class ParameterReader:
-    """Keeps `Fleet.parameters` current: reads on first contact, after a reboot, and after every flight."""
+    """Keeps `Flight.parameters` current: reads on first contact, after a reboot, and after every flight."""
 
-    def __init__(self, group: asyncio.TaskGroup, flight: Fleet) -> None:
+    def __init__(self, group: asyncio.TaskGroup, flight: Flight) -> None:
         n = len(flight.vehicles)
         self._group = group
         self._flight = flight
@@ -96,7 +96,7 @@ class ParameterReader:
         if not flight.config.operation.require_parameters:
             return
         self._take_announced(received)
-        now_s, absent = flight.fleet.time_s, ~flight.has_heartbeat
+        now_s, absent = flight.state.time_s, ~flight.has_heartbeat
         seldom = received.reboot_count, received.armed, received.version  # seldom other objects
         if any(now is not before for now, before in zip(seldom, self._reported, strict=True)):
             self._reported = seldom
@@ -198,7 +198,7 @@ class ParameterReader:
     def _forget(self, vehicle: Vehicle) -> None:
         self._flight.parameters.pop(vehicle.id, None)
         self._flight.parameter_problems.pop(vehicle.id, None)
-        version_s = -np.inf if vehicle.id in self._versions else self._flight.fleet.time_s + VERSION_S
+        version_s = -np.inf if vehicle.id in self._versions else self._flight.state.time_s + VERSION_S
         self._not_before_s[vehicle.row] = version_s
         self._due[vehicle.row] = self._outdated[vehicle.row] = True
 
@@ -214,7 +214,7 @@ class ParameterReader:
             read = await read_needed(flight.link_of[vehicle.id], vehicle.id, self._required(vehicle.id))
         except CommandError as error:
             flight.parameter_problems[vehicle.id] = str(error)
-            self._not_before_s[row] = flight.fleet.time_s + RETRY_S
+            self._not_before_s[row] = flight.state.time_s + RETRY_S
             self._due[row] = True
         else:
             if not self._outdated[row]:  # it has not restarted, flown or been silent meanwhile

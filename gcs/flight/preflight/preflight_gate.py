@@ -10,7 +10,7 @@ import numpy as np
 
 from gcs.flight.preflight.parameter_reader import ParameterReader
 from gcs.flight.shows.show_player import ShowPlayer
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.flight.state.refusals import with_alternative
 from gcs.flight.state.running_show import ShowRun
 from gcs.model.errors import GcsError, InvalidError, RefusedError
@@ -64,7 +64,7 @@ Question: TypeAlias = tuple[tuple[VehicleId, ...] | None, ShowRun | None, frozen
 class PreflightGate:
     """Runs all checks before a start, and excludes vehicles from it. Implements `gcs.service.Preflight`."""
 
-    flight: Fleet
+    flight: Flight
     parameter_reader: ParameterReader
     show_player: ShowPlayer
     _last: tuple[float, Question, PreflightReport] | None = None  # the newest report, and its time
@@ -81,7 +81,7 @@ class PreflightGate:
                 raise RefusedError(f"preflight is for the ground, and the show is {flight.show}")
             return self._last[2]
         made_s, question, report = self._last or (-np.inf, None, None)
-        same = question == self._question(vehicles) and flight.fleet.time_s - made_s < AGAIN_S
+        same = question == self._question(vehicles) and flight.state.time_s - made_s < AGAIN_S
         return report if same and report is not None else self._made(vehicles)
 
     def _question(self, desired: Sequence[VehicleId] | None) -> Question:
@@ -126,7 +126,7 @@ class PreflightGate:
             ),
             not_checked=tuple(looked.not_checked),
         )
-        self._last = self.flight.fleet.time_s, self._question(desired), report
+        self._last = self.flight.state.time_s, self._question(desired), report
         return report
 
     def need(self, show_hash: str | None, desired: Sequence[VehicleId] | None) -> Cleared:
@@ -192,7 +192,7 @@ class PreflightGate:
             "clock: preflight.clock_max_s is null": settings.clock_max_s is None,
         }
         not_checked = [text for text, is_off in unlooked.items() if is_off] + self.parameter_reader.risks()
-        corrections = self.flight.corrections.checks(self.flight.fleet.time_s)
+        corrections = self.flight.corrections.checks(self.flight.state.time_s)
         return Stand([*stand.fleet, *corrections], alone, [*stand.not_checked, *not_checked])
 
     def _alone(self, inputs: PreflightInputs, vehicles: Sequence[VehicleId]) -> dict[VehicleId, list[Check]]:
@@ -212,7 +212,7 @@ class PreflightGate:
         show = flight.show_run
         found = None if show is None else show.figures
         return PreflightInputs(
-            fleet=flight.fleet,
+            fleet=flight.state,
             rows={name: vehicle.row for name, vehicle in flight.vehicles.items()},
             telemetry=flight.telemetry,
             conflicts={name: text for link in flight.links for name, text in link.conflicts.items()},
@@ -233,7 +233,7 @@ class PreflightGate:
             speed_max_m_s=flight.traits.speed_max_m_s,
             heights=flight.heights.found,
             others=flight.elsewhere.placed(),
-            ahead_s=self.flight.unix_s() - flight.fleet.time_s,
+            ahead_s=self.flight.unix_s() - flight.state.time_s,
         )
 
     def _pattern(self) -> Pattern | None:
@@ -266,7 +266,7 @@ class PreflightGate:
             look = partial(
                 check_setpoint_loss,
                 tuple(chosen),
-                flight.fleet.position_m[rows],
+                flight.state.position_m[rows],
                 self.show_player.plans(),
                 flight.control,
                 flight.traits.uncertainty_m[rows],
@@ -325,7 +325,7 @@ class PreflightGate:
         ]
         words = ""
         if plan is not None and len(chosen) <= PREDICTED_MAX:
-            formed_m = formation_m(tuple(chosen), flight.fleet.position_m[rows], plan, flight.control)
+            formed_m = formation_m(tuple(chosen), flight.state.position_m[rows], plan, flight.control)
             words = describe_columns(most_overlapping(formed_m, width_m + SWAYS_M), rehearsed)
         elif rehearsed:
             words = describe_columns(0, rehearsed)

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.links.lights import Colours
 from gcs.mavlink.lights import LightDriver
 from gcs.model.errors import RefusedError
@@ -33,20 +33,20 @@ def battery_colours(remaining: Array, battery_min: float) -> Colours:
     return colour
 
 
-def find(flight: Fleet, vehicle_id: VehicleId) -> None:
+def find(flight: Flight, vehicle_id: VehicleId) -> None:
     """Let a vehicle on the ground blink. Raises: RefusedError, UnknownError."""
     vehicle = flight.vehicle(vehicle_id)
     if flight.config.lights.driver is LightDriver.NONE:
         raise RefusedError(f"{vehicle_id} has no lights: lights.driver of the configuration is none")
     if vehicle.phase is not Phase.STANDBY:
         raise RefusedError(f"{vehicle_id} is {vehicle.phase}: find is for vehicles received on the ground")
-    flight.blinks_until_s[vehicle_id] = flight.fleet.time_s + flight.config.lights.find_s
+    flight.blinks_until_s[vehicle_id] = flight.state.time_s + flight.config.lights.find_s
 
 
 class Lights:
     """Decides the colours of one fleet, and sends them over its links."""
 
-    def __init__(self, flight: Fleet) -> None:
+    def __init__(self, flight: Flight) -> None:
         self._flight = flight
         row_of = {name: vehicle.row for name, vehicle in flight.vehicles.items()}
         self._rows: Mapping[str, NDArray[np.intp]] = {
@@ -66,7 +66,7 @@ class Lights:
 
     def colours(self) -> Colours:
         """(n, 3) red, green, blue; rows as in FleetState."""
-        flight, now_s = self._flight, self._flight.fleet.time_s
+        flight, now_s = self._flight, self._flight.state.time_s
         ids, run = tuple(flight.vehicles), flight.show_run
         colour = np.zeros((len(ids), 3), np.uint8)
         if run is not None:

@@ -10,7 +10,7 @@ from datetime import UTC, datetime
 from math import inf, isnan, nan
 from typing import Final
 
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.flight.state.running_show import LONGEST_STEP_S, ShowRun
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.lifecycle import ON_THE_GROUND, ShowEvent, ShowPhase
@@ -39,7 +39,7 @@ def utc(unix_s: float) -> str:
 class ShowBegin:
     """Lets the selected show begin. Called on the event loop only."""
 
-    flight: Fleet
+    flight: Flight
     _at_unix_s: float | None = None  # None: no time was given
     _given_to: str = ""  # name of the show that it was given to
     _held: bool = False
@@ -158,7 +158,7 @@ class ShowBegin:
     def look(self) -> None:
         """Let the show begin when it is time, and keep its tempo. Call once a tick, before the show leads."""
         flight, show_run = self.flight, self.flight.show_run
-        now_s = flight.fleet.time_s
+        now_s = flight.state.time_s
         before_s, self._before_s = self._before_s, now_s
         flew, self._flew = self._flew, flight.show not in ON_THE_GROUND
         over = flight.show in {ShowPhase.RETURNING, ShowPhase.ABORTING} or (flew and not self._flew)
@@ -206,7 +206,7 @@ class ShowBegin:
 
     def begin_now(self, show_run: ShowRun, begins_s: float) -> None:
         """Have the show begin now; `begins_s` is the moment, in the tick's time."""
-        flight, now_s = self.flight, self.flight.fleet.time_s
+        flight, now_s = self.flight, self.flight.state.time_s
         show_run.begins_s, show_run.tempo = begins_s, Tempo()
         late_s = 0.0 if self._at_unix_s is None else flight.unix_s() - self._at_unix_s
         flight.move_show(ShowEvent.ASSEMBLED, "the show's time has come")

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from gcs.flight.shows.show_begin import ShowBegin
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.flight.state.refusals import with_alternative
 from gcs.flight.state.running_show import ShowFleet, ShowRun
 from gcs.model.errors import RefusedError
@@ -35,7 +35,7 @@ ON_PAD: Final = 0.25
 class ShowPlayer:
     """Selects shows, and has the selected show decide the plan. Implements `gcs.service.Player`."""
 
-    flight: Fleet
+    flight: Flight
     show_library: ShowLibrary
 
     def __post_init__(self) -> None:
@@ -115,7 +115,7 @@ class ShowPlayer:
         flight.plan = replace(flight.plan, obstacles=own)
         self.lead()
         log.info("show_selected", extra={"show": name, "hash": show_run.hash})
-        return show_run.view(flight.fleet.time_s)
+        return show_run.view(flight.state.time_s)
 
     def adopt(self, show_run: ShowRun | None) -> None:
         """Have a show, its limits and its fence, or none; who leads decides the plan."""
@@ -137,7 +137,7 @@ class ShowPlayer:
             return
         own, yaw = self._own_obstacles(flight.show_run), flight.plan.yaw
         flight.show_run, flight.control, self.waits = None, flight.config.control, ()
-        target = replace(self._reported.target, time_s=flight.fleet.time_s)
+        target = replace(self._reported.target, time_s=flight.state.time_s)
         flight.plan = replace(self._reported, target=target, obstacles=own, yaw=yaw)
 
     @with_alternative
@@ -150,7 +150,7 @@ class ShowPlayer:
         grounded = flight.show in ON_THE_GROUND and not flight.airborne
         show_run.clock = show_run.clock.seek(show_run.timeline, cue, grounded=grounded)
         self.lead()
-        return show_run.view(flight.fleet.time_s)
+        return show_run.view(flight.state.time_s)
 
     def begin_at(self, at_unix_time_s: float) -> SelectedShow:
         self.begin.begin_at(at_unix_time_s)
@@ -167,7 +167,7 @@ class ShowPlayer:
         """The selected show. Raises: RefusedError without one."""
         if self.flight.show_run is None:
             raise RefusedError("no show is selected")
-        return self.flight.show_run.view(self.flight.fleet.time_s)
+        return self.flight.show_run.view(self.flight.state.time_s)
 
     def check_start(
         self, chosen: Sequence[VehicleId], show_hash: str | None, *, named: bool, taken_out: int = 0
@@ -235,7 +235,7 @@ class ShowPlayer:
         vehicles, pads_m = self.flight.vehicles, show.start_places_m[:, :2]
         rows = [vehicle.row for vehicle in vehicles.values()]
         near_m = ON_PAD * show.fleet.pads.spacing_m
-        stands = standing_on(pads_m, self.flight.fleet.position_m[rows, :2], near_m)
+        stands = standing_on(pads_m, self.flight.state.position_m[rows, :2], near_m)
         on = {name: pad for name, pad in zip(vehicles, stands.tolist(), strict=True) if pad >= 0}
         return on if 2 * len(on) > min(len(vehicles), len(pads_m)) else {}
 
@@ -267,7 +267,7 @@ class ShowPlayer:
         flight, show_run = self.flight, self.flight.show_run
         if show_run is None:
             return
-        seen, now_s = self.seen(), flight.fleet.time_s
+        seen, now_s = self.seen(), flight.state.time_s
         show_run.follow_drawing(seen, now_s, assembling=flight.show is ShowPhase.ASSEMBLING)
         desired = show_run.desired(now_s)
         standing = {box.id for box in flight.plan.obstacles}
@@ -287,7 +287,7 @@ class ShowPlayer:
         """The vehicles among which the show is played, at this tick."""
         flight = self.flight
         formed = np.array([phase is Phase.FORMATION for phase in flight.phases], dtype=np.bool_)
-        own = ShowFleet(flight.fleet.ids, flight.fleet.position_m, formed, len(formed))
+        own = ShowFleet(flight.state.ids, flight.state.position_m, formed, len(formed))
         return flight.elsewhere.shows.joined(own)
 
     def _report_lags(self, show_run: ShowRun, vehicle_ids: Sequence[VehicleId]) -> None:
@@ -311,7 +311,7 @@ class ShowPlayer:
         flight = self.flight
         moving = flight.elsewhere.airborne_m()
         for vehicle in flight.airborne:
-            moving[vehicle.id] = flight.position_m(vehicle), flight.fleet.velocity_m_s[vehicle.row]
+            moving[vehicle.id] = flight.position_m(vehicle), flight.state.velocity_m_s[vehicle.row]
         try:
             check_obstacle(
                 box,
@@ -367,14 +367,14 @@ class ShowPlayer:
         if not flight.elsewhere.shows.leads:
             return nan
         reported_s = self._reported_s if show_run.live is self._held else show_run.live.time_s
-        return flight.fleet.time_s - reported_s
+        return flight.state.time_s - reported_s
 
     def hold_target(self) -> None:
         """Hold a live target that is not updated at its present position, until its next update."""
         flight, show_run = self.flight, self.flight.show_run
         if show_run is None or show_run.live is None or show_run.live is self._held:
             return
-        now_s, live = flight.fleet.time_s, show_run.live
+        now_s, live = flight.state.time_s, show_run.live
         self._reported_s = live.time_s
         self._held = show_run.live = Target(*live.position_m(now_s), time_s=now_s)
 

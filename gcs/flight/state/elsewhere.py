@@ -1,6 +1,6 @@
 """Vehicles that are flown elsewhere, and what follows for a flight: none, until a site puts its own in place.
 
-`Fleet.elsewhere` is the one door: vehicles, their part in returns and shows, and what else happens in a tick.
+`Flight.elsewhere` is the one door: vehicles, their part in returns and shows, what else happens in a tick.
 The classes here are those of a flight alone; `gcs.site` has others, and nothing in `gcs.flight` knows them.
 """
 

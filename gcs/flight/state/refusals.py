@@ -7,7 +7,7 @@ from typing import Concatenate, Final, ParamSpec, Protocol, TypeVar
 
 from gcs.estimation.link_health import BEATS_MAY_LACK_S
 from gcs.failsafe.autopilot_failsafe import comes_down, control_refusal
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.flight.state.vehicle import Vehicle
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import NEXT, Event, Phase
@@ -31,12 +31,12 @@ SAFER: Final = (
 AIRBORNE: Final = frozenset({Whereabouts.CONTROLLED, Whereabouts.UNCONTROLLED})
 
 
-def why_never(flight: Fleet, vehicle: Vehicle) -> str:
+def why_never(flight: Flight, vehicle: Vehicle) -> str:
     """Why not even a command that names the vehicle takes control of it; empty when one may."""
     return control_refusal(vehicle.id, flight.inputs(vehicle))
 
 
-def why_not_unnamed(flight: Fleet, vehicle: Vehicle) -> str:
+def why_not_unnamed(flight: Flight, vehicle: Vehicle) -> str:
     """Why a command to all vehicles omits this one; a command that names it may reach it."""
     inputs = flight.inputs(vehicle)
     if inputs.mode in A_PERSON_FLIES and not inputs.in_failsafe:
@@ -45,19 +45,19 @@ def why_not_unnamed(flight: Fleet, vehicle: Vehicle) -> str:
     return why_never(flight, vehicle) or why_not_without_heartbeat(flight, vehicle)
 
 
-def why_not_without_heartbeat(flight: Fleet, vehicle: Vehicle) -> str:
+def why_not_without_heartbeat(flight: Flight, vehicle: Vehicle) -> str:
     """Why a command to all vehicles omits one whose mode is out of date; empty while it is not.
 
     Its positions may still arrive after a pilot has taken over.
     """
-    age_s = flight.fleet.time_s - float(flight.telemetry.heartbeat_time_s[vehicle.row])
+    age_s = flight.state.time_s - float(flight.telemetry.heartbeat_time_s[vehicle.row])
     if age_s <= flight.config.operation.silence_s + BEATS_MAY_LACK_S:
         return ""
     agreed = f"take-control {vehicle.id} names it, when its pilot agrees"
     return f"no heartbeat for {age_s:.1f} s, a pilot may have it: {agreed}"
 
 
-def why_not_touching_down(flight: Fleet, vehicle: Vehicle) -> str:
+def why_not_touching_down(flight: Flight, vehicle: Vehicle) -> str:
     """Why a command to all vehicles omits one whose autopilot is about to touch down; empty for others."""
     inputs = flight.inputs(vehicle)
     ground_z_m = 0.0 if vehicle.home_m is None else float(vehicle.home_m[2])
@@ -68,7 +68,7 @@ def why_not_touching_down(flight: Fleet, vehicle: Vehicle) -> str:
 
 
 @contextmanager
-def instead(flight: Fleet, vehicle_id: VehicleId | None = None) -> Iterator[None]:
+def instead(flight: Flight, vehicle_id: VehicleId | None = None) -> Iterator[None]:
     """Add to a refusal raised inside a safer command that is accepted now; none while nothing is airborne.
 
     Raises: RefusedError, as raised inside, with that command in its text.
@@ -83,7 +83,7 @@ def instead(flight: Fleet, vehicle_id: VehicleId | None = None) -> Iterator[None
 
 
 class _OfFlight(Protocol):
-    flight: Fleet
+    flight: Flight
 
 
 def with_alternative(command: Callable[Concatenate[S, P], R]) -> Callable[Concatenate[S, P], R]:
@@ -97,7 +97,7 @@ def with_alternative(command: Callable[Concatenate[S, P], R]) -> Callable[Concat
     return wrapped
 
 
-def _accepted(flight: Fleet, vehicle_id: VehicleId | None) -> str:
+def _accepted(flight: Flight, vehicle_id: VehicleId | None) -> str:
     """Return the command in the syntax of `gcs`; empty when nothing is airborne."""
     vehicles = flight.vehicles
     if not any(flight.whereabouts(vehicle) in AIRBORNE for vehicle in vehicles.values()):

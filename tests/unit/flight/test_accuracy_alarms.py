@@ -8,7 +8,7 @@ import pytest
 
 from gcs.control import Memory, Tick
 from gcs.flight.monitors.accuracy_alarms import LASTS_S, NO_FIX, AccuracyAlarms
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, FleetState, Setpoints
 from gcs.safety.authority import Authority
@@ -21,7 +21,7 @@ GOOD_M, BAD_M = 0.05, 2.0
 BLOWN: Final = np.array([1.5, 0.0, 0.0])
 
 
-def running(uncertain: dict[int, float], *, doubtful: tuple[int, ...] = ()) -> Fleet:
+def running(uncertain: dict[int, float], *, doubtful: tuple[int, ...] = ()) -> Flight:
     """All in formation; the uncertainty of some rows in m, and rows without a 3D fix."""
     subject = flight(COUNT)
     subject.show = ShowPhase.RUNNING
@@ -34,15 +34,15 @@ def running(uncertain: dict[int, float], *, doubtful: tuple[int, ...] = ()) -> F
     return at(subject, 100.0, doubtful)
 
 
-def at(subject: Fleet, time_s: float, doubtful: tuple[int, ...] = ()) -> Fleet:
+def at(subject: Flight, time_s: float, doubtful: tuple[int, ...] = ()) -> Flight:
     nothing = np.zeros((COUNT, 3))
     rows = np.isin(np.arange(COUNT), doubtful)
-    ids = subject.fleet.ids
-    subject.fleet = FleetState(time_s, ids, nothing, nothing, np.zeros(COUNT), np.zeros(COUNT), rows)
+    ids = subject.state.ids
+    subject.state = FleetState(time_s, ids, nothing, nothing, np.zeros(COUNT), np.zeros(COUNT), rows)
     return subject
 
 
-def of_the_radius(subject: Fleet) -> list[tuple[AlarmCause, tuple[str, ...]]]:
+def of_the_radius(subject: Flight) -> list[tuple[AlarmCause, tuple[str, ...]]]:
     return [(each.cause, each.vehicles) for each in AccuracyAlarms(subject).of_the_radius()]
 
 
@@ -67,7 +67,7 @@ def test_vehicle_without_a_fix_makes_no_radius_small() -> None:
 
 
 def of_wind(
-    subject: Fleet, lacking: dict[int, Array], *, seconds: float, doubtful: tuple[int, ...] = ()
+    subject: Flight, lacking: dict[int, Array], *, seconds: float, doubtful: tuple[int, ...] = ()
 ) -> list[Condition]:
     """Conditions after so long of the same lack, with margins as wide as in gusts."""
     alarms, lack_m_s, found = AccuracyAlarms(subject), np.zeros((COUNT, 3)), []

@@ -6,7 +6,7 @@ import numpy as np
 
 from gcs.control import Memory, Tick
 from gcs.flight.monitors.alarm_monitor import AlarmMonitor, Findings
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.flight.state.vehicle import VehicleStatus
 from gcs.model.lifecycle import Event, Phase
 from gcs.model.state import Landed, Mode, Setpoints, StatusText
@@ -19,17 +19,17 @@ LAND_NOW = "Compass needs calibration - Land now!"
 TERMINATED = VehicleStatus(silent=False, mode=Mode.TERMINATED, armed=True, landed=Landed.IN_AIR)
 
 
-def flying() -> Fleet:
+def flying() -> Flight:
     subject = at(flight(COUNT), CENTER_M + RADIUS_M * best(COUNT))
     subject.silent = np.zeros(COUNT, np.bool_)
     return subject
 
 
-def listed(subject: Fleet) -> dict[str, Alarm]:
+def listed(subject: Flight) -> dict[str, Alarm]:
     """By their causes."""
     monitor, memory = AlarmMonitor(subject), Memory.fresh(COUNT, 0.0)
     nothing = Setpoints(0.0, (), np.zeros((0, 3)), np.zeros(0))
-    place_m, airborne = subject.fleet.position_m, np.ones(COUNT, np.bool_)
+    place_m, airborne = subject.state.position_m, np.ones(COUNT, np.bool_)
     monitor.look(Tick(nothing, lambda: memory, ("",) * COUNT, place_m, airborne, Floor()), Findings())
     return {alarm.cause.value: alarm for alarm in monitor.alarms}
 

@@ -9,7 +9,7 @@ import pytest
 
 from gcs.config.schema import Config
 from gcs.control import Memory, Task
-from gcs.flight.state.fleet import SETTLES_S, Fleet, stands
+from gcs.flight.state.flight import SETTLES_S, Flight, stands
 from gcs.formation.orbit import Center
 from gcs.formation.repulsion import best_configuration
 from gcs.model.lifecycle import Phase, ShowPhase
@@ -41,7 +41,7 @@ class Climbing(SilentLink):
 
 def flight(
     count: int, charges: tuple[float, ...] | None = None, link: type[SilentLink] = SilentLink
-) -> Fleet:
+) -> Flight:
     vehicles = [
         {"id": f"d{row}", "system_id": row + 1, "charge": 1.0 if charges is None else charges[row]}
         for row in range(count)
@@ -54,12 +54,12 @@ def flight(
             "operation": {"takeoff_height_m": 5.0},
         }
     )
-    return Fleet(config, [link(config.ids)], 0.0)
+    return Flight(config, [link(config.ids)], 0.0)
 
 
-def at(subject: Fleet, position_m: Array) -> Fleet:
+def at(subject: Flight, position_m: Array) -> Flight:
     n = len(position_m)
-    subject.fleet = FleetState(0.0, subject.fleet.ids, position_m, np.zeros((n, 3)), np.zeros(n), np.zeros(n))
+    subject.state = FleetState(0.0, subject.state.ids, position_m, np.zeros((n, 3)), np.zeros(n), np.zeros(n))
     subject.memory = replace(Memory.fresh(n, 0.0), center=Center.at_rest(CENTER_M), radius_m=RADIUS_M)
     for vehicle in subject.vehicles.values():
         vehicle.phase = Phase.FORMATION
@@ -94,7 +94,7 @@ def test_sphere_without_slots_is_stable_when_spread_evenly() -> None:
     subject = at(flight(2), CENTER_M + RADIUS_M * apart)
     subject.plan = replace(subject.plan, formation=replace(subject.plan.formation, law=LawName.ARTICLE))
     assert not subject.assembled()
-    subject.fleet = replace(subject.fleet, time_s=SETTLES_S)
+    subject.state = replace(subject.state, time_s=SETTLES_S)
     assert subject.assembled()
     subject = at(subject, CENTER_M + RADIUS_M * best(2))
     assert subject.assembled()

@@ -1,7 +1,7 @@
 """A killed ArduCopter reports ON_GROUND at 22 m, falling: it is on the ground when it lies there."""
 
 from gcs.config.schema import Config
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.links.autopilots import AUTOPILOTS
 from gcs.links.native.link import NativeLink
 from gcs.model.lifecycle import Event, Phase
@@ -29,7 +29,7 @@ FELL_S = 2.7
 
 def test_killed_ardupilot_is_on_the_ground_when_it_lies_there() -> None:
     link = NativeLink("none", {"d2": 2}, (), CONFIG.frame, autopilots=(AUTOPILOTS["ardupilot"],))
-    flight = Fleet(CONFIG, (link,), 0.0)
+    flight = Flight(CONFIG, (link,), 0.0)
     vehicle = flight.vehicle("d2")
     seen: list[tuple[float, Landed, Whereabouts, float]] = []
     for time_s, frame in frames("ardupilot/kill.tlog.xz"):

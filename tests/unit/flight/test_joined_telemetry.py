@@ -1,4 +1,4 @@
-from gcs.flight.state.fleet import joined
+from gcs.flight.state.flight import joined
 from gcs.links.telemetry import FleetTelemetry
 
 

@@ -11,7 +11,7 @@ from gcs.config.schema import Config
 from gcs.failsafe.autopilot_failsafe import FailsafeCause
 from gcs.flight.maneuvers.maneuvers import Maneuvers
 from gcs.flight.monitors.telemetry_monitor import AT_ONCE_MAX, TelemetryMonitor
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.flight.state.vehicle import Vehicle
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Landed, Mode, Telemetry, VehicleId
@@ -61,7 +61,7 @@ class Scene:
             }
         )
         self.link = InTheAir(config.ids)
-        self.flight = Fleet(config, [self.link], 0.0)
+        self.flight = Flight(config, [self.link], 0.0)
         maneuvers = Maneuvers(asyncio.TaskGroup(), self.flight)
         self.monitor = TelemetryMonitor(self.flight, maneuvers, maneuvers.hold)
         self.vehicles = [*self.flight.vehicles.values()]

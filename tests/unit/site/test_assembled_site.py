@@ -8,7 +8,7 @@ import pytest
 from gcs.bus.memory_bus import network
 from gcs.config.site import station_config
 from gcs.control import Memory
-from gcs.flight.state.fleet import Fleet
+from gcs.flight.state.flight import Flight
 from gcs.formation.orbit import Center
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.site.member import Membership, SiteMember
@@ -18,17 +18,17 @@ from tests.support.virtual_site import site_config
 from tests.unit.stations.test_messages import HEAD, batch
 
 
-def side_by_side(station: str) -> tuple[Fleet, SiteMember]:
+def side_by_side(station: str) -> tuple[Flight, SiteMember]:
     """A station with two vehicles that fly in formation, and stand close together."""
     site = site_config(2, 2)
     own = station_config(site, station)
-    flight = Fleet(own, [SilentLink(own.ids)], 0.0)
+    flight = Flight(own, [SilentLink(own.ids)], 0.0)
     bus = network(("north", "south"), lambda: 0.0).bus(station)
     flight.elsewhere = member = SiteMember(flight, Membership(station, site, bus, 1))
     for vehicle in flight.vehicles.values():
         vehicle.phase = Phase.FORMATION
     position_m = np.array([[8.0, 0.0, -20.0], [8.0, 0.5, -20.0]])
-    flight.fleet = replace(flight.fleet, position_m=position_m)
+    flight.state = replace(flight.state, position_m=position_m)
     center = Center.at_rest(np.array([0.0, 0.0, -20.0]))
     flight.memory = replace(Memory.fresh(4, 0.0), center=center, radius_m=8.0)
     return flight, member
@@ -47,7 +47,7 @@ def test_follower_takes_it_from_the_lead(show: ShowPhase, assembled: bool) -> No
     assert not flight.assembled()
     member.site.receive("north", "states", reports(member.site, show), 0.0)
     assert flight.assembled() is assembled
-    flight.fleet = replace(flight.fleet, time_s=LOST_S + 0.1)  # the lead is not received any more
+    flight.state = replace(flight.state, time_s=LOST_S + 0.1)  # the lead is not received any more
     assert not flight.assembled()
 
 

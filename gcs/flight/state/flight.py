@@ -132,7 +132,7 @@ _in_formation = lru_cache(maxsize=4)(Tasks.of_formation)
 """The same object from tick to tick: what is computed of it is kept as well."""
 
 
-class Fleet:
+class Flight:
     """The runtime state of one fleet. Changed on the event loop only."""
 
     accepted: tuple[VehicleId, ...] = ()  # the vehicles that the last start sent up
@@ -207,11 +207,11 @@ class Fleet:
         self.without_heartbeat: dict[VehicleId, str] = {}  # airborne, sends positions: since when, in words
         self.setpoint_gaps = SetpointGaps(len(self.vehicles))
         self._ticked = asyncio.Event()
-        self.fleet = self.receive(now_s)
+        self.state = self.receive(now_s)
 
-    def __copy__(self) -> "Fleet":
+    def __copy__(self) -> "Flight":
         """As it is now: a view of a tick is made of it later. Copied with every tick."""
-        copied = object.__new__(Fleet)
+        copied = object.__new__(Flight)
         copied.__dict__.update(self.__dict__)
         return copied
 
@@ -243,17 +243,17 @@ class Fleet:
         parts = [link.snapshot() for link in self.links]
         self.telemetry = joined(parts, self._order, self._joined)
         self._joined = parts, self.telemetry
-        self.fleet = self._table.state(parts, now_s, self.memory.asked_m_s[: len(self.vehicles)])
+        self.state = self._table.state(parts, now_s, self.memory.asked_m_s[: len(self.vehicles)])
         if self._fall_on_ground:
             self.telemetry = self._without_falling(self.telemetry)
         if not (owned := self.elsewhere.owned).all():  # others say where these are
-            position_m = self.fleet.position_m.copy()
+            position_m = self.state.position_m.copy()
             position_m[~owned] = np.nan
-            self.fleet = replace(self.fleet, position_m=position_m)
+            self.state = replace(self.state, position_m=position_m)
         jumps = now_s - self._table.reset_time_s, self._table.jumped_m
         about = self.uncertainty_on_pads_m, *jumps, self.control.safety.floor.deviations
         self.traits = replace(self.traits, uncertainty_m=self.config.positioning.after_jumps_m(*about))
-        return self.fleet
+        return self.state
 
     @property
     def uncertainty_on_pads_m(self) -> Array:
@@ -268,16 +268,16 @@ class Fleet:
 
     def note_links(self) -> None:
         """Note how the newest telemetry arrived, and its heights. After the setpoints: they change slowly."""
-        self.link_quality.note(self.telemetry.position_time_s, self.fleet.time_s)
-        self.link_delay.note(self.telemetry.clock_base_s, self.telemetry.round_trip_s, self.fleet.time_s)
-        fresh = self.fleet.age_s <= self.control.telemetry_age_max_s
-        self.heights.note(self.telemetry, fresh, self.fleet.time_s)
+        self.link_quality.note(self.telemetry.position_time_s, self.state.time_s)
+        self.link_delay.note(self.telemetry.clock_base_s, self.telemetry.round_trip_s, self.state.time_s)
+        fresh = self.state.age_s <= self.control.telemetry_age_max_s
+        self.heights.note(self.telemetry, fresh, self.state.time_s)
 
     def slow_from_m(self, vehicles: Sequence[Vehicle]) -> Array:
         """(k,) reported heights above the ground from which these descend slowly: they may be lower."""
-        if self._slow_from_m is None or self._slow_from_m[0] is not self.fleet:
+        if self._slow_from_m is None or self._slow_from_m[0] is not self.state:
             error_m = height_error_m(self.telemetry.vertical_accuracy_m, self.heights.departed_m)
-            self._slow_from_m = self.fleet, self.config.operation.handover_height_m + error_m
+            self._slow_from_m = self.state, self.config.operation.handover_height_m + error_m
         return self._slow_from_m[1][[vehicle.row for vehicle in vehicles]]
 
     def note_parameters(self, vehicle: Vehicle, values: Mapping[str, ParameterValue]) -> None:
@@ -344,17 +344,17 @@ class Fleet:
         return self._table.jumped_m
 
     def note_seen(self, rows: Mask) -> None:
-        self.uncontrolled.note_seen(rows, self.fleet.position_m, self._table.last_velocity_m_s)
+        self.uncontrolled.note_seen(rows, self.state.position_m, self._table.last_velocity_m_s)
 
     def seen(self) -> FleetState:
         """The state; of silent vehicles the last known positions and velocities."""
-        position_m, velocity_m_s = self.fleet.position_m, self.fleet.velocity_m_s
+        position_m, velocity_m_s = self.state.position_m, self.state.velocity_m_s
         known, moves = np.isfinite(position_m[:, :1]), np.isfinite(velocity_m_s[:, :1])
         if known.all() and moves.all():
-            return self.fleet
+            return self.state
         position_m = np.where(known, position_m, self.uncontrolled.seen_m)
         velocity_m_s = np.where(moves, velocity_m_s, self.uncontrolled.seen_m_s)
-        return replace(self.fleet, position_m=position_m, velocity_m_s=velocity_m_s)
+        return replace(self.state, position_m=position_m, velocity_m_s=velocity_m_s)
 
     def forget_seen(self, vehicle: Vehicle) -> None:
         """Forget the last known position: the vehicle is not there any more."""
@@ -366,7 +366,7 @@ class Fleet:
         return place_m if np.isfinite(place_m).all() else None
 
     def at_row(self, row: int) -> Vehicle:
-        return self.vehicles[self.fleet.ids[row]]
+        return self.vehicles[self.state.ids[row]]
 
     @property
     def setpoints_sent(self) -> int:
@@ -390,12 +390,12 @@ class Fleet:
 
     def climb_ended(self, vehicle: Vehicle) -> bool:
         """Whether the autopilot's own take-off has ended."""
-        landed, up_m_s = self.telemetry.landed[vehicle.row], -float(self.fleet.velocity_m_s[vehicle.row, 2])
+        landed, up_m_s = self.telemetry.landed[vehicle.row], -float(self.state.velocity_m_s[vehicle.row, 2])
         return vehicle.autopilot.climb_ended(self.mode(vehicle), landed, up_m_s)
 
     def inputs(self, vehicle: Vehicle) -> FailsafeInputs:
         """Return the inputs that explain the vehicle's mode: see `gcs.failsafe.autopilot_failsafe`."""
-        telemetry, at, now_s = self.telemetry, vehicle.row, self.fleet.time_s
+        telemetry, at, now_s = self.telemetry, vehicle.row, self.state.time_s
         return FailsafeInputs(
             mode=telemetry.mode[at],
             in_failsafe=telemetry.in_failsafe[at],
@@ -405,9 +405,9 @@ class Fleet:
             setpoint_gap_s=self.setpoint_gaps.longest_s(vehicle.row),
             setpoint_loss_s=vehicle.without_setpoints.flies_on_s,
             setpoint_loss_action=alone.action if (alone := vehicle.without_setpoints).changes_mode else "",
-            position_age_s=float(self.fleet.age_s[vehicle.row]),
+            position_age_s=float(self.state.age_s[vehicle.row]),
             beyond_fence=vehicle.autopilot.beyond_fence(int(telemetry.unhealthy_sensors[at])),
-            position_doubtful=bool(self.fleet.doubtful[at]),
+            position_doubtful=bool(self.state.doubtful[at]),
         )
 
     def note_setpoints(self) -> None:
@@ -416,7 +416,7 @@ class Fleet:
         left = np.zeros(len(phases), np.bool_)
         if Phase.PILOT in phases:
             left[:] = [phase is Phase.PILOT for phase in phases]
-        memory, fleet, n = self.memory, self.fleet, len(phases)
+        memory, fleet, n = self.memory, self.state, len(phases)
         self.setpoint_gaps.note(~np.isnan(memory.desired_m_s[:n, 0]), left, fleet.time_s)
         self.uncontrolled.note_setpoints(memory, fleet)
 
@@ -430,7 +430,7 @@ class Fleet:
             reported &= np.isfinite(self.telemetry.fix_type)
         if config.preflight.clock_max_s is not None:
             reported &= np.isfinite(self.telemetry.clock_base_s)
-        return names - {self.fleet.ids[row] for row in np.flatnonzero(~reported).tolist()}
+        return names - {self.state.ids[row] for row in np.flatnonzero(~reported).tolist()}
 
     @property
     def not_flying(self) -> dict[VehicleId, str]:
@@ -441,7 +441,7 @@ class Fleet:
         return {name: text for name, text in why.items() if self.vehicles[name].phase in GROUNDED}
 
     @property
-    def states(self) -> VehicleStates:
+    def vehicle_states(self) -> VehicleStates:
         """The vehicles as they are now: the same object until one of them changes."""
         if not self._states.is_current:
             self._states = VehicleStates(self.vehicles.values())
@@ -450,10 +450,10 @@ class Fleet:
     @property
     def phases(self) -> list[Phase]:
         """Of all vehicles, by row; not to be changed."""
-        return self.states.phases
+        return self.vehicle_states.phases
 
     def in_phase(self, *phases: Phase) -> list[Vehicle]:
-        return self.states.in_phase(phases).copy()
+        return self.vehicle_states.in_phase(phases).copy()
 
     @property
     def airborne(self) -> list[Vehicle]:
@@ -463,7 +463,7 @@ class Fleet:
     def whereabouts(self, vehicle: Vehicle) -> Whereabouts:
         """Whether it is airborne and under control, on the ground, or unknown; see `fleet_counts`."""
         telemetry, at = self.telemetry, vehicle.row
-        age_s = self.fleet.time_s - float(telemetry.heartbeat_time_s[at])
+        age_s = self.state.time_s - float(telemetry.heartbeat_time_s[at])
         landed, armed = telemetry.landed[at], telemetry.armed[at]
         return whereabouts(vehicle.phase, landed, armed=armed, heartbeat_age_s=age_s)
 
@@ -482,21 +482,21 @@ class Fleet:
         if vehicle.phase is not Phase.KILLED:
             return False
         pad_m = 0.0 if vehicle.home_m is None else float(vehicle.home_m[2])
-        height_m = pad_m - float(self.fleet.position_m[vehicle.row, 2])
-        speed_m_s = float(np.linalg.norm(self.fleet.velocity_m_s[vehicle.row]))
+        height_m = pad_m - float(self.state.position_m[vehicle.row, 2])
+        speed_m_s = float(np.linalg.norm(self.state.velocity_m_s[vehicle.row]))
         return not (height_m <= PAD_HEIGHT_MAX_M and speed_m_s <= AT_REST_M_S)  # True for NaN
 
     def position_m(self, vehicle: Vehicle) -> Array:
         """(3,) Newest position, show frame."""
-        return np.asarray(self.fleet.position_m[vehicle.row])
+        return np.asarray(self.state.position_m[vehicle.row])
 
     def may_descend(self, vehicle: Vehicle) -> bool:
         """Whether every lower landing vehicle is in its landing column, so that this one may descend."""
-        if self._may_descend is None or self._may_descend[0] is not self.fleet:
+        if self._may_descend is None or self._may_descend[0] is not self.state:
             landing = [one for one in self.in_phase(Phase.LANDING) if one.goal_m is not None]
-            here_m = self.fleet.position_m[[one.row for one in landing]]
+            here_m = self.state.position_m[[one.row for one in landing]]
             goal_m = np.array([one.goal_m for one in landing], dtype=float).reshape(-1, 3)
-            self._may_descend = self.fleet, lowest_beside_m(here_m, goal_m)
+            self._may_descend = self.state, lowest_beside_m(here_m, goal_m)
         return not self._may_descend[1] > self.position_m(vehicle)[2]
 
     def assembled(self) -> bool:
@@ -513,10 +513,10 @@ class Fleet:
         if center is None or not rows:
             return False
         their_m, their_charge = self.elsewhere.formed_m()
-        here_m = np.concatenate([self.fleet.position_m[rows], their_m])
+        here_m = np.concatenate([self.state.position_m[rows], their_m])
         charge = np.concatenate([self.traits.charge[rows], their_charge])
         on_sphere = here_m - center.position_m, radius_m, charge
-        now_s = self.fleet.time_s
+        now_s = self.state.time_s
         self._stands_since_s = min(self._stands_since_s, now_s) if stands(*on_sphere) else np.inf
         if self.plan.formation.law is LawName.SLOTS or now_s - self._stands_since_s >= SETTLES_S:
             return self._stands_since_s <= now_s
@@ -549,7 +549,7 @@ class Fleet:
         if event in {ShowEvent.ALL_DOWN, ShowEvent.CONTROL_LOST} and before is not ShowPhase.UNCONTROLLED:
             self.came_down_by = before if before in {ShowPhase.RETURNING, ShowPhase.ABORTING} else None
         if self.show_run is not None:
-            self.show_run.follow(self.show, self.fleet.time_s)
+            self.show_run.follow(self.show, self.state.time_s)
         log.info("show_phase", extra={"was": before.value, "phase": self.show.value, "reason": reason})
 
     def tasks(self) -> Tasks:
@@ -562,12 +562,12 @@ class Fleet:
 
     def _tasks_now(self) -> Tasks:
         vehicles = self.vehicles.values()  # rows as in FleetState
-        now_s, show = self.fleet.time_s, self.show
+        now_s, show = self.state.time_s, self.show
         show_flies = show in SHOW_FLIES
-        states = self.states
+        states = self.vehicle_states
         phases = states.phases
         flown = show_flies and now_s >= states.frozen_until_s and phases.count(Phase.FORMATION) == len(phases)
-        age_s = self.fleet.age_s
+        age_s = self.state.age_s
         silent = self.uncontrolled.silent(age_s, self.control.telemetry_age_max_s)
         if flown and len(silent) == 0:  # the usual case
             return _in_formation(len(phases), center_moves=show is ShowPhase.RUNNING)
@@ -579,7 +579,7 @@ class Fleet:
                 if goal is not None:
                     goal_m[row] = goal
         follows = np.array([vehicle.follows_planned_path for vehicle in vehicles], dtype=np.bool_)
-        segments_m, segments_of = self.uncontrolled.swept(self.fleet.age_s)
+        segments_m, segments_of = self.uncontrolled.swept(self.state.age_s)
         silent_m, silent_of = self.uncontrolled.near_m(silent, age_s)
         return Tasks(
             task,
@@ -590,7 +590,7 @@ class Fleet:
             center_moves=show is ShowPhase.RUNNING,
             formation_waits=show is ShowPhase.PAUSED,
             # those far behind keep the right-of-way rules
-            follows_planned_path=keeps_to_path(follows, self.fleet.position_m, goal_m),
+            follows_planned_path=keeps_to_path(follows, self.state.position_m, goal_m),
             segments_of=np.concatenate([segments_of, silent_of]),
             drift=self.uncontrolled.drift(silent, age_s),
             silent_segments=len(silent_of),
@@ -598,15 +598,15 @@ class Fleet:
 
     def closed(self) -> tuple[Array, Array]:
         """(m, 2, 3) paths that lost vehicles of any flight may take, and (m,) the uncertainty of each."""
-        segments_m, segments_of = self.uncontrolled.swept(self.fleet.age_s)
+        segments_m, segments_of = self.uncontrolled.swept(self.state.age_s)
         uncertainty_m = self.traits.uncertainty_m[segments_of]
         their_m, their_uncertainty_m = self.elsewhere.closed()
         return np.concatenate([segments_m, their_m]), np.concatenate([uncertainty_m, their_uncertainty_m])
 
     def closing(self) -> frozenset[VehicleId]:
         """Lost vehicles of any flight: the paths that `closed` returns are theirs."""
-        if self._closing is None or self._closing[0] is not self.fleet:
+        if self._closing is None or self._closing[0] is not self.state:
             lost = self.in_phase(Phase.LOST, Phase.KILLED)
             own = frozenset(vehicle.id for vehicle in lost if self.last_m(vehicle) is not None)
-            self._closing = self.fleet, own | self.elsewhere.closing()
+            self._closing = self.state, own | self.elsewhere.closing()
         return self._closing[1]
