@@ -1,17 +1,13 @@
-"""The article's laws: sections 1 to 4 as printed, and as flown: forces on positions, corrected, damped.
+"""The article's law as flown: its forces on positions, corrected and damped.
 
 The functions named after forces are the article's own; `flown_velocity` flies them with vehicles that take
-velocity setpoints and respond late. docs/decisions/0040 derives its gains.
+velocity setpoints and respond late. docs/decisions/0040 derives its gains. What only section 5 needs is in
+`gcs.simulation.article_forces`.
 """
-
-from collections.abc import Mapping
-from math import pi
 
 import numpy as np
 
-from gcs.formation.obstacles import AvoidanceSettings, Ellipse
 from gcs.formation.repulsion import STIFFEST_MODE
-from gcs.formation.steering import LEFT, RIGHT, avoid_all
 from gcs.model.jit import kernel
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import TINY, Array
@@ -192,116 +188,3 @@ def no_faster(vectors: Array, limit: float) -> Array:
     length = np.linalg.norm(vectors, axis=1, keepdims=True)
     limited: Array = vectors * np.minimum(1.0, limit / np.maximum(length, TINY))
     return limited
-
-
-def sphere_potential(position_m: Array, center_m: Array, *, radius_m: float) -> Array:
-    """V_n of every vehicle: ``(|p - p_c|^2 - r_d^2)^2 / 4``, (n,) in m^4 for (n, 3) and (3,).
-
-    Its negative gradient times k_s is `sphere_force`. Source: article, section 2.1.
-    """
-    potential: Array = (((position_m - center_m) ** 2).sum(axis=1) - radius_m**2) ** 2 / 4.0
-    return potential
-
-
-def orbit_potential(offset_m: Array, *, radius_m: float) -> float:
-    """V_t of a centre at (2,) from its target: ``(rho^2 - r_orbit^2)^2`` in m^4; falls along its field.
-
-    Source: article, section 3.
-    """
-    return float((float(offset_m @ offset_m) - radius_m**2) ** 2)
-
-
-def side_of_table_2(bearing_rad: float, tangents_rad: tuple[float, float]) -> float:
-    """The side on which Table 2 passes an obstacle: RIGHT where phi <= chi_1, else LEFT.
-
-    The bearing to the centre lies between the tangents, so that the rule always takes chi_2: clockwise round
-    the obstacle, the same for all vehicles without a message between them. As printed, with angles that wrap,
-    the choice flips for vehicles on one side of the obstacle; here differences of angles count.
-
-    Args:
-        bearing_rad: phi, from the vehicle to the obstacle's centre, in the show frame: x towards y, and so
-            clockwise, where the article's angles grow counter-clockwise.
-        tangents_rad: chi of both tangents in any order, from the vehicle to the tangent points.
-
-    Source: article, section 4.2, Table 2.
-    """
-    chi_1_rad = max((chi_rad - bearing_rad + pi) % (2.0 * pi) - pi for chi_rad in tangents_rad)
-    return RIGHT if chi_1_rad <= 0.0 else LEFT
-
-
-ANSWER_S = 0.2
-"""Time constant with which an avoiding vehicle takes on the velocity along its tangent."""
-
-
-def formation_force(
-    position_m: Array, center_m: Array, charge: Array, parameters: ArticleParameters
-) -> Array:
-    """The combined law u^form: sphere convergence plus repulsion.
-
-    Args:
-        position_m: (n, 3).
-        center_m: (3,), or (n, 3) if each vehicle has its own estimate of the centre.
-        charge: (n,).
-        parameters: gains and radius.
-
-    Returns: (n, 3) virtual forces in N.
-    Source: article, section 2.3.
-    """
-    pull = sphere_force(position_m, center_m, radius_m=parameters.radius_m, gain=parameters.sphere_gain)
-    return pull + repulsion_force(position_m, charge, gain=parameters.repulsion_gain)
-
-
-def feed_forward_force(
-    center_velocity_m_s: Array, center_acceleration_m_s2: Array, parameters: ArticleParameters
-) -> Array:
-    """Force that moves every vehicle with the centre: ``M a_c + k v_c``, (3,) in N.
-
-    Without it the article's own orbit pulls the formation apart (FACTS, section 1, row 3).
-    """
-    force: Array = (
-        parameters.mass_kg * center_acceleration_m_s2 + parameters.damping_n_s_m * center_velocity_m_s
-    )
-    return force
-
-
-def acceleration(velocity_m_s: Array, force_n: Array, parameters: ArticleParameters) -> Array:
-    """The virtual dynamics, ``(u - k p') / M``: (n, 3) in m/s^2, for (n, 3) velocities and forces in N.
-
-    Source: article, section 1.
-    """
-    found: Array = (force_n - parameters.damping_n_s_m * velocity_m_s) / parameters.mass_kg
-    return found
-
-
-def avoiding_force(
-    position_m: Array,
-    velocity_m_s: Array,
-    force_n: Array,
-    ellipses: Mapping[str, Ellipse],
-    sides: Mapping[str, float],
-    sliding_m_s: Array,
-    parameters: ArticleParameters,
-    settings: AvoidanceSettings,
-) -> Array:
-    """Force that turns a vehicle along its tangent where the law's force leads into an ellipse.
-
-    The article blends velocities, but its dynamics take forces. Therefore the velocity to which the force
-    leads within `ANSWER_S` is turned, and the force is changed by the amount that the turn needs.
-
-    Args:
-        position_m: (n, 3), z down, as `velocity_m_s` and `force_n`.
-        velocity_m_s: (n, 3).
-        force_n: (n, 3) force of formation and feed-forward.
-        ellipses: around the obstacles.
-        sides: LEFT or RIGHT for each obstacle, chosen once for the whole formation.
-        sliding_m_s: (n,) speed to keep along the tangent.
-        parameters: mass and damping.
-        settings: distances and rates of the avoidance.
-
-    Returns: (n, 3) in N; exactly `force_n` where no ellipse is in the way.
-    Source: article, section 4.3.
-    """
-    desired_m_s = velocity_m_s + ANSWER_S * acceleration(velocity_m_s, force_n, parameters)
-    turned_m_s = avoid_all(position_m, desired_m_s, ellipses, sides, sliding_m_s, settings)
-    force: Array = force_n + parameters.mass_kg / ANSWER_S * (turned_m_s - desired_m_s)
-    return force

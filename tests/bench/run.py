@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from gcs.control import ControlSettings, Memory, Tasks, tick, warm_up
 from gcs.control.inputs import FormationState
 from gcs.control.others import Others
-from gcs.formation.article import ArticleParameters, formation_force, repulsion_force
+from gcs.formation.article import ArticleParameters, repulsion_force
 from gcs.formation.law import directions_from, goal_velocity
 from gcs.formation.orbit import Center
 from gcs.formation.repulsion import pushes
@@ -30,6 +30,7 @@ from gcs.safety.walls import Fence
 from gcs.sim.vehicle.dynamics import PointMasses, Response
 from gcs.simulation import scenario as scenarios
 from gcs.simulation.article import step_virtual
+from gcs.simulation.article_forces import formation_force
 from gcs.simulation.flight import fly
 
 WARM_UPS = 3

@@ -5,21 +5,18 @@ from math import atan2, pi
 import numpy as np
 import pytest
 
-from gcs.formation.article import (
-    ForceSettings,
-    flown_velocity,
-    formation_force,
-    orbit_potential,
-    scheduled,
-    side_of_table_2,
-    sphere_force,
-    sphere_potential,
-)
+from gcs.formation.article import ForceSettings, flown_velocity, scheduled, sphere_force
 from gcs.formation.orbit import orbit_velocity
 from gcs.formation.repulsion import best_configuration
 from gcs.formation.steering import LEFT, RIGHT, tangent
 from gcs.model.plan import Direction
 from gcs.model.state import Array
+from gcs.simulation.article_forces import (
+    formation_force,
+    orbit_potential,
+    side_of_table_2,
+    sphere_potential,
+)
 
 SETTINGS = ForceSettings()
 RADIUS_M = 12.0

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse, Outlines
-from gcs.formation.orbit import Way, steer_center
 from gcs.formation.steering import LEFT, RIGHT, STEERED_MOST, avoid_all, contact_m, tangent
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array
+from gcs.simulation.article import Way, steer_center
 from tests.support.law_fleets import met_m, tangent_of
 
 AVOIDANCE = AvoidanceSettings(

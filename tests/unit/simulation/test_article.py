@@ -5,20 +5,13 @@ from math import sqrt
 import numpy as np
 import pytest
 
-from gcs.formation.article import (
-    ANSWER_S,
-    ArticleParameters,
-    avoiding_force,
-    feed_forward_force,
-    formation_force,
-    repulsion_force,
-    sphere_force,
-)
+from gcs.formation.article import ArticleParameters, repulsion_force, sphere_force
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse
 from gcs.formation.orbit import Center
 from gcs.formation.repulsion import energy, nearest_m
 from gcs.model.state import Array
 from gcs.simulation.article import step_center, step_virtual
+from gcs.simulation.article_forces import ANSWER_S, avoiding_force, feed_forward_force, formation_force
 
 SECTION_5 = ArticleParameters()
 DT_S = 0.02
