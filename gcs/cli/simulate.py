@@ -3,7 +3,7 @@
 import argparse
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 from pydantic import ValidationError
@@ -20,6 +20,7 @@ from gcs.simulation.flight import fly
 from gcs.simulation.rehearsal import rehearse
 from gcs.simulation.scenario import Adversity
 from gcs.simulation.verdict import judge, table
+from gcs.site.simulated import SimulatedStations
 
 
 def run_simulate(arguments: argparse.Namespace) -> int:
@@ -69,7 +70,7 @@ def _runs(path: Path, arguments: argparse.Namespace) -> list[Run]:
     scenario = scenarios.load(path)
     if arguments.seed is not None and arguments.seeds is not None:
         raise ConfigError("--seed or --seeds, not both")
-    judged = judged_runs(path, scenario)
+    judged = [replace(run, divide=SimulatedStations) for run in judged_runs(path, scenario)]
     if arguments.all or arguments.row or arguments.judged:
         judged = [run for run in judged if arguments.vehicles in (None, run.vehicles)]
         desired = None if arguments.seeds is None else set(arguments.seeds)
@@ -78,7 +79,7 @@ def _runs(path: Path, arguments: argparse.Namespace) -> list[Run]:
     vehicles = scenario.judged.vehicles[0] if arguments.vehicles is None else arguments.vehicles
     if vehicles < 1:
         raise ConfigError(f"--vehicles {vehicles}: at least 1")
-    return [Run(path, vehicles, seed) for seed in seeds]
+    return [Run(path, vehicles, seed, SimulatedStations) for seed in seeds]
 
 
 def _plot_scenario(paths: list[Path], arguments: argparse.Namespace) -> int:
@@ -89,7 +90,7 @@ def _plot_scenario(paths: list[Path], arguments: argparse.Namespace) -> int:
     if len(runs) != 1:
         raise ConfigError(f"--plot draws one flight: one scenario and one seed, not {len(runs)}")
     file = picture_file(arguments.plot, "--plot ")
-    figures = draw(fly(scenarios.load(paths[0]), runs[0].vehicles, runs[0].seed), file)
+    figures = draw(fly(scenarios.load(paths[0]), runs[0].vehicles, runs[0].seed, divide=runs[0].divide), file)
     answer(arguments, figures, summary([figures | {"failed": [], "missed": []}]), indent=None)
     return 0
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from statistics import median
 
 from gcs.simulation import scenario as scenarios
+from gcs.simulation.decide import Divide
 from gcs.simulation.flight import fly
 from gcs.simulation.metrics import report
 from gcs.simulation.scenario import Gate, Scenario, ShowFlight
@@ -28,6 +29,7 @@ class Run:
     path: Path
     vehicles: int
     seed: int
+    divide: Divide | None = None  # makes the flights of a scenario with several
 
 
 def run_once(run: Run, on_progress: Callable[[float], None] | None = None) -> dict[str, object]:
@@ -39,7 +41,7 @@ def run_once(run: Run, on_progress: Callable[[float], None] | None = None) -> di
     if isinstance(scenario.flight, ShowFlight):
         figures = flown_show(scenario, scenario.flight, run.seed)
     else:
-        figures = report(fly(scenario, run.vehicles, run.seed, on_progress))
+        figures = report(fly(scenario, run.vehicles, run.seed, on_progress, run.divide))
     judged = scenario.judged
     return figures | {"failed": broken(figures, judged.must), "missed": broken(figures, judged.mostly)}
 

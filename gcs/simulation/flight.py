@@ -9,6 +9,7 @@ from gcs.model.errors import ConfigError
 from gcs.model.plan import Formation, Plan
 from gcs.simulation import initial_states as layout
 from gcs.simulation.article import fly_article
+from gcs.simulation.decide import Divide
 from gcs.simulation.formation_run import FormationRun
 from gcs.simulation.record import Record
 from gcs.simulation.scenario import (
@@ -26,13 +27,15 @@ LINGER_S = 5.0
 class GoalRun(SimulatedFlight):
     """A flight of every vehicle to a goal of its own."""
 
-    def __init__(self, scenario: Scenario, flight: GoalFlight, count: int, seed: int) -> None:
+    def __init__(
+        self, scenario: Scenario, flight: GoalFlight, count: int, seed: int, divide: Divide | None = None
+    ) -> None:
         self.flight = flight
         self._random = np.random.default_rng([seed, 1])
         start_m, goal_m = layout.goals_m(flight, count, self._random)
         middle_m = start_m.mean(axis=0)
         plan = Plan(Formation(10.0, float(-middle_m[2])))
-        super().__init__(scenario, start_m, goal_m, plan, seed)
+        super().__init__(scenario, start_m, goal_m, plan, seed, divide)
         self.task[:] = Task.GOAL
         self._since_s = np.inf
 
@@ -49,17 +52,21 @@ class GoalRun(SimulatedFlight):
 
 
 def fly(
-    scenario: Scenario, count: int, seed: int, on_progress: Callable[[float], None] | None = None
+    scenario: Scenario,
+    count: int,
+    seed: int,
+    on_progress: Callable[[float], None] | None = None,
+    divide: Divide | None = None,
 ) -> Record:
-    """Fly a scenario once; `on_progress` as of `SimulatedFlight.fly`.
+    """Fly a scenario once; `on_progress` as of `SimulatedFlight.fly`; `divide` makes several flights.
 
     Raises: ConfigError when its start positions or goals are impossible.
     """
     scenario = scenario.in_world_of(seed)
     if isinstance(scenario.flight, FormationFlight):
-        return FormationRun(scenario, scenario.flight, count, seed).fly(on_progress)
+        return FormationRun(scenario, scenario.flight, count, seed, divide).fly(on_progress)
     if isinstance(scenario.flight, GoalFlight):
-        return GoalRun(scenario, scenario.flight, count, seed).fly(on_progress)
+        return GoalRun(scenario, scenario.flight, count, seed, divide).fly(on_progress)
     if isinstance(scenario.flight, ShowFlight):
         raise ConfigError(f"{scenario.name}: it flies a show: gcs show plot draws one")
     return fly_article(scenario, scenario.flight, count, seed)

@@ -10,6 +10,7 @@ from gcs.model.errors import RefusedError
 from gcs.model.plan import Formation, LawName, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array
 from gcs.simulation import initial_states as layout
+from gcs.simulation.decide import Divide
 from gcs.simulation.obstacle_worlds import draw_world
 from gcs.simulation.record import THROUGH_M, approaching
 from gcs.simulation.scenario import (
@@ -27,7 +28,14 @@ AFTER_BOXES_S = 25.0
 class FormationRun(SimulatedFlight):
     """A formation engaged at once; target, leaving, joining and return follow the scenario."""
 
-    def __init__(self, scenario: Scenario, flight: FormationFlight, count: int, seed: int) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        flight: FormationFlight,
+        count: int,
+        seed: int,
+        divide: Divide | None = None,
+    ) -> None:
         self.flight = flight
         self._random = np.random.default_rng([seed, 1])
         total = count + flight.join
@@ -47,7 +55,7 @@ class FormationRun(SimulatedFlight):
             self._target_m = np.array(drawn.target_m)
             start_m = start_m + np.array([drawn.orbit_radius_m, 0.0, 0.0])
         plan = Plan(Formation(radius_m, height_m, law=flight.law), orbit)
-        super().__init__(scenario, start_m, np.full((total, 3), np.nan), plan, seed)
+        super().__init__(scenario, start_m, np.full((total, 3), np.nan), plan, seed, divide)
         if flight.pads == "shuffled":
             grid_m = layout.grid_m(total, flight.spacing_m, 0.0)
             self.pads_m = grid_m[self._random.permutation(total)]

@@ -149,8 +149,8 @@ class Radio(Settings):
     sighting_error_m: NotNegative = 0.0  # standard deviation along each axis, constant for each vehicle
 
 
-class Stations(Settings):
-    """Several stations, each with its share of the vehicles in their order, and the bus between them."""
+class Divided(Settings):
+    """Several flights, each with its share of the vehicles in their order, and the bus between them."""
 
     count: Annotated[int, Field(ge=1, le=100)] = 1
     delay_s: NotNegative = 0.02  # one way
@@ -287,7 +287,7 @@ class Scenario(Settings):
     worlds: tuple[World, ...] = ()  # instead of `world`, seed by seed in turn; the file has what differs
     control: ControlSettings = ControlSettings()
     failsafes: FailsafePolicy | None = None  # of the service, for a formation; None: they are off
-    stations: Stations = Stations()
+    divided: Divided = Divided()
 
     def in_world_of(self, seed: int) -> "Scenario":
         worlds = self.worlds

@@ -16,6 +16,7 @@ from gcs.failsafe.policy import Action
 from gcs.flight.commands.commander import STOPS_WITHIN_S
 from gcs.flight.state.ticker import garbage_between_ticks
 from gcs.formation.neighbours import Sight
+from gcs.model.errors import ConfigError
 from gcs.model.plan import Obstacle, Plan
 from gcs.model.state import Array, FleetState, Mask, Traits
 from gcs.planning.feasibility import check_obstacle
@@ -39,6 +40,7 @@ from gcs.planning.return_paths.planner import warm_up as warm_up_planner
 from gcs.safety.floor import Floor, pairs_that_count, scaled_distance_m
 from gcs.simulation import initial_states as layout
 from gcs.simulation.autopilots import responses
+from gcs.simulation.decide import Decided, Decider, Divide
 from gcs.simulation.loss import FAR_M, Losses, ServiceFailsafes
 from gcs.simulation.record import NOWHERE, THROUGH_M, Record, closest_m
 from gcs.simulation.scenario import (
@@ -48,7 +50,6 @@ from gcs.simulation.scenario import (
     Scenario,
     ShowFlight,
 )
-from gcs.simulation.stations import Decided, SimulatedStations
 from gcs.simulation.world import TOUCHDOWN_M_S, TrueWorld
 
 HANDOVER_HEIGHT_M: Final[float] = OperationSettings.model_fields["handover_height_m"].default
@@ -73,7 +74,15 @@ def over_links(scenario: Scenario) -> ControlSettings:
 class SimulatedFlight:
     """Base of all simulated flights: receive telemetry, tick, send setpoints, record the true states."""
 
-    def __init__(self, scenario: Scenario, start_m: Array, goal_m: Array, plan: Plan, seed: int) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        start_m: Array,
+        goal_m: Array,
+        plan: Plan,
+        seed: int,
+        divide: Divide | None = None,
+    ) -> None:
         n = len(start_m)
         self.scenario, self.plan = scenario, plan
         self.settings: ControlSettings = over_links(scenario)
@@ -104,8 +113,11 @@ class SimulatedFlight:
         self.memory = Memory.fresh(n, 0.0)
         alike = Traits.alike(n, layout.reported_uncertainty_m(scenario))
         self.traits = replace(alike, response=responses(scenario.world, n))
-        several = scenario.stations.count > 1
-        self._stations = SimulatedStations(scenario.stations, self.world, seed) if several else None
+        self._decider: Decider | None = None
+        if scenario.divided.count > 1:
+            if divide is None:
+                raise ConfigError(f"{scenario.name}: several flights divide its vehicles")
+            self._decider = divide(scenario.divided, self.world, seed)
 
     @property
     def floor(self) -> Floor:
@@ -192,9 +204,9 @@ class SimulatedFlight:
         self.record.closest_m.append(self._closest_m(seen_m))
 
     def _decide(self, fleet: FleetState, tasks: Tasks) -> Decided:
-        """Compute the tick of the station, or of each of several."""
-        if self._stations is not None:
-            return self._stations.decide(fleet, tasks, self.plan, self.traits, self.settings)
+        """Compute the tick of the flight, or of each of several."""
+        if self._decider is not None:
+            return self._decider.decide(fleet, tasks, self.plan, self.traits, self.settings)
         sight = self.sight()
         began_s = time.thread_time()
         result = tick(fleet, tasks, self.plan, self.traits, self.memory, self.settings, sight)

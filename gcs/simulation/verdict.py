@@ -15,10 +15,10 @@ from gcs.planning.landing_sites import column_m, overlapping
 from gcs.service.snapshots import CueFigures, ShowFigures, VerticalOverlap
 from gcs.shows import Flaw, Played
 from gcs.shows.drawn_checks import DrawnFigures, examine
+from gcs.simulation.control_loss import ControlLoss, control_loss, described
 from gcs.simulation.metrics import rounded
 from gcs.simulation.record import penetrations_and_clearance_m
 from gcs.simulation.rehearsal import TAKEOFF_M_S, Rehearsal, Replacement
-from gcs.simulation.station_loss import StationLoss, described, station_loss
 
 REACHED_M = 1.0
 """Distance from its orbit, or from its place above the target, within which the centre has arrived."""
@@ -43,7 +43,7 @@ class Verdict(ShowFigures):
     track_max_m: float | None = None
     lags: tuple["Lag", ...] = ()  # of every vehicle, the largest first
     lost: tuple[int, ...] = ()  # vehicles of the show, from 1, that the rehearsal lost
-    station_loss: tuple[StationLoss, ...] = ()  # of drawn parts, for each action; a prediction
+    control_loss: tuple[ControlLoss, ...] = ()  # of drawn parts, for each action; a prediction
     replaced: tuple["Replaced", ...] = ()  # by spares
     not_replaced: tuple[int, ...] = ()  # lost, in a show that has spares
     penetrations: int | None = None  # vehicles inside an obstacle grown by 1 m; None: there was none
@@ -165,7 +165,7 @@ class _Judge:
             "track_rms_m": round(errors.fleet_rms_m, 3),
             "track_max_m": _short(errors.max_m.max()),
             "lags": lags(self._flight),
-            "station_loss": station_loss(self._flight),
+            "control_loss": control_loss(self._flight),
         }
 
     def _replaced(self, one: Replacement) -> Replaced:
@@ -383,7 +383,7 @@ def _drawn_lines(verdict: Verdict) -> list[str]:
     for claim in drawn.claims:
         kept = "holds" if claim.holds else "does not hold"
         lines.append(f"  the file claims {claim.name} {claim.claimed:g}: {kept}, {claim.measured:g}")
-    return lines + described(verdict.station_loss)
+    return lines + described(verdict.control_loss)
 
 
 def table(verdict: Verdict) -> str:

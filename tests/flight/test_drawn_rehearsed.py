@@ -151,7 +151,7 @@ def test_loss_of_the_station_is_predicted_as_it_would_be_flown(rings: LoadedShow
     """Seven of eight vehicles lose their links at a time for which one action is predicted to be unsafe."""
     flight = Rehearsal(rings, QUIET, 3)
     flight.fly()
-    hold, returns, land = judge(flight).station_loss
+    hold, returns, land = judge(flight).control_loss
     assert (hold.action, returns.action, land.action) == ("hold", "return", "land")
     assert min(each.moments for each in (hold, returns, land)) >= 8
     assert land.unsafe > 0, "one ring is above the other"

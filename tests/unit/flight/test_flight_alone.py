@@ -12,7 +12,9 @@ from gcs.flight.state.elsewhere import Elsewhere, Returning
 from gcs.model.state import VehicleId
 
 ROOT = Path(__file__).parents[3]
-MODULES = sorted(path for name in ("control", "flight") for path in (ROOT / "gcs" / name).rglob("*.py"))
+MODULES = sorted(
+    path for name in ("control", "flight", "simulation") for path in (ROOT / "gcs" / name).rglob("*.py")
+)
 OF_THE_PORT = {"stations"}  # a role of `gcs.service.Service`, which a flight alone does not have
 WORDS = {"site", "sites", "station", "stations", "membership"}
 LANDING = re.compile(r"landing_sites?|sites?_m$")  # where vehicles land

@@ -6,7 +6,7 @@ import pytest
 from gcs.model.setpoint_loss import FleetWithoutSetpoints, WithoutSetpoints
 from gcs.planning.setpoint_loss import Action, Clash
 from gcs.safety.floor import Floor
-from gcs.simulation.station_loss import clashes_in_motion
+from gcs.simulation.control_loss import clashes_in_motion
 
 FLOOR = Floor(horizontal_m=2.0, vertical_m=3.0, margin_m=5.0, uncertainty_m=5.0, deviations=1.0)
 """Margin and uncertainty do not count."""

@@ -13,7 +13,8 @@ from gcs.control import ControlSettings, Memory, Tasks, tick
 from gcs.model.lifecycle import Phase
 from gcs.model.plan import Plan
 from gcs.model.state import Array, FleetState, Mode, Setpoints, Traits, VehicleId
-from gcs.simulation.scenario import Stations
+from gcs.simulation.decide import Decided
+from gcs.simulation.scenario import Divided
 from gcs.simulation.world import TrueWorld
 from gcs.stations.messages import MODE_CODE, PHASE_CODE
 from gcs.stations.publishing import STATES, FormationMessages, Reported, batch
@@ -24,20 +25,10 @@ LEAD_SILENT_S = 1.0
 """After this silence of the lead a station computes the whole formation itself."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Decided:
-    """What one tick of all stations decided. Rows as in the world."""
-
-    setpoints: Setpoints
-    memory: Memory  # of all vehicles: each row is its own station's
-    limited: int  # number of vehicles that the safety filter limited
-    took_s: tuple[float, ...]  # processor time of each station: what it receives, its tick, what it sends
-
-
 class _Bus:
     """Delivers each message late, and not every one. Seeded."""
 
-    def __init__(self, settings: Stations, seed: int) -> None:
+    def __init__(self, settings: Divided, seed: int) -> None:
         self._settings = settings
         self._random = np.random.default_rng([seed, 4])
         self._under_way: dict[str, list[tuple[float, int, str, str, bytes]]] = {}  # to each station
@@ -77,7 +68,7 @@ class _Station:
 class SimulatedStations:
     """The stations of a scenario. The first one leads."""
 
-    def __init__(self, settings: Stations, world: TrueWorld, seed: int) -> None:
+    def __init__(self, settings: Divided, world: TrueWorld, seed: int) -> None:
         """Each station has an equal share of the world's vehicles, in their order."""
         n = len(world.ids)
         parts = np.array_split(np.arange(n), settings.count)

@@ -30,7 +30,7 @@ PREDICTED: Final[dict[Action, str]] = {"hold": "hold", "return": "return", "land
 
 
 @dataclass(frozen=True, slots=True)
-class StationLoss:
+class ControlLoss:
     """What one action of the autopilots would do to the separation, over all sampled moments."""
 
     action: Action  # "land" stands for "descend" as well
@@ -43,7 +43,7 @@ class StationLoss:
     cue: str = ""
 
 
-def station_loss(flight: Rehearsal) -> tuple[StationLoss, ...]:
+def control_loss(flight: Rehearsal) -> tuple[ControlLoss, ...]:
     """Return the prediction for each action; empty without drawn parts."""
     ticks = _sampled(flight)
     found = [_clashes(flight, tick) for tick in ticks]
@@ -94,13 +94,13 @@ def _alone(profiles: Sequence[Autopilot]) -> list[WithoutSetpoints]:
 
 def _over_all(
     flight: Rehearsal, action: Action, ticks: Sequence[int], found: Sequence[dict[Action, list[Clash]]]
-) -> StationLoss:
+) -> ControlLoss:
     unsafe = [(at[action], tick) for at, tick in zip(found, ticks, strict=True) if at[action]]
     if not unsafe:
-        return StationLoss(action, len(ticks), 0, 0)
+        return ControlLoss(action, len(ticks), 0, 0)
     worst, tick = min(unsafe, key=lambda one: one[0][0].sideways_m)
     at_s = flight.show_s[tick]
-    return StationLoss(
+    return ControlLoss(
         action,
         len(ticks),
         len(unsafe),
@@ -112,7 +112,7 @@ def _over_all(
     )
 
 
-def described(losses: Sequence[StationLoss]) -> list[str]:
+def described(losses: Sequence[ControlLoss]) -> list[str]:
     """Return the prediction as lines of text."""
     lines = ["  if the station were lost in a drawn part, the autopilots' own action:"] if losses else []
     for one in losses:
