@@ -16,7 +16,6 @@ from gcs.flight.state.vehicle import Vehicle
 from gcs.links import Verb
 from gcs.model.errors import CommandError, RefusedError
 from gcs.model.lifecycle import Event, Phase, ShowPhase
-from gcs.model.state import FleetState
 from gcs.service import Outcome
 
 log = logging.getLogger(__name__)
@@ -46,7 +45,6 @@ class Maneuvers:
         self._steps = steps = Steps(flight)
         self.landings, self.autopilot_land = Landings(flight, steps), steps.autopilot_land
         self._next_turn_s = -inf  # time of the next take-off
-        self._up: tuple[FleetState, bool] | None = None  # for one tick: see `_all_up`
 
     @property
     def waiting(self) -> list[Vehicle]:
@@ -207,11 +205,10 @@ class Maneuvers:
 
     def _all_up(self) -> bool:
         """Whether no vehicle climbs any more, or waits on the ground for its turn."""
-        fleet = self._flight.state
-        if self._up is None or self._up[0] is not fleet:  # every waiting vehicle asks in every tick
-            below = self._flight.in_phase(Phase.STANDBY, Phase.TAKEOFF)
-            self._up = fleet, not any(map(self.running, below))
-        return self._up[1]
+        return self._flight.once("all up", self._all_up_now)
+
+    def _all_up_now(self) -> bool:
+        return not any(map(self.running, self._flight.in_phase(Phase.STANDBY, Phase.TAKEOFF)))
 
     @property
     def all_up(self) -> bool:

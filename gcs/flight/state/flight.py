@@ -11,7 +11,7 @@ from dataclasses import fields, replace
 from functools import lru_cache
 from itertools import chain
 from operator import attrgetter, is_
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -62,6 +62,8 @@ from gcs.safety.neighbours import near_pairs
 from gcs.service.commands import CommandLog
 
 log = logging.getLogger(__name__)
+
+T = TypeVar("T")
 
 ASSEMBLED_M = 1.0
 """The formation is assembled when no radius is off by more, with ASSEMBLED_SHARE of the radius added."""
@@ -192,9 +194,7 @@ class Flight:
         order = [place_of[settings.id] for settings in config.fleet]  # rows among all links' vehicles
         self._order = None if order == sorted(order) else order
         self._joined: Joined | None = None  # of the last tick
-        self._may_descend: tuple[FleetState, float] | None = None  # for one tick: see `may_descend`
-        self._slow_from_m: tuple[FleetState, Array] | None = None  # likewise: see `slow_from_m`
-        self._closing: tuple[FleetState, frozenset[VehicleId]] | None = None  # likewise: see `closing`
+        self._once: tuple[FleetState | None, dict[str, Any]] = None, {}  # of the newest state: see `once`
         self._table = self._made_table()
         self.uncontrolled = UncontrolledSpace(config, tuple(self.vehicles.values()))
         self.link_quality = LinkQuality(_requested_hz(config))
@@ -275,10 +275,11 @@ class Flight:
 
     def slow_from_m(self, vehicles: Sequence[Vehicle]) -> Array:
         """(k,) reported heights above the ground from which these descend slowly: they may be lower."""
-        if self._slow_from_m is None or self._slow_from_m[0] is not self.state:
-            error_m = height_error_m(self.telemetry.vertical_accuracy_m, self.heights.departed_m)
-            self._slow_from_m = self.state, self.config.operation.handover_height_m + error_m
-        return self._slow_from_m[1][[vehicle.row for vehicle in vehicles]]
+        return self.once("slow from", self._slow_from_now_m)[[vehicle.row for vehicle in vehicles]]
+
+    def _slow_from_now_m(self) -> Array:
+        error_m = height_error_m(self.telemetry.vertical_accuracy_m, self.heights.departed_m)
+        return np.asarray(self.config.operation.handover_height_m + error_m)
 
     def note_parameters(self, vehicle: Vehicle, values: Mapping[str, ParameterValue]) -> None:
         """Take the parameters of a vehicle as read; what it does without setpoints follows from them."""
@@ -371,6 +372,16 @@ class Flight:
     @property
     def setpoints_sent(self) -> int:
         return sum(link.setpoints_sent for link in self.links)
+
+    def once(self, name: str, compute: Callable[[], T]) -> T:
+        """What `compute` returns, computed once for the state of this tick: all vehicles ask for it."""
+        if self._once[0] is not self.state:
+            self._once = self.state, {}
+        values = self._once[1]
+        if name not in values:
+            values[name] = compute()
+        found: T = values[name]
+        return found
 
     async def ticked(self) -> None:
         await self._ticked.wait()
@@ -492,12 +503,13 @@ class Flight:
 
     def may_descend(self, vehicle: Vehicle) -> bool:
         """Whether every lower landing vehicle is in its landing column, so that this one may descend."""
-        if self._may_descend is None or self._may_descend[0] is not self.state:
-            landing = [one for one in self.in_phase(Phase.LANDING) if one.goal_m is not None]
-            here_m = self.state.position_m[[one.row for one in landing]]
-            goal_m = np.array([one.goal_m for one in landing], dtype=float).reshape(-1, 3)
-            self._may_descend = self.state, lowest_beside_m(here_m, goal_m)
-        return not self._may_descend[1] > self.position_m(vehicle)[2]
+        return not self.once("lowest beside", self._lowest_beside_m) > self.position_m(vehicle)[2]
+
+    def _lowest_beside_m(self) -> float:
+        landing = [one for one in self.in_phase(Phase.LANDING) if one.goal_m is not None]
+        here_m = self.state.position_m[[one.row for one in landing]]
+        goal_m = np.array([one.goal_m for one in landing], dtype=float).reshape(-1, 3)
+        return lowest_beside_m(here_m, goal_m)
 
     def assembled(self) -> bool:
         """Whether the formation's vehicles are on the sphere and spread over all of it.
@@ -605,8 +617,9 @@ class Flight:
 
     def closing(self) -> frozenset[VehicleId]:
         """Lost vehicles of any flight: the paths that `closed` returns are theirs."""
-        if self._closing is None or self._closing[0] is not self.state:
-            lost = self.in_phase(Phase.LOST, Phase.KILLED)
-            own = frozenset(vehicle.id for vehicle in lost if self.last_m(vehicle) is not None)
-            self._closing = self.state, own | self.elsewhere.closing()
-        return self._closing[1]
+        return self.once("closing", self._closing_now)
+
+    def _closing_now(self) -> frozenset[VehicleId]:
+        lost = self.in_phase(Phase.LOST, Phase.KILLED)
+        own = frozenset(vehicle.id for vehicle in lost if self.last_m(vehicle) is not None)
+        return own | self.elsewhere.closing()
