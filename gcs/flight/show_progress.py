@@ -58,7 +58,7 @@ class ShowProgress:
         land still applies to it, also when all other vehicles have landed and the show is over. It joins
         automatically only if it was in formation.
         """
-        flight, rejoins = self.flight, vehicle.rejoins
+        flight, rejoins = self.flight, vehicle.flags.rejoins
         if vehicle.phase is Phase.PILOT:
             await self.maneuvers.take_control(vehicle)
         else:

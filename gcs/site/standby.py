@@ -202,7 +202,7 @@ class Standby:
             for one in self.flight.vehicles.values()
             if one.phase in AIRBORNE - {Phase.HOLD, Phase.TAKEOFF}
         ]
-        flown = [one for one in flown if not one.handed_over]
+        flown = [one for one in flown if not one.flags.handed_over]
         log.error("standby_not_received", extra={"other": cut[0], "vehicles": len(flown)})
         for vehicle in flown:
             self.maneuvers.start(vehicle, self.maneuvers.hold, lambda _outcome, _reason: None)

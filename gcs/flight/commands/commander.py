@@ -276,7 +276,9 @@ class Commander(VehicleCommands):
             self.flight.book.close(record.id, vehicle.id, Outcome.DONE)
 
         def reached(vehicle: Vehicle) -> None:
-            comes_back = vehicle.rejoins and maneuvers.running(vehicle)  # it goes on, and holds in OFFBOARD
+            comes_back = vehicle.flags.rejoins and maneuvers.running(
+                vehicle
+            )  # it goes on, and holds in OFFBOARD
             maneuver = maneuvers.take_control_first(maneuvers.join) if comes_back else maneuvers.take_control
             maneuvers.start(vehicle, maneuver, self.flight.book.closer(record, vehicle.id))
 
@@ -296,7 +298,7 @@ class Commander(VehicleCommands):
             for vehicle in flight.in_phase(Phase.HOLD):  # about to return or land
                 maneuvers.stop(vehicle, "paused by another command")
         for vehicle in flight.in_phase(Phase.RETURN, Phase.LANDING):
-            if not vehicle.handed_over:
+            if not vehicle.flags.handed_over:
                 maneuvers.stop(vehicle, "paused by another command")
                 vehicle.apply(Event.PAUSE, "paused on its way, holds in place")
         for vehicle in flight.in_phase(Phase.FORMATION):
@@ -315,7 +317,9 @@ class Commander(VehicleCommands):
             raise RefusedError(f"show {show_run.name!r} was never started: stop brings home all vehicles")
         flight = self.flight
         advance_show(flight.show, ShowEvent.RESUME)
-        joining = self.recovery.taking_over or any(vehicle.entering_offboard for vehicle in flight.airborne)
+        joining = self.recovery.taking_over or any(
+            vehicle.flags.entering_offboard for vehicle in flight.airborne
+        )
         if not joining and not flight.in_phase(Phase.FORMATION):
             raise RefusedError("no vehicle is in formation: use take-over where it is offered, or join")
         flight.move_show(ShowEvent.RESUME, "re-forms, then goes on")

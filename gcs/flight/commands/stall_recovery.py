@@ -77,10 +77,8 @@ class StallRecovery:
         """Vehicles under setpoints as of the last note, with their phases and reasons."""
         return {
             name: (phase, reason)
-            for name, (phase, reason, entering, handed_over) in zip(
-                self.flight.vehicles, self._states, strict=False
-            )
-            if entering or (phase in FLOWN and not handed_over)
+            for name, (phase, reason, flags) in zip(self.flight.vehicles, self._states, strict=False)
+            if flags.entering_offboard or (phase in FLOWN and not flags.handed_over)
         }
 
     def stalled(self, gap_s: float) -> None:

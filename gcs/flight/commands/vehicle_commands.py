@@ -59,7 +59,7 @@ class VehicleCommands:
         name, show = vehicle.id, self.flight.show
         if not (action is VehicleAction.HOLD and vehicle.phase is Phase.HOLD):
             require_phase(vehicle, EVENT_OF[action])
-        if action is VehicleAction.HOLD and vehicle.pilot_in_control:
+        if action is VehicleAction.HOLD and vehicle.flags.pilot_in_control:
             raise RefusedError(
                 f"{name} was taken over before its telemetry stopped: take-control once it is received again"
             )
@@ -67,7 +67,7 @@ class VehicleCommands:
             raise RefusedError(f"{name} has no formation to join: the show is {show}")
         if action is VehicleAction.RETURN and vehicle.home_m is None:
             raise RefusedError(f"{name} cannot return: where it started is not known; use land")
-        if action is VehicleAction.RETURN and vehicle.handed_over:
+        if action is VehicleAction.RETURN and vehicle.flags.handed_over:
             raise RefusedError(f"{name} cannot return: its autopilot touches it down already")
         if action is VehicleAction.TAKE_CONTROL and (why := why_never(self.flight, vehicle)):
             raise RefusedError(f"control of {name} is not taken: {why}")
@@ -150,7 +150,9 @@ class VehicleCommands:
         if flight.show_run is not None and flight.show_run.goals is not None:
             return  # a drawing leads: it has a place for each of its vehicles
         others = [other for other in flight.airborne if other not in joining]
-        formed = [other for other in others if other.entering_offboard or other.phase is Phase.FORMATION]
+        formed = [
+            other for other in others if other.flags.entering_offboard or other.phase is Phase.FORMATION
+        ]
         uncertainty_m = flight.in_formation_m([*formed, *joining])
         try:
             check_formation(flight.plan.formation, len(uncertainty_m), flight.control.safety, uncertainty_m)

@@ -107,7 +107,7 @@ def _taken_m(
         if vehicle.id not in chosen
         for place_m in (
             vehicle.home_m,
-            flight.last_m(vehicle) if vehicle.phase not in AIRBORNE or vehicle.handed_over else None,
+            flight.last_m(vehicle) if vehicle.phase not in AIRBORNE or vehicle.flags.handed_over else None,
             vehicle.goal_m if vehicle.phase in goals_of else None,
         )
         if place_m is not None

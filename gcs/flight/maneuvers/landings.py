@@ -96,7 +96,7 @@ class Landings:
         if not collective_return.takes_part(vehicle):
             return self._is_received(vehicle)
         vehicle.goal_m = collective_return.goal_m(vehicle)
-        vehicle.follows_planned_path = collective_return.follows_path(vehicle)
+        vehicle.set_flags(follows_planned_path=collective_return.follows_path(vehicle))
         return collective_return.has_arrived(vehicle)
 
     def descend(self, place_m: Array) -> Maneuver:
@@ -136,7 +136,7 @@ class Landings:
         """
         flight, least_m, reason = self._flight, self._settings.takeoff_height_m, vehicle.reason
         loop = asyncio.get_running_loop()
-        vehicle.follows_planned_path = False
+        vehicle.set_flags(follows_planned_path=False)
         while True:
             if flight.closing() or (vehicle.home_m is not None and is_covered(flight, vehicle.home_m)):
                 await self._steps.until(vehicle, self._may_search)

@@ -63,7 +63,7 @@ class Steps:
     async def engage(self, vehicle: Vehicle) -> None:
         """Send setpoints at rest first, then command OFFBOARD: it may be refused without them."""
         vehicle.hold_m = self._flight.position_m(vehicle).copy()
-        vehicle.entering_offboard = True
+        vehicle.set_flags(entering_offboard=True)
         await asyncio.sleep(SETPOINTS_FIRST_S)
         for left in reversed(range(ENGAGE_TRIES)):
             await self._flight.ticked()  # after a pause of this service setpoints must flow again first
@@ -101,7 +101,7 @@ class Steps:
         """Have the autopilot land straight down: from a climb, or as a last resort."""
         if vehicle.phase is not Phase.LANDING:
             vehicle.apply(Event.DESCEND, "its autopilot lands it")
-        vehicle.handed_over = True
+        vehicle.set_flags(handed_over=True)
         await self.touch_down(vehicle)
 
     async def touch_down(self, vehicle: Vehicle) -> None:
@@ -112,7 +112,7 @@ class Steps:
                 log.warning("land_refused", extra={"vehicle": vehicle.id, "reason": str(error)})
                 await asyncio.sleep(RETRY_S)
                 continue
-            vehicle.handed_over = True
+            vehicle.set_flags(handed_over=True)
             break
         while vehicle.phase is Phase.LANDING:
             await self._flight.ticked()

@@ -63,7 +63,7 @@ class Maneuvers:
     def stop(self, vehicle: Vehicle, reason: str) -> None:
         """End the vehicle's maneuver, if any; its outcome is FAILED with that reason."""
         running = self._running.pop(vehicle.id, None)
-        vehicle.entering_offboard = False
+        vehicle.set_flags(entering_offboard=False)
         if running is not None and not running[0].done():
             task, done = running
             task.cancel()
@@ -89,7 +89,7 @@ class Maneuvers:
             outcome, reason = Outcome.FAILED, str(error)
             log.warning("command_failed", extra={"vehicle": vehicle.id, "reason": reason})
         # Not reached when `stop` cancels: it has done both, and the vehicle may execute its next maneuver.
-        vehicle.entering_offboard = False
+        vehicle.set_flags(entering_offboard=False)
         done(outcome, reason)
 
     # maneuvers

@@ -115,7 +115,8 @@ class FailsafeMonitor:
         lost = {
             vehicle.id
             for vehicle in vehicles
-            if vehicle.phase is Phase.KILLED or (vehicle.phase is Phase.LOST and not vehicle.pilot_in_control)
+            if vehicle.phase is Phase.KILLED
+            or (vehicle.phase is Phase.LOST and not vehicle.flags.pilot_in_control)
         }
         self._lost_before = lost if self.flight.show in ON_THE_GROUND else self._lost_before & lost
         newly_lost = lost - self._lost_before

@@ -179,7 +179,7 @@ class TelemetryMonitor:
             and not vehicle.autopilot.rests_in(status.mode)
         ):
             self._by_itself(vehicle, self.maneuvers.rest)
-        elif vehicle.phase in FLOWN and not vehicle.handed_over and status.mode is Mode.HOLD:
+        elif vehicle.phase in FLOWN and not vehicle.flags.handed_over and status.mode is Mode.HOLD:
             vehicle.apply(Event.HOLD, "a hold command that seemed to have failed was executed")
 
     def _explain_absence(self, vehicle: Vehicle, *, has_heartbeat: bool) -> None:

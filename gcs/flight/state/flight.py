@@ -590,7 +590,7 @@ class Flight:
                 task[row], goal = vehicle.task(show, now_s)
                 if goal is not None:
                     goal_m[row] = goal
-        follows = np.array([vehicle.follows_planned_path for vehicle in vehicles], dtype=np.bool_)
+        follows = np.array([vehicle.flags.follows_planned_path for vehicle in vehicles], dtype=np.bool_)
         segments_m, segments_of = self.uncontrolled.swept(self.state.age_s)
         silent_m, silent_of = self.uncontrolled.near_m(silent, age_s)
         return Tasks(

@@ -103,7 +103,11 @@ def _accepted(flight: Flight, vehicle_id: VehicleId | None) -> str:
     if not any(flight.whereabouts(vehicle) in AIRBORNE for vehicle in vehicles.values()):
         return ""
     vehicle = None if vehicle_id is None else vehicles.get(vehicle_id)
-    if vehicle is not None and vehicle.phase not in {Phase.LOST, Phase.STANDBY} and not vehicle.handed_over:
+    if (
+        vehicle is not None
+        and vehicle.phase not in {Phase.LOST, Phase.STANDBY}
+        and not vehicle.flags.handed_over
+    ):
         for action, event in SAFER:
             never = action is VehicleAction.TAKE_CONTROL and why_never(flight, vehicle)
             if (vehicle.phase, event) in NEXT and not never:

@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import inf
 from operator import attrgetter
@@ -10,6 +10,7 @@ from typing import Any, ClassVar, Final, TypeAlias
 
 from gcs.control import Task
 from gcs.failsafe.autopilot_failsafe import TERMINATED, FailsafeCause
+from gcs.flight.state.flags import Flags
 from gcs.links.autopilots import DEFAULT, Autopilot
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import AIRBORNE, FLOWN, Event, Phase, ShowPhase, advance
@@ -68,14 +69,10 @@ class Vehicle:
     home_m: Array | None = None  # (3,) show frame, where it took off
     hold_m: Array | None = None  # (3,) where it waits while the show does not move it
     goal_m: Array | None = None  # (3,) of RETURN and LANDING
-    entering_offboard: bool = False  # in HOLD, setpoints already flow so that OFFBOARD can be accepted
+    flags: Flags = Flags()
     frozen_until_s: float = -inf  # its position jumped: until then it stands still
-    follows_planned_path: bool = False  # in RETURN, its goal follows a path planned for the whole fleet
-    handed_over: bool = False  # in LANDING, the autopilot's own LAND touches down
-    pilot_in_control: bool = False  # or its own failsafe, until handed back, silent or not
     try_again_s: float = 0.0  # earliest time of the next automatic attempt
     cause: FailsafeCause | None = None  # while PILOT: why it is in its mode; while KILLED: without a command
-    rejoins: bool = False  # lost from the formation, and nothing commanded since
     _explained: tuple[Mode, bool] | None = None
     modes: frozenset[Mode] = field(default_factory=frozenset)  # those that a command explains
     autopilot: Autopilot = DEFAULT  # as configured
@@ -89,7 +86,7 @@ class Vehicle:
     @property
     def comes_down_alone(self) -> bool:
         """Whether the autopilot alone leads its descent: it climbs straight up, or touches down already."""
-        return self.phase is Phase.TAKEOFF or self.handed_over
+        return self.phase is Phase.TAKEOFF or self.flags.handed_over
 
     def apply(self, event: Event, reason: str) -> None:
         """Advance the phase, and log the change. Raises: RefusedError when the table does not allow it."""
@@ -97,22 +94,21 @@ class Vehicle:
         self.reason = reason
         if self.phase is not Phase.PILOT:
             self.cause = None
-        self.rejoins = self.phase in {Phase.LOST, Phase.PILOT} and (self.rejoins or before is Phase.FORMATION)
-        self._mind_pilot()
+        self.flags = self.flags.after(before, self.phase, only_link_lost=self._only_link_lost)
         if self.phase not in FLOWN:
             self.goal_m = None
-        self.entering_offboard = False
-        self.handed_over = self.follows_planned_path = False
         level = logging.WARNING if self.phase in {Phase.LOST, Phase.PILOT} else logging.INFO
         reported = {"vehicle": self.id, "was": before.value, "phase": self.phase.value, "reason": reason}
         log.log(level, "vehicle_phase", extra=reported)
 
-    def _mind_pilot(self) -> None:
-        """Decide whether a pilot is in control: not if its link lost setpoints and it just holds."""
-        if self.phase is Phase.PILOT:
-            self.pilot_in_control = self.cause is not FailsafeCause.SETPOINT_LOSS
-        elif self.phase not in {Phase.LOST, Phase.KILLED}:
-            self.pilot_in_control = False
+    @property
+    def _only_link_lost(self) -> bool:
+        """Whether no pilot is in control: its link lost setpoints, and it just holds."""
+        return self.cause is FailsafeCause.SETPOINT_LOSS
+
+    def set_flags(self, **flags: bool) -> None:
+        """Set flags of a maneuver, see `Flags`; they hold until the phase changes."""
+        self.flags = replace(self.flags, **flags)
 
     def explain(self, explanation: Explanation, mode: Mode, *, in_failsafe: bool) -> None:
         """Keep the explanation of its mode while PILOT. An explained mode keeps its cause: texts expire."""
@@ -126,7 +122,8 @@ class Vehicle:
             reported = {"vehicle": self.id, "cause": cause.value, "reason": text}
             log.warning("outside_control", extra=reported)
         self.cause, self.reason, self._explained = cause, text, (mode, in_failsafe)
-        self._mind_pilot()
+        if self.phase is Phase.PILOT:
+            self.set_flags(pilot_in_control=not self._only_link_lost)
 
     def freeze(self, position_m: Array, until_s: float, reason: str) -> None:
         """Hold it at its reported position; its maneuver and phase do not change."""
@@ -135,16 +132,16 @@ class Vehicle:
 
     def task(self, show: ShowPhase, time_s: float) -> tuple[Task, Array | None]:
         """Return its task in the tick at `time_s`, and the goal if there is one."""
-        flown = self.phase in FLOWN and not self.handed_over
-        if flown and self.hold_m is not None and time_s < self.frozen_until_s:
+        led = not self.flags.handed_over
+        if led and self.phase in FLOWN and self.hold_m is not None and time_s < self.frozen_until_s:
             return Task.GOAL, self.hold_m
         if self.phase is Phase.FORMATION:
             if show in SHOW_FLIES:
                 return Task.FORMATION, None
             return (Task.NONE, None) if self.hold_m is None else (Task.GOAL, self.hold_m)
-        if self.phase in {Phase.RETURN, Phase.LANDING} and self.goal_m is not None and not self.handed_over:
+        if led and self.phase in {Phase.RETURN, Phase.LANDING} and self.goal_m is not None:
             return Task.GOAL, self.goal_m
-        if self.entering_offboard and self.hold_m is not None:
+        if self.flags.entering_offboard and self.hold_m is not None:
             return Task.GOAL, self.hold_m
         return Task.NONE, None
 
@@ -215,7 +212,7 @@ class Vehicle:
         """Return from LOST: control is resumed only if a command, or the expected HOLD, explains the mode."""
         if not status.armed:
             return Event.CONNECTED, "received again, on the ground, motors off"
-        if self.pilot_in_control:
+        if self.flags.pilot_in_control:
             return Event.TAKEN_OVER, "received again; it had been taken over, and no take-control came since"
         if status.mode not in (self.modes | {Mode.HOLD} if lost_holds else self.modes):
             self.cause, text = status.explain()
@@ -247,7 +244,7 @@ class VehicleStates:
 
     @cached_property
     def flown(self) -> list[tuple[Any, ...]]:
-        """What a stall needs of each: phase, reason, `entering_offboard`, `handed_over`."""
+        """What a stall needs of each: phase, reason, flags."""
         return list(map(_FLOWN, self._vehicles))
 
     @cached_property
@@ -261,7 +258,7 @@ class VehicleStates:
         return self._in_phases[phases]
 
 
-_FLOWN = attrgetter("phase", "reason", "entering_offboard", "handed_over")
+_FLOWN = attrgetter("phase", "reason", "flags")
 
 
 def require_phase(vehicle: Vehicle, event: Event) -> None:

@@ -170,9 +170,10 @@ def test_no_telemetry_brings_a_killed_vehicle_back(telemetry: VehicleStatus) -> 
 )
 def test_leaving_flown_phases_clears_goal_and_handover(phase: Phase, event: Event) -> None:
     subject = vehicle(phase)
-    subject.goal_m, subject.entering_offboard, subject.handed_over = HERE_M, True, True
+    subject.goal_m = HERE_M
+    subject.set_flags(entering_offboard=True, handed_over=True)
     subject.apply(event, "for a test")
-    left: list[object] = [subject.goal_m, subject.entering_offboard, subject.handed_over]
+    left: list[object] = [subject.goal_m, subject.flags.entering_offboard, subject.flags.handed_over]
     assert left == [None, False, False]
 
 
@@ -217,7 +218,7 @@ def test_descending_vehicle_is_flown_until_the_autopilot_lands(phase: Phase) -> 
     task, goal_m = subject.task(ShowPhase.RETURNING, 0.0)
     assert task is Task.GOAL
     assert goal_m is HERE_M
-    subject.handed_over = True
+    subject.set_flags(handed_over=True)
     assert subject.task(ShowPhase.RETURNING, 0.0) == (Task.NONE, None)
 
 
@@ -230,7 +231,8 @@ def test_no_other_vehicle_is_sent_setpoints(phase: Phase) -> None:
 
 def test_engaging_vehicle_is_sent_its_own_position() -> None:
     subject = vehicle(Phase.HOLD)
-    subject.hold_m, subject.entering_offboard = HERE_M, True
+    subject.hold_m = HERE_M
+    subject.set_flags(entering_offboard=True)
     task, goal_m = subject.task(ShowPhase.RUNNING, 0.0)
     assert task is Task.GOAL
     assert goal_m is HERE_M
@@ -249,7 +251,7 @@ def test_landing_from_climb_or_after_handover_needs_no_setpoint(
     phase: Phase, handed_over: bool, alone: bool
 ) -> None:
     subject = vehicle(phase)
-    subject.handed_over = handed_over
+    subject.set_flags(handed_over=handed_over)
     assert subject.comes_down_alone is alone
 
 
@@ -258,9 +260,9 @@ def test_piloted_before_a_silence_is_piloted_after_it(mode: Mode) -> None:
     subject = vehicle(Phase.FORMATION)
     assert subject.observe(status(mode=Mode.POSITION))
     assert subject.observe(status(silent=True))
-    assert (subject.phase, subject.pilot_in_control) == (Phase.LOST, True)
+    assert (subject.phase, subject.flags.pilot_in_control) == (Phase.LOST, True)
     assert subject.observe(status(mode=mode))
-    assert (subject.phase, subject.pilot_in_control) == (Phase.PILOT, True)
+    assert (subject.phase, subject.flags.pilot_in_control) == (Phase.PILOT, True)
     assert "no take-control came since" in subject.reason
 
 
@@ -269,14 +271,14 @@ def test_taken_or_on_the_ground_it_is_under_our_control(ends: Event) -> None:
     subject = vehicle(Phase.FORMATION)
     subject.apply(Event.TAKEN_OVER, "for a test")
     subject.apply(ends, "for a test")
-    assert not subject.pilot_in_control
+    assert not subject.flags.pilot_in_control
 
 
 def test_piloted_vehicle_landing_while_silent_is_on_standby() -> None:
     subject = vehicle(Phase.PILOT)
     subject.apply(Event.SILENT, "for a test")
     assert subject.observe(ON_GROUND)
-    assert (subject.phase, subject.pilot_in_control) == (Phase.STANDBY, False)
+    assert (subject.phase, subject.flags.pilot_in_control) == (Phase.STANDBY, False)
 
 
 def test_lost_vehicle_in_hold_is_piloted_if_failsafe_differs() -> None:
