@@ -108,7 +108,7 @@ class Orchestrator:
         self._interventions = 0
         self._group = asyncio.TaskGroup()  # the control group, entered by `run`
         self._estimating = Estimating(flight)
-        self._lights = Lights(flight)
+        flight.features.append(Lights(flight))
         if record is not None:
             known = flight.vehicles.keys()
             flight.excluded |= {name: out for name, out in record.excluded.items() if name in known}
@@ -215,8 +215,8 @@ class Orchestrator:
         self._interventions += len(result.limited_by) - result.limited_by.count("")
         hooks.sent(result, all_up=self.maneuvers.all_up)
         if hooks.may_send:
-            flight.corrections.send()
-            self._lights.send()
+            for feature in flight.features:
+                feature.send()
         self._progress.advance()
         hooks.after()
         if self.alarms.is_due(now_s):

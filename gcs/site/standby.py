@@ -170,7 +170,7 @@ class Standby:
     # the own vehicles
 
     def release(self) -> None:
-        """See `SiteCommander.release`."""
+        """Stop what flies vehicles that another station owns now: before the setpoints of this tick."""
         owned = self.member.owned
         if owned.all():
             return

@@ -102,7 +102,7 @@ def test_a_flood_of_an_input_is_named_with_its_sender() -> None:
     async def story(show: Show) -> None:
         await show.standby()
         flood = [Arrived(b"\xd3\x03" * 700, ("192.0.2.9", 4711))] * 100
-        show.service.corrections.intake.admit(flood, show.now_s)
+        show.service.corrections.intakes[0].admit(flood, show.now_s)
         await show.wait(0.5)
         texts = [alarm.text for alarm in show.view.alarms if alarm.cause is AlarmCause.INPUT_FLOODED]
         limit = "more than 64 kB or 1000 messages a second"

@@ -167,14 +167,14 @@ async def keep_corrections(config: Config, orchestrator: Orchestrator) -> None:
     def take(message: bytes, base: Place | None) -> None:
         corrections.take(message, base, clock())
 
-    await rtk.keep_receiving(config.rtk, take, corrections.failed, corrections.intake)
+    await rtk.keep_receiving(config.rtk, take, corrections.failed, *corrections.intakes)
 
 
 async def keep_timecode(config: Config, orchestrator: Orchestrator) -> None:
     """Give the timecode to control, without end; at once over where none is configured."""
     if config.timecode is not None:
         timecode = orchestrator.timecode
-        await receiver.keep_receiving(config.timecode, TimecodeSink(timecode), timecode.intake)
+        await receiver.keep_receiving(config.timecode, TimecodeSink(timecode), *timecode.intakes)
 
 
 @dataclass(frozen=True, slots=True)

@@ -68,8 +68,6 @@ KEEP_CLEAR: Final = "Other vehicles keep clear of where [it was|they were]."
 
 FLOWN_ON: Final = "[It is|They are] flown on."
 
-SHOW_STANDS: Final = "The show stands still, and its vehicles hover."
-
 SHOW_FOLLOWS: Final = {
     Action.RE_FORM: "Formation closes the gap.",
     Action.HOLD_TARGET: "The target stays where it was.",
@@ -143,7 +141,7 @@ class AlarmMonitor:
             *self._of_texts(),
             *_of_failsafes(findings.failsafes),
             *self._of_links(findings),
-            *self._of_timecode(),
+            *self._of_features(),
             *self._of_intakes(),
             *self._of_the_ground(),
             *_of_the_service(findings),
@@ -217,14 +215,9 @@ class AlarmMonitor:
                 words = text.text.rstrip(".")
                 yield Condition(AlarmCause.LAND_NOW, f'"{words}"', (vehicle.id,), about=words)
 
-    def _of_timecode(self) -> Iterator[Condition]:
-        flight, show_run = self.flight, self.flight.show_run
-        if show_run is None or flight.show not in {ShowPhase.ASSEMBLING, ShowPhase.RUNNING}:
-            return
-        if why := flight.timecode.why_apart(show_run, flight.state.time_s):
-            consequence = "" if flight.timecode.frozen_since_unix_s is None else SHOW_STANDS
-            severity = AlarmSeverity.WARNING if flight.timecode.is_missing(flight.state.time_s) else None
-            yield Condition(AlarmCause.TIMECODE, why, consequence=consequence, severity=severity)
+    def _of_features(self) -> Iterator[Condition]:
+        for feature in self.flight.features:
+            yield from feature.conditions(self.flight.instant)
 
     def _of_intakes(self) -> Iterator[Condition]:
         for intake in self.flight.intakes:
@@ -235,9 +228,6 @@ class AlarmMonitor:
         flight = self.flight
         for name, why in findings.failed_links.items():
             yield Condition(AlarmCause.LINK_FAILED, why, about=name)
-        if why := flight.corrections.why_stopped(flight.state.time_s):
-            consequence = "Margins grow with the accuracy that the vehicles report."
-            yield Condition(AlarmCause.CORRECTIONS_STOPPED, why, consequence=consequence)
         yield from flight.elsewhere.hooks.conditions()
         for link in flight.links:
             for vehicle_id, why in link.conflicts.items():

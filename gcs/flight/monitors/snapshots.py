@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import Final
 
 import numpy as np
@@ -14,7 +15,7 @@ from gcs.flight.state.flight import ASSEMBLED_M, ASSEMBLED_SHARE, FLIES, Flight
 from gcs.model.interrupted_flight import InterruptedFlight
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, Landed, Mask
-from gcs.service import ActiveFailsafe, FleetView, FlightEnvelope, LightsView, TickView
+from gcs.service import ActiveFailsafe, FleetView, FlightEnvelope, TickView
 from gcs.service.alarms import Alarm
 from gcs.service.histograms import TickHistogram
 from gcs.service.vehicle_table import VehicleTable
@@ -69,13 +70,7 @@ def fleet_view(
         countdown_s=None if start_unix_s is None else max(0.0, start_unix_s - unix_time_s),
         failsafes=tuple(failsafes),
         alarms=tuple(alarms),
-        corrections=flight.corrections.view(fleet.time_s),
-        timecode=flight.timecode.view(show_run, fleet.time_s),
-        lights=LightsView(
-            driver=flight.config.lights.driver.value,
-            sent=sum(link.counters.lights_sent for link in flight.links),
-            dropped=sum(link.counters.lights_dropped for link in flight.links),
-        ),
+        **dict(chain.from_iterable(each.views(flight.instant).items() for each in flight.features)),
     )
 
 

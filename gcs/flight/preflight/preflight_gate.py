@@ -4,6 +4,7 @@ import logging
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import chain
 from typing import Final, NamedTuple, TypeAlias
 
 import numpy as np
@@ -192,8 +193,9 @@ class PreflightGate:
             "clock: preflight.clock_max_s is null": settings.clock_max_s is None,
         }
         not_checked = [text for text, is_off in unlooked.items() if is_off] + self.parameter_reader.risks()
-        corrections = self.flight.corrections.checks(self.flight.state.time_s)
-        return Stand([*stand.fleet, *corrections], alone, [*stand.not_checked, *not_checked])
+        flight = self.flight
+        of_features = chain.from_iterable(each.checks(flight.instant) for each in flight.features)
+        return Stand([*stand.fleet, *of_features], alone, [*stand.not_checked, *not_checked])
 
     def _alone(self, inputs: PreflightInputs, vehicles: Sequence[VehicleId]) -> dict[VehicleId, list[Check]]:
         near = spacing(inputs, vehicles)

@@ -1,16 +1,19 @@
 """Colours of the vehicles' own lights: those of the show in the air, those of the battery on the ground."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.flight.state.feature import Feature, Instant
 from gcs.flight.state.flight import Flight
 from gcs.links.lights import Colours
 from gcs.mavlink.lights import LightDriver
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import GROUNDED, Phase
 from gcs.model.state import Array, Mask, VehicleId
+from gcs.service import LightsView
 
 OFF = (0, 0, 0)
 FULL, MEDIUM, LOW, UNKNOWN = (0, 96, 0), (96, 48, 0), (128, 0, 0), (0, 0, 48)
@@ -43,7 +46,7 @@ def find(flight: Flight, vehicle_id: VehicleId) -> None:
     flight.blinks_until_s[vehicle_id] = flight.state.time_s + flight.config.lights.find_s
 
 
-class Lights:
+class Lights(Feature):
     """Decides the colours of one fleet, and sends them over its links."""
 
     def __init__(self, flight: Flight) -> None:
@@ -63,6 +66,12 @@ class Lights:
         for link in flight.links:
             rows = self._rows[link.name]
             link.send_lights(colour[rows], ours[rows])
+
+    def views(self, at: Instant) -> Mapping[str, Any]:  # noqa: ARG002
+        links = self._flight.links
+        sent = sum(link.counters.lights_sent for link in links)
+        dropped = sum(link.counters.lights_dropped for link in links)
+        return {"lights": LightsView(self._flight.config.lights.driver.value, sent, dropped)}
 
     def colours(self) -> Colours:
         """(n, 3) red, green, blue; rows as in FleetState."""

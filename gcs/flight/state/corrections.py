@@ -1,29 +1,36 @@
 """Corrections for RTK: what arrived from the base, and how old it is."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
+from gcs.flight.state.feature import Feature, Instant
 from gcs.links.batch_link import Link
 from gcs.links.intake import CORRECTIONS, Intake
 from gcs.links.settings import RtkSettings
 from gcs.mavlink.rtcm import LONGEST_BYTES
 from gcs.model.preflight_report import Check, State
+from gcs.service.alarms import AlarmCause, Condition
 from gcs.service.snapshots import CorrectionsView
 
 
-class Corrections:
+class Corrections(Feature):
     """Corrections of one station; without settings none are expected. Used on the event loop only."""
 
     def __init__(self, settings: RtkSettings | None, links: Sequence[Link], now_s: float) -> None:
         self.settings = settings
-        self.intake = Intake(f"rtk {settings.source}" if settings else "rtk", CORRECTIONS)
+        self._intake = Intake(f"rtk {settings.source}" if settings else "rtk", CORRECTIONS)
         self._links = tuple(links)
         self._began_s = now_s
         self._arrived_s = -np.inf
         self._messages = self._bytes = self._too_long = 0
         self._base: tuple[float, float, float] | None = None
         self._problem = ""
+
+    @property
+    def intakes(self) -> tuple[Intake]:
+        return (self._intake,)
 
     def take(self, message: bytes, base: tuple[float, float, float] | None, now_s: float) -> None:
         """Queue one RTCM message for all vehicles; `base` is where the base is, None: not known yet."""
@@ -57,18 +64,26 @@ class Corrections:
         since = f"for {silent_s:.0f} s" if np.isfinite(self._arrived_s) else "since the service began"
         return f"none {since}{f' ({self._problem})' if self._problem else ''}"
 
-    def checks(self, now_s: float) -> list[Check]:
+    def checks(self, at: Instant) -> list[Check]:
         """The check before a start, where corrections are required."""
         if self.settings is None or not self.settings.required:
             return []
-        age_s = now_s - self._arrived_s
+        age_s = at.time_s - self._arrived_s
         limit = f"at most {self.settings.age_max_s:g} s old"
         if age_s <= self.settings.age_max_s:
             return [Check("corrections", State.PASS, age_s, "s", limit)]
-        why = self.why_stopped(now_s) or "none since the service began"
+        why = self.why_stopped(at.time_s) or "none since the service began"
         problem, to_do = f"no corrections for RTK: {why}", "check the base, its antenna and the network"
         known = age_s if np.isfinite(age_s) else None
         return [Check("corrections", State.FAIL, known, "s", limit, problem, to_do)]
+
+    def conditions(self, at: Instant) -> Iterator[Condition]:
+        if why := self.why_stopped(at.time_s):
+            consequence = "Margins grow with the accuracy that the vehicles report."
+            yield Condition(AlarmCause.CORRECTIONS_STOPPED, why, consequence=consequence)
+
+    def views(self, at: Instant) -> Mapping[str, Any]:
+        return {"corrections": self.view(at.time_s)}
 
     def view(self, now_s: float) -> CorrectionsView | None:
         """What displays need; None: none are expected."""
@@ -86,5 +101,5 @@ class Corrections:
             messages=self._messages,
             received_bytes=self._bytes,
             sent=sum(link.counters.corrections_sent for link in self._links),
-            dropped=self._too_long + self.intake.dropped + late,
+            dropped=self._too_long + self._intake.dropped + late,
         )

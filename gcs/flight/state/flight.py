@@ -28,6 +28,7 @@ from gcs.estimation.touch_down import height_error_m
 from gcs.failsafe.autopilot_failsafe import TEXTS_COUNT_S, FailsafeInputs
 from gcs.flight.state.corrections import Corrections
 from gcs.flight.state.elsewhere import Elsewhere
+from gcs.flight.state.feature import Feature, Instant
 from gcs.flight.state.running_show import ShowRun
 from gcs.flight.state.timecode import Timecode
 from gcs.flight.state.uncontrolled_space import UncontrolledSpace
@@ -185,6 +186,7 @@ class Flight:
         self.left_behind: dict[VehicleId, str] = {}  # why vehicles do not fly with the last start
         self.corrections = Corrections(config.rtk, self.links, now_s)
         self.timecode = Timecode(config.timecode)
+        self.features: list[Feature] = [self.corrections, self.timecode]
         self.blinks_until_s: dict[VehicleId, float] = {}  # by `find`
         self.memory = Memory.fresh(len(self.vehicles), now_s)
         self.changed_parameters: dict[VehicleId, dict[str, str]] = {}  # changed from what preflight requires
@@ -219,7 +221,8 @@ class Flight:
     def intakes(self) -> Sequence[Intake]:
         """What bounds the inputs beside the vehicles' own."""
         others = chain.from_iterable(link.counters.intakes for link in self.links)
-        return self.corrections.intake, self.timecode.intake, *self.elsewhere.intakes, *others
+        own = chain.from_iterable(feature.intakes for feature in self.features)
+        return *own, *self.elsewhere.intakes, *others
 
     def _made_vehicles(self) -> dict[VehicleId, Vehicle]:
         """Return the configured vehicles, in order."""
@@ -372,6 +375,11 @@ class Flight:
     @property
     def setpoints_sent(self) -> int:
         return sum(link.setpoints_sent for link in self.links)
+
+    @property
+    def instant(self) -> Instant:
+        """What features are asked about."""
+        return Instant(self.state.time_s, self.show, self.show_run)
 
     def once(self, name: str, compute: Callable[[], T]) -> T:
         """What `compute` returns, computed once for the state of this tick: all vehicles ask for it."""

@@ -1,12 +1,16 @@
 """The timecode of one station: what arrived, and how the selected show stands to it."""
 
+from collections.abc import Iterator, Mapping
 from math import isnan, nan
-from typing import Final
+from typing import Any, Final
 
 from gcs.config.sections import TimecodeSettings
+from gcs.flight.state.feature import Feature, Instant
 from gcs.flight.state.running_show import ShowRun
 from gcs.links.intake import Intake
+from gcs.model.lifecycle import ShowPhase
 from gcs.service import TimecodeView
+from gcs.service.alarms import AlarmCause, AlarmSeverity, Condition
 from gcs.shows.timecode import Chase, Rate, Reading, State
 from gcs.shows.timecode.receiver import bound_of
 from gcs.shows.timecode.smpte import label_at, parse_label
@@ -19,11 +23,13 @@ WHY = {
 }
 
 
+SHOW_STANDS: Final = "The show stands still, and its vehicles hover."
+
 APART_S: Final = 1.0
 """From here on a show that is not where its timecode is gives an alarm."""
 
 
-class Timecode:
+class Timecode(Feature):
     """Takes what arrives. Every `now_s` is the loop's clock; used on the event loop only.
 
     Without settings there is none, and shows run by this station's clock.
@@ -41,8 +47,12 @@ class Timecode:
         self._chase = Chase(freewheel_s, jump_max_s)
         self._failed = ""
         self._readings = self._garbage = 0
-        self.intake = Intake(f"timecode {settings.source}" if settings else "timecode", bound_of(settings))
+        self._intake = Intake(f"timecode {settings.source}" if settings else "timecode", bound_of(settings))
         self._begins: tuple[Rate, float] | None = None  # the timecode of a show's beginning, at that rate
+
+    @property
+    def intakes(self) -> tuple[Intake]:
+        return (self._intake,)
 
     def take(self, reading: Reading, now_s: float) -> None:
         """Take a reading that has just arrived."""
@@ -112,6 +122,18 @@ class Timecode:
             return self.problem
         return f"the show is {abs(behind_s):.1f} s {'behind' if behind_s > 0.0 else 'ahead'}"
 
+    def conditions(self, at: Instant) -> Iterator[Condition]:
+        now_s, show, show_run = at
+        if show_run is None or show not in {ShowPhase.ASSEMBLING, ShowPhase.RUNNING}:
+            return
+        if why := self.why_apart(show_run, now_s):
+            consequence = "" if self.frozen_since_unix_s is None else SHOW_STANDS
+            severity = AlarmSeverity.WARNING if self.is_missing(now_s) else None
+            yield Condition(AlarmCause.TIMECODE, why, consequence=consequence, severity=severity)
+
+    def views(self, at: Instant) -> Mapping[str, Any]:
+        return {"timecode": self.view(at.show_run, at.time_s)}
+
     def view(self, show_run: ShowRun | None, now_s: float) -> TimecodeView | None:
         """What displays need; None: none is configured."""
         settings, chase = self.settings, self._chase
@@ -133,5 +155,5 @@ class Timecode:
             frozen_since_unix_time_s=self.frozen_since_unix_s if follows else None,
             readings=self._readings,
             garbage=self._garbage,
-            dropped=self.intake.dropped,
+            dropped=self._intake.dropped,
         )

@@ -1,0 +1,46 @@
+"""What a flight can do beside flying a formation: corrections, lights, timecode.
+
+A feature has its settings in the configuration, and is one object in `Flight.features`. The tick, the checks
+before a start, the alarms and the view ask every feature; none of them knows one by name.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from gcs.flight.state.running_show import ShowRun
+from gcs.links.intake import Intake
+from gcs.model.lifecycle import ShowPhase
+from gcs.model.preflight_report import Check
+from gcs.service.alarms import Condition
+
+
+class Instant(NamedTuple):
+    """What features are asked about: the time of a tick, and the show then."""
+
+    time_s: float
+    show: ShowPhase
+    show_run: ShowRun | None  # the selected show
+
+
+class Feature:
+    """One of them; what it does not need stays as it is here."""
+
+    @property
+    def intakes(self) -> Sequence[Intake]:
+        """What bounds its input."""
+        return ()
+
+    def send(self) -> None:
+        """Send what waits, within the links' budgets: once a tick, after the setpoints."""
+
+    def checks(self, at: Instant) -> Iterable[Check]:  # noqa: ARG002
+        """Its checks before a start."""
+        return ()
+
+    def conditions(self, at: Instant) -> Iterable[Condition]:  # noqa: ARG002
+        """What operators must know of it."""
+        return ()
+
+    def views(self, at: Instant) -> Mapping[str, Any]:  # noqa: ARG002
+        """Its fields of `FleetView`."""
+        return {}
