@@ -126,7 +126,7 @@ class Writer:
         os.close(self._handle)
 
 
-class Reader:
+class BundleReader:
     """Another station's file."""
 
     def __init__(self, file: Path) -> None:

@@ -22,7 +22,7 @@ from gcs.bus.bundles import bundles, parts_of
 from gcs.bus.gate import Gate
 from gcs.bus.interface import Accepts, BusCounters, Received, anything
 from gcs.bus.settings import Endpoint
-from gcs.bus.shared_memory import Reader, Writer, shared_file
+from gcs.bus.shared_memory import BundleReader, Writer, shared_file
 from gcs.bus.zenoh_config import ROOT, configuration, threads
 from gcs.links.intake import Intake
 from gcs.model.errors import LinkError
@@ -54,7 +54,7 @@ class _Open:
     ) -> None:
         self.changes: deque[tuple[str, bool]] = deque()  # stations that came or went, by Zenoh's threads
         self._writer = writer
-        self._readers: dict[str, Reader] = {}  # of stations that share memory with this one
+        self._readers: dict[str, BundleReader] = {}  # of stations that share memory with this one
         self._bundles: dict[str, _Samples] = {}  # of the rest
         self._session = session
         liveliness = session.liveliness()
@@ -96,7 +96,7 @@ class _Open:
         if (before := self._readers.pop(name, None)) is not None:
             before.close()
         try:
-            self._readers[name] = Reader(file)
+            self._readers[name] = BundleReader(file)
         except LinkError as error:
             log.warning("memory_not_shared", extra={"other": name, "cause": str(error)})
             if name not in self._bundles:

@@ -12,7 +12,7 @@ LINES: Final = "print JSON, one object a line, also of an error"
 WATCHED: Final = "print one JSON document, with --watch one a line; also of an error"
 
 
-class Command(NamedTuple):
+class CliCommand(NamedTuple):
     """A command with functions of its own, in modules of `gcs.cli`.
 
     `run_NAME` of `module` executes it; `add_NAME_arguments` of `options`, or of `module`, fills its parser.
@@ -27,7 +27,7 @@ class Command(NamedTuple):
     error_code: int | None = None
 
 
-class Call(NamedTuple):
+class ApiCall(NamedTuple):
     """One call of the REST API: a method of `gcs.client.Client`, or of an object in one of its attributes.
 
     The method's parameters are the arguments. Keyword-only parameters become options, except those in
@@ -41,7 +41,7 @@ class Call(NamedTuple):
     alone: bool = False
 
 
-class Action(NamedTuple):
+class ActionCommand(NamedTuple):
     """A command for named vehicles; with `all_` also for all to which it can apply."""
 
     name: str
@@ -53,98 +53,104 @@ OPTIONS: Final = "options"
 """The module with the arguments of commands that have slow modules of their own."""
 
 COMMANDS: Final = {
-    "demo": Command("demo.demo", "fly the whole story with an embedded fake fleet", LINES, OPTIONS),
-    "serve": Command("service.serve", "run the service and its REST API", LINES, OPTIONS),
-    "show": Command(
+    "demo": CliCommand("demo.demo", "fly the whole story with an embedded fake fleet", LINES, OPTIONS),
+    "serve": CliCommand("service.serve", "run the service and its REST API", LINES, OPTIONS),
+    "show": CliCommand(
         "shows.show_command", "check, draw, hash, import, sample, place, export show files", options=OPTIONS
     ),
-    "params": Command(
+    "params": CliCommand(
         "params", "check or set the vehicles' parameters that decide what is safe", options=OPTIONS
     ),
-    "simulate": Command("simulate", "fly scenarios in virtual time and judge them", LINES, OPTIONS),
-    "replay": Command("replay", "show a recorded flight through the API, as if live", LINES, OPTIONS, 2),
-    "report": Command(
+    "simulate": CliCommand("simulate", "fly scenarios in virtual time and judge them", LINES, OPTIONS),
+    "replay": CliCommand("replay", "show a recorded flight through the API, as if live", LINES, OPTIONS, 2),
+    "report": CliCommand(
         "flight_report", "judge a recorded flight: separation, fence, limits", options=OPTIONS, error_code=2
     ),
-    "key": Command("local_files", "make keys for MAVLink signatures, and for the stations of a site"),
-    "token": Command("local_files", "make, list and revoke tokens for the API", error_code=1),
-    "status": Command("status", "the fleet of a running service, as a table", WATCHED),
-    "stations": Command("status", "the stations of a site, and which of them leads", WATCHED),
-    "alarms": Command("alarms", "what an operator should know now, the most severe first", WATCHED),
-    "acknowledge": Command("alarms", "say that an alarm was seen"),
-    "preflight": Command("status", "what a start would find"),
-    "kill": Command("kill", "stop motors now, even in the air; works without the service"),
-    "timecode": Command("timecode", "read linear timecode from sound, and send it on", LINES),
-    "sim": Command("main", "run a fake fleet alone, as python -m gcs.sim does", LINES),
-    "completion": Command("main", "print what a shell needs to complete gcs"),
-    "files": Command("local_files", "documents, dashboard and unit file that came along"),
+    "key": CliCommand("local_files", "make keys for MAVLink signatures, and for the stations of a site"),
+    "token": CliCommand("local_files", "make, list and revoke tokens for the API", error_code=1),
+    "status": CliCommand("status", "the fleet of a running service, as a table", WATCHED),
+    "stations": CliCommand("status", "the stations of a site, and which of them leads", WATCHED),
+    "alarms": CliCommand("alarms", "what an operator should know now, the most severe first", WATCHED),
+    "acknowledge": CliCommand("alarms", "say that an alarm was seen"),
+    "preflight": CliCommand("status", "what a start would find"),
+    "kill": CliCommand("kill", "stop motors now, even in the air; works without the service"),
+    "timecode": CliCommand("timecode", "read linear timecode from sound, and send it on", LINES),
+    "sim": CliCommand("main", "run a fake fleet alone, as python -m gcs.sim does", LINES),
+    "completion": CliCommand("main", "print what a shell needs to complete gcs"),
+    "files": CliCommand("local_files", "documents, dashboard and unit file that came along"),
 }
 
 _BOX: Final = ("x_m", "y_m", "half_length_x_m", "half_length_y_m", "height_m")
 
 CALLS: Final = (
-    Call("start", "start", "start the vehicles named, or all that are online"),
-    Call("stop", "stop", "all vehicles come home and land"),
-    Call("pause", "pause", "the formation stands still"),
-    Call("resume", "resume", "go on after a pause"),
-    Call("abort", "abort", "all vehicles descend to distinct places, now"),
-    Call("interrupted", "interrupted", "the flight that was cut off, and what it offers"),
-    Call("take-over", "take_over", "go on with a flight that was cut off: into the formation, which stands"),
-    Call("bring-home", "bring_home", "bring a flight that was cut off home to where it took off"),
-    Call("formation", "formation", "radius, height and law"),
-    Call("radius", "change_formation", "change the formation's radius", ("radius_m",), alone=True),
-    Call(
+    ApiCall("start", "start", "start the vehicles named, or all that are online"),
+    ApiCall("stop", "stop", "all vehicles come home and land"),
+    ApiCall("pause", "pause", "the formation stands still"),
+    ApiCall("resume", "resume", "go on after a pause"),
+    ApiCall("abort", "abort", "all vehicles descend to distinct places, now"),
+    ApiCall("interrupted", "interrupted", "the flight that was cut off, and what it offers"),
+    ApiCall(
+        "take-over", "take_over", "go on with a flight that was cut off: into the formation, which stands"
+    ),
+    ApiCall("bring-home", "bring_home", "bring a flight that was cut off home to where it took off"),
+    ApiCall("formation", "formation", "radius, height and law"),
+    ApiCall("radius", "change_formation", "change the formation's radius", ("radius_m",), alone=True),
+    ApiCall(
         "height", "change_formation", "change the height of the formation's centre", ("height_m",), alone=True
     ),
-    Call("law", "change_formation", "choose the formation's law, on the ground", ("law",), alone=True),
-    Call("target show", "target", "where the target is now"),
-    Call("target set", "set_target", "say where the target is, in the show frame"),
-    Call("target set-geodetic", "set_target_geodetic", "say where the target is, on the globe"),
-    Call("orbit show", "orbit", "how the formation circles the target"),
-    Call("orbit set", "change_orbit", "change radius, speed or direction"),
-    Call("yaw show", "yaw", "where the vehicles head"),
-    Call("yaw set", "change_yaw", "change where the vehicles head"),
-    Call("obstacle list", "obstacles", "every obstacle"),
-    Call("obstacle show", "obstacle", "one obstacle"),
-    Call("obstacle add", "add_obstacle", "add a box; without an id it is given one", _BOX),
-    Call("obstacle change", "change_obstacle", "replace the box of this id", _BOX),
-    Call("obstacle remove", "remove_obstacle", "forget a box"),
-    Call("shows list", "shows.stored", "every show file that the service keeps"),
-    Call("shows text", "shows.text", "a show file, as it was uploaded"),
-    Call("shows upload", "shows.upload", "keep a show file under a name"),
-    Call("shows import", "shows.import_drawing", "make a show of a drawing, the file of another program"),
-    Call("shows drawing", "shows.drawing", "where the vehicles of a drawn show are, and their lights"),
-    Call("shows placement", "shows.placement", "where a drawn show lies, and the vehicles beside its pads"),
-    Call("shows place", "shows.place", "move and turn a drawn show with its pads"),
-    Call("shows remove", "shows.remove", "forget a show file"),
-    Call("shows check", "shows.check", "begin the check of a show"),
-    Call("shows checked", "shows.checked", "how far the newest check has got"),
-    Call("shows select", "shows.select", "have a checked show fly next"),
-    Call("shows deselect", "shows.deselect", "fly without a show"),
-    Call("shows seek", "shows.seek", "have the selected show begin at a cue"),
-    Call("shows begin", "shows.begin", "have the selected show begin to move at a clock time"),
-    Call("shows cancel-begin", "shows.cancel_begin", "cancel that time"),
-    Call("shows follow-timecode", "shows.follow_timecode", "have shows follow the timecode, or the clock"),
-    Call("exclude", "preflight.exclude", "take a vehicle out of the show, on the ground"),
-    Call("include", "preflight.include", "take an excluded vehicle into the show again"),
-    Call("playback show", "playback.now", "how the record is played, and where it is"),
-    Call("playback set", "playback.change", "pause the record, change its speed or position"),
-    Call("playback report", "playback.report", "what the flight kept and broke; ask until it is done"),
-    Call("playback marks", "playback.marks", "phases, cues, alarms and idle time of the record"),
-    Call("command list", "commands", "the last commands, the newest first"),
-    Call("command show", "command_record", "the outcome of a command"),
-    Call("lead take", "take_lead", "have the station that is asked lead the site from now on"),
-    Call("station take-over", "take_over_station", "fly on with a lost station's vehicles, as its standby"),
-    Call("state", "fleet", "everything at one instant"),
-    Call("phase", "show", "where the show stands"),
-    Call("facts", "status", "what changes seldom: the fence, home places, cues, events"),
-    Call("corrections", "corrections", "corrections for RTK: their age, the base, messages"),
-    Call("whoami", "access", "the token's name, and what it may do"),
-    Call("vehicle list", "vehicles", "every vehicle"),
-    Call("vehicle show", "vehicle", "one vehicle"),
-    Call("health", "health", "whether control is alive; exit code 3 when it is not"),
-    Call("ready", "readiness", "whether any vehicle can be commanded; else exit code 3"),
-    Call("metrics", "metrics", "every metric, in Prometheus' text format"),
+    ApiCall("law", "change_formation", "choose the formation's law, on the ground", ("law",), alone=True),
+    ApiCall("target show", "target", "where the target is now"),
+    ApiCall("target set", "set_target", "say where the target is, in the show frame"),
+    ApiCall("target set-geodetic", "set_target_geodetic", "say where the target is, on the globe"),
+    ApiCall("orbit show", "orbit", "how the formation circles the target"),
+    ApiCall("orbit set", "change_orbit", "change radius, speed or direction"),
+    ApiCall("yaw show", "yaw", "where the vehicles head"),
+    ApiCall("yaw set", "change_yaw", "change where the vehicles head"),
+    ApiCall("obstacle list", "obstacles", "every obstacle"),
+    ApiCall("obstacle show", "obstacle", "one obstacle"),
+    ApiCall("obstacle add", "add_obstacle", "add a box; without an id it is given one", _BOX),
+    ApiCall("obstacle change", "change_obstacle", "replace the box of this id", _BOX),
+    ApiCall("obstacle remove", "remove_obstacle", "forget a box"),
+    ApiCall("shows list", "shows.stored", "every show file that the service keeps"),
+    ApiCall("shows text", "shows.text", "a show file, as it was uploaded"),
+    ApiCall("shows upload", "shows.upload", "keep a show file under a name"),
+    ApiCall("shows import", "shows.import_drawing", "make a show of a drawing, the file of another program"),
+    ApiCall("shows drawing", "shows.drawing", "where the vehicles of a drawn show are, and their lights"),
+    ApiCall(
+        "shows placement", "shows.placement", "where a drawn show lies, and the vehicles beside its pads"
+    ),
+    ApiCall("shows place", "shows.place", "move and turn a drawn show with its pads"),
+    ApiCall("shows remove", "shows.remove", "forget a show file"),
+    ApiCall("shows check", "shows.check", "begin the check of a show"),
+    ApiCall("shows checked", "shows.checked", "how far the newest check has got"),
+    ApiCall("shows select", "shows.select", "have a checked show fly next"),
+    ApiCall("shows deselect", "shows.deselect", "fly without a show"),
+    ApiCall("shows seek", "shows.seek", "have the selected show begin at a cue"),
+    ApiCall("shows begin", "shows.begin", "have the selected show begin to move at a clock time"),
+    ApiCall("shows cancel-begin", "shows.cancel_begin", "cancel that time"),
+    ApiCall("shows follow-timecode", "shows.follow_timecode", "have shows follow the timecode, or the clock"),
+    ApiCall("exclude", "preflight.exclude", "take a vehicle out of the show, on the ground"),
+    ApiCall("include", "preflight.include", "take an excluded vehicle into the show again"),
+    ApiCall("playback show", "playback.now", "how the record is played, and where it is"),
+    ApiCall("playback set", "playback.change", "pause the record, change its speed or position"),
+    ApiCall("playback report", "playback.report", "what the flight kept and broke; ask until it is done"),
+    ApiCall("playback marks", "playback.marks", "phases, cues, alarms and idle time of the record"),
+    ApiCall("command list", "commands", "the last commands, the newest first"),
+    ApiCall("command show", "command_record", "the outcome of a command"),
+    ApiCall("lead take", "take_lead", "have the station that is asked lead the site from now on"),
+    ApiCall(
+        "station take-over", "take_over_station", "fly on with a lost station's vehicles, as its standby"
+    ),
+    ApiCall("state", "fleet", "everything at one instant"),
+    ApiCall("phase", "show", "where the show stands"),
+    ApiCall("facts", "status", "what changes seldom: the fence, home places, cues, events"),
+    ApiCall("corrections", "corrections", "corrections for RTK: their age, the base, messages"),
+    ApiCall("whoami", "access", "the token's name, and what it may do"),
+    ApiCall("vehicle list", "vehicles", "every vehicle"),
+    ApiCall("vehicle show", "vehicle", "one vehicle"),
+    ApiCall("health", "health", "whether control is alive; exit code 3 when it is not"),
+    ApiCall("ready", "readiness", "whether any vehicle can be commanded; else exit code 3"),
+    ApiCall("metrics", "metrics", "every metric, in Prometheus' text format"),
 )
 
 GROUPS: Final = {
@@ -161,13 +167,13 @@ GROUPS: Final = {
 }
 
 ACTIONS: Final = (
-    Action("hold", "vehicles leave the formation and hold position"),
-    Action("join", "vehicles that hold come back into the formation"),
-    Action("return", "vehicles come home and land"),
-    Action("land", "vehicles land where they are; without names all do, as abort"),
-    Action("take-control", "take control of vehicles in the air; they hold"),
-    Action("confirm-down", "say that lost vehicles were seen on the ground", all_=False),
-    Action("find", "let the lights of vehicles on the ground blink", all_=False),
+    ActionCommand("hold", "vehicles leave the formation and hold position"),
+    ActionCommand("join", "vehicles that hold come back into the formation"),
+    ActionCommand("return", "vehicles come home and land"),
+    ActionCommand("land", "vehicles land where they are; without names all do, as abort"),
+    ActionCommand("take-control", "take control of vehicles in the air; they hold"),
+    ActionCommand("confirm-down", "say that lost vehicles were seen on the ground", all_=False),
+    ActionCommand("find", "let the lights of vehicles on the ground blink", all_=False),
 )
 
 

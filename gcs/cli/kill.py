@@ -138,8 +138,8 @@ def _asked(client: Exchange, path: str, body: dict[str, Any] | None = None) -> d
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
-    """Outcome of one vehicle."""
+class KillOutcome:
+    """Outcome for one vehicle."""
 
     done: bool
     reason: str
@@ -150,7 +150,7 @@ class Outcome:
 class Report:
     """What one way has achieved so far."""
 
-    outcomes: Mapping[str, Outcome] = field(default_factory=dict)
+    outcomes: Mapping[str, KillOutcome] = field(default_factory=dict)
     accepted: bool = False
     problem: GcsError | None = None  # it ended with this error
     ended: bool = False
@@ -205,7 +205,7 @@ class Kill:
         except GcsError as error:
             self._direct = Report(problem=error, ended=True)
             return None
-        self._direct = Report({name: Outcome(False, "not sent yet", DIRECTLY) for name in names})
+        self._direct = Report({name: KillOutcome(False, "not sent yet", DIRECTLY) for name in names})
         return plan
 
     def _is_over(self) -> bool:
@@ -256,18 +256,18 @@ class Kill:
         except GcsError as error:
             report = Report(problem=error, ended=True)
         else:
-            outcomes = {name: Outcome(part.done, part.reason, DIRECTLY) for name, part in parts.items()}
+            outcomes = {name: KillOutcome(part.done, part.reason, DIRECTLY) for name, part in parts.items()}
             report = Report(outcomes, accepted=True, ended=True)
         self._reports.put((DIRECTLY, report))
 
-    def _outcomes(self, *, sent: bool) -> dict[str, Outcome]:
+    def _outcomes(self, *, sent: bool) -> dict[str, KillOutcome]:
         """The best of both ways for each vehicle; of two failures both reasons."""
         service, direct = self._service.outcomes, self._direct.outcomes if sent else {}
-        outcomes: dict[str, Outcome] = {}
+        outcomes: dict[str, KillOutcome] = {}
         for name in (*service, *(name for name in direct if name not in service)):
             found = [one for one in (service.get(name), direct.get(name)) if one is not None]
             good = next((one for one in found if one.done), None)
-            outcomes[name] = good or Outcome(
+            outcomes[name] = good or KillOutcome(
                 False, "; ".join(f"{one.way}: {one.reason}" for one in found), "by no way"
             )
         return outcomes
@@ -299,7 +299,7 @@ def _of_command(command: Mapping[str, Any]) -> Report:
     except (KeyError, TypeError, AttributeError):
         raise LinkError(NOT_OURS) from None
     outcomes = {
-        name: Outcome(outcome == DONE, reason or ("" if outcome == DONE else outcome), BY_SERVICE)
+        name: KillOutcome(outcome == DONE, reason or ("" if outcome == DONE else outcome), BY_SERVICE)
         for name, (outcome, reason) in parts.items()
     }
     ended = all(outcome != PENDING for outcome, _ in parts.values())
@@ -348,7 +348,7 @@ def is_confirmed(arguments: argparse.Namespace, names: Sequence[str], code: str)
     return False
 
 
-def describe(outcomes: Mapping[str, Outcome], arguments: argparse.Namespace) -> int:
+def describe(outcomes: Mapping[str, KillOutcome], arguments: argparse.Namespace) -> int:
     """Print what was done, to which vehicle, by which way. Returns: the exit code."""
     words = {name: DONE if one.done else "failed" for name, one in outcomes.items()}
     if arguments.json:

@@ -29,7 +29,7 @@ RADIOS: Final = frozenset({"RADIO_STATUS", "RADIO"})
 PARSERS_MAX: Final = 1024
 
 
-class Part(NamedTuple):
+class KillPart(NamedTuple):
     """Outcome of one vehicle."""
 
     done: bool
@@ -150,27 +150,27 @@ class _Line:
             ours = message.target_system in (0, self.link.station_id)
             target.acknowledged = message.result if ours else target.acknowledged
 
-    def outcome(self, target: _Target) -> Part:
+    def outcome(self, target: _Target) -> KillPart:
         if target.recorded:
-            return Part(True, "its motors are off, as the service recorded")
+            return KillPart(True, "its motors are off, as the service recorded")
         if target.armed is False:
-            return Part(True, "its motors are off")
+            return KillPart(True, "its motors are off")
         problem = next((port.problem for port in self.ports if port.problem), "")
         if not target.sent:
-            return Part(
+            return KillPart(
                 False, f"nothing could be sent: {target.failure or problem or 'its address is unknown'}"
             )
         where = f"{target.sent} commands sent"
         if target.acknowledged is not None:
             reply = "accepted" if target.acknowledged == 0 else f"refused ({target.acknowledged})"
-            return Part(False, f"{where}, {reply}, but its motors were not seen to stop")
+            return KillPart(False, f"{where}, {reply}, but its motors were not seen to stop")
         if target.armed:
-            return Part(False, f"{where}, but it reports that its motors run")
+            return KillPart(False, f"{where}, but it reports that its motors run")
         held = f" ({problem})" if problem else ""
-        return Part(False, f"{where}; no answer arrives here{held}: look at the vehicle")
+        return KillPart(False, f"{where}; no answer arrives here{held}: look at the vehicle")
 
 
-def kill_directly(plan: KillPlan, names: Sequence[str], within_s: float = WITHIN_S) -> Mapping[str, Part]:
+def kill_directly(plan: KillPlan, names: Sequence[str], within_s: float = WITHIN_S) -> Mapping[str, KillPart]:
     """Repeat the command to all vehicles until each is known to have stopped, or the time is over.
 
     Raises: ConfigError when nothing can be sent to any of them, because of a signing key for instance.
@@ -199,7 +199,7 @@ def kill_directly(plan: KillPlan, names: Sequence[str], within_s: float = WITHIN
         for line in lines:
             line.close()
     parts = {target.name: line.outcome(target) for line in lines for target in line.targets.values()}
-    return {name: parts[name] if name in parts else Part(False, problems[name]) for name in names}
+    return {name: parts[name] if name in parts else KillPart(False, problems[name]) for name in names}
 
 
 def _lines(plan: KillPlan, names: Sequence[str]) -> tuple[list[_Line], dict[str, str]]:

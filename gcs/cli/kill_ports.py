@@ -86,7 +86,7 @@ class UdpPort:
         return self._far
 
 
-class StreamPort:
+class KillStreamPort:
     """A TCP server, or whatever is dialled: a TCP client, a serial device."""
 
     is_stream = True
@@ -186,5 +186,5 @@ def _ports(url: str, count: int) -> list[Port]:
     from gcs.links.endpoints.channels import SerialDial, TcpDial  # noqa: PLC0415 (numpy, of its package)
 
     if kind == "tcpin":
-        return [StreamPort(url, None, (host, int(port)))]
-    return [StreamPort(url, TcpDial(host, int(port)) if kind else SerialDial(device, int(baud)))]
+        return [KillStreamPort(url, None, (host, int(port)))]
+    return [KillStreamPort(url, TcpDial(host, int(port)) if kind else SerialDial(device, int(baud)))]

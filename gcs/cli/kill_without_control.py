@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from gcs.cli.kill_directly import Part, kill_directly
+from gcs.cli.kill_directly import KillPart, kill_directly
 from gcs.cli.kill_plan import KillPlan, links_of, plan_of
 from gcs.model.errors import GcsError
 from gcs.model.state import VehicleId
@@ -52,21 +52,21 @@ class KillWithoutControl:
         task.add_done_callback(self._recording.discard)
         return command
 
-    def _killed(self, names: Sequence[VehicleId]) -> Mapping[VehicleId, Part]:
+    def _killed(self, names: Sequence[VehicleId]) -> Mapping[VehicleId, KillPart]:
         try:
             plan = KillPlan("the configuration", self._links)
             if self._record is not None:
                 plan = plan_of(self._record, self._links)
             return kill_directly(plan, names, WITHIN_S)
         except GcsError as error:
-            return {name: Part(False, str(error)) for name in names}
+            return {name: KillPart(False, str(error)) for name in names}
 
-    async def _keep(self, parts: Mapping[VehicleId, Part], began_unix_s: float, caller: str) -> None:
+    async def _keep(self, parts: Mapping[VehicleId, KillPart], began_unix_s: float, caller: str) -> None:
         if self._record is not None:
             await asyncio.to_thread(_recorded, self._record, parts, began_unix_s, caller)
 
 
-def _recorded(record: Path, parts: Mapping[VehicleId, Part], began_unix_s: float, caller: str) -> None:
+def _recorded(record: Path, parts: Mapping[VehicleId, KillPart], began_unix_s: float, caller: str) -> None:
     from gcs.cli.kill_record import record_kill  # noqa: PLC0415 (a second, only where control hangs)
 
     if problem := record_kill(record, parts, began_unix_s, caller):

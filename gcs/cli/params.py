@@ -42,7 +42,7 @@ APPLY = "gcs params apply --config {}"
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class ParameterRow:
     """One parameter of one vehicle."""
 
     vehicle: VehicleId
@@ -65,7 +65,7 @@ def run_params(arguments: argparse.Namespace) -> int:
     if not 0.0 < arguments.wait <= 3600.0:
         raise ConfigError(f"--wait {arguments.wait:g}: above 0, at most 3600 s")
     failures: list[str] = []
-    rows: list[Row] = []
+    rows: list[ParameterRow] = []
     try:
         named, apply = arguments.vehicles is not None, arguments.action == "apply"
         rows = asyncio.run(_with_links(config, chosen, arguments.wait, named=named, apply=apply))
@@ -93,7 +93,7 @@ def _chosen(config: Config, text: str | None) -> tuple[VehicleId, ...]:
 
 async def _with_links(
     config: Config, chosen: Sequence[VehicleId], wait_s: float, *, named: bool, apply: bool
-) -> list[Row]:
+) -> list[ParameterRow]:
     """Open the links, and inspect all vehicles at once. Raises: LinkErrors in a group, for ports in use."""
     links = [make_link(settings, config) for settings in config.links]
     async with asyncio.TaskGroup() as group:
@@ -122,27 +122,27 @@ async def inspect(
     *,
     named: bool,
     apply: bool,
-) -> list[Row]:
+) -> list[ParameterRow]:
     """Return the rows of all `chosen` vehicles; without telemetry only if the operator `named` them."""
     link_of = {name: link for link in links for name in link.ids}
     received = await _received(link_of, chosen, wait_s)
     requirements = FleetRequirements(config)
     versions = await _versions(link_of, received)
 
-    async def rows_of(name: VehicleId) -> list[Row]:
+    async def rows_of(name: VehicleId) -> list[ParameterRow]:
         if foreign := link_of[name].foreign.get(name):
             to_do = "correct autopilot in the configuration, of the vehicle or its link"
-            return [Row(name, "autopilot", None, "as configured", foreign, to_do)]
+            return [ParameterRow(name, "autopilot", None, "as configured", foreign, to_do)]
         known, version = requirements.profiles[name].versions, versions[name]
         rows = [
-            Row(name, check.name, None, check.limit, check.problem, check.to_do)
+            ParameterRow(name, check.name, None, check.limit, check.problem, check.to_do)
             for check in version_checks(known, version)
             if not check.passes
         ]
         if rows:
             return rows
         rows = [
-            Row(name, "version", None, known.supported, f"{OPEN}: {text}")
+            ParameterRow(name, "version", None, known.supported, f"{OPEN}: {text}")
             for text in version_risks(known, version)
         ]
         one = _Vehicle(link_of[name], name, missing_to_do(known, version), apply)
@@ -156,7 +156,7 @@ async def inspect(
     silent = [name for name in chosen if name not in received] if named or not received else []
     text, to_do = f"not received within {wait_s:g} s", "look after its power and its link, and try again"
     return [row for part in parts for row in part] + [
-        Row(name, "-", None, "-", text, to_do) for name in silent
+        ParameterRow(name, "-", None, "-", text, to_do) for name in silent
     ]
 
 
@@ -206,7 +206,7 @@ class _Vehicle:
     missing_to_do: str
     apply: bool
 
-    async def row(self, requirement: Requirement) -> Row:
+    async def row(self, requirement: Requirement) -> ParameterRow:
         """Return the row of a requirement, in the name that the vehicle has."""
         try:
             value = None if requirement.is_absent else await self._read(requirement.name)
@@ -222,7 +222,7 @@ class _Vehicle:
             return self._row(requirement, None, lacking)
         return self._row(requirement, None, MISSING, self.missing_to_do)
 
-    async def _compared(self, requirement: Requirement, value: ParameterValue) -> Row:
+    async def _compared(self, requirement: Requirement, value: ParameterValue) -> ParameterRow:
         """Return the row of a value, which is set before if it may be. Raises: CommandError."""
         values = {requirement.name: value}
         if requirement.unless:
@@ -246,8 +246,8 @@ class _Vehicle:
 
     def _row(
         self, requirement: Requirement, value: ParameterValue | None, verdict: str, to_do: str = ""
-    ) -> Row:
-        return Row(self.name, requirement.name, value, requirement.desired, verdict, to_do)
+    ) -> ParameterRow:
+        return ParameterRow(self.name, requirement.name, value, requirement.desired, verdict, to_do)
 
     async def _read(self, name: str) -> ParameterValue | None:
         """Read one; retry for `REACHED_S` while the link receives the vehicle but cannot read it yet.
@@ -265,13 +265,13 @@ class _Vehicle:
             await asyncio.sleep(POLL_S)
 
 
-def advice(rows: Sequence[Row], config: object) -> str:
+def advice(rows: Sequence[ParameterRow], config: object) -> str:
     """What corrects the rows that are not good, in words; empty: all are."""
     to_do = dict.fromkeys(row.to_do.replace(APPLY, APPLY.format(config)) for row in rows if not row.good)
     return f"to mend this: {'; '.join(to_do)}" if to_do else ""
 
 
-def table(rows: Sequence[Row]) -> str:
+def table(rows: Sequence[ParameterRow]) -> str:
     if not rows:
         return "no vehicle was received"
     cells = [("vehicle", "parameter", "value", "desired", "verdict")]

@@ -16,7 +16,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from gcs.cli.commands import ACTIONS, CALLS, Call
+from gcs.cli.commands import ACTIONS, CALLS, ApiCall
 from gcs.cli.output import REFUSED, exit_code, fail, failed, print_json
 from gcs.client import URL, Client, fleet_client
 from gcs.client.http import Deferred, Exchange
@@ -58,9 +58,10 @@ def add_arguments(parser: argparse.ArgumentParser, name: str) -> None:
     parser.set_defaults(run=partial(_command, parser, name))
 
 
-def _method(call: Call) -> Callable[..., Any]:
+def _method(call: ApiCall) -> Callable[..., Any]:
     owner, _, name = call.method.rpartition(".")
-    found: Callable[..., Any] = getattr(getattr(fleet_client, owner.capitalize() or "Client"), name)
+    group = f"{owner.capitalize()}Calls" if owner else "Client"
+    found: Callable[..., Any] = getattr(getattr(fleet_client, group), name)
     return found
 
 
@@ -103,7 +104,7 @@ def _add_common(parser: argparse.ArgumentParser, *, is_command: bool) -> None:
 
 
 def _add_parameters(
-    parser: argparse.ArgumentParser, call: Call, method: Callable[..., Any]
+    parser: argparse.ArgumentParser, call: ApiCall, method: Callable[..., Any]
 ) -> tuple[str, ...]:
     """Add arguments and options for the parameters of a method. Returns: their names."""
     parameters = [each for name, each in inspect.signature(method).parameters.items() if name != "self"]
@@ -140,7 +141,7 @@ KINDS: Final[Mapping[str, Callable[[str], Any]]] = {
 }
 
 
-def _run(call: Call, names: Sequence[str], arguments: argparse.Namespace) -> int:
+def _run(call: ApiCall, names: Sequence[str], arguments: argparse.Namespace) -> int:
     given: Mapping[str, Any] = {
         name: value for name in names if (value := getattr(arguments, name)) not in (None, [])
     }

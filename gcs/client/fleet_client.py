@@ -50,7 +50,7 @@ def _content(file: Path) -> bytes:
         raise InvalidError("file", str(file), f"a file to read: {error.strerror or error}") from None
 
 
-class Preflight(Calls):
+class PreflightCalls(Calls):
     """Checks before a start, and exclusion of vehicles. Raises the errors of `Client`."""
 
     def report(self, vehicles: list[str] | None = None) -> service.PreflightReport:
@@ -68,7 +68,7 @@ class Preflight(Calls):
         """Include a vehicle in the show again."""
 
 
-class Playback(Calls):
+class PlaybackCalls(Calls):
     """Playback of a record. Raises the errors of `Client`; RefusedError if the service controls vehicles."""
 
     @calls("GET", "/api/v1/replay")
@@ -95,7 +95,7 @@ class Playback(Calls):
         """Get the flight report; the first call starts its analysis, so poll until it is done."""
 
 
-class Shows(Calls):
+class ShowsCalls(Calls):
     """Show files of the service, their checks, and the selected show. Raises the errors of `Client`."""
 
     @calls("GET", "/api/v1/shows")
@@ -240,9 +240,9 @@ class Client(Calls):
         Raises: ConfigError for an invalid certificate file.
         """
         super().__init__(Exchange(url, token, emergency_url, ca_file, timeout_s))
-        self.shows = Shows(self._exchange)
-        self.preflight = Preflight(self._exchange)
-        self.playback = Playback(self._exchange)
+        self.shows = ShowsCalls(self._exchange)
+        self.preflight = PreflightCalls(self._exchange)
+        self.playback = PlaybackCalls(self._exchange)
 
     def __enter__(self) -> Self:
         return self

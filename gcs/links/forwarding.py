@@ -12,7 +12,7 @@ import numpy as np
 
 from gcs.links.command_protocol import KillLatch
 from gcs.links.intake import FORWARDED, Arrived, Intake
-from gcs.links.link import Counters, Direction
+from gcs.links.link import Counters, FrameDirection
 from gcs.links.reading import Turn
 from gcs.links.sender import Outbox
 from gcs.links.settings import Forward
@@ -119,7 +119,7 @@ class Forwarding:
         for forwarder in self._forwarders:
             forwarder.close()
 
-    def offer(self, _time_s: float, _direction: Direction, raw: bytes, _system_id: int) -> None:
+    def offer(self, _time_s: float, _direction: FrameDirection, raw: bytes, _system_id: int) -> None:
         """Queue an accepted frame. An `Observer` of received frames."""
         for forwarder in self._forwarders:
             forwarder.offer(raw)

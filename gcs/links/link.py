@@ -56,14 +56,14 @@ class Absent(NamedTuple):
         return f"{self.problem}: {self.to_do}"
 
 
-class Direction(StrEnum):
+class FrameDirection(StrEnum):
     """Direction of a frame, seen from the ground."""
 
     SENT = "sent"
     RECEIVED = "received"
 
 
-Observer: TypeAlias = Callable[[float, Direction, bytes, int], None]
+Observer: TypeAlias = Callable[[float, FrameDirection, bytes, int], None]
 """Called with the time, the direction, one whole frame, and its target or source system (0: all).
 
 On the loop's thread; it must be quick.

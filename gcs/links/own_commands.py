@@ -40,7 +40,7 @@ Gate = Callable[[], None]
 """Called before anything leaves; raises CommandError when it may not."""
 
 
-class Answer(NamedTuple):
+class CommandAnswer(NamedTuple):
     """A command's result, or a parameter's value."""
 
     result: int = 0
@@ -48,7 +48,7 @@ class Answer(NamedTuple):
 
 
 @dataclass(eq=False)
-class Commands:
+class OwnCommands:
     """Repeats commands until they are answered, matching answers by vehicle and command (or parameter).
 
     At most one of a kind at a time for each vehicle: a second waits for the first.
@@ -62,7 +62,7 @@ class Commands:
 
     def __post_init__(self) -> None:
         self._closed = False
-        self._pending: dict[tuple[int, int | str], asyncio.Future[Answer]] = {}
+        self._pending: dict[tuple[int, int | str], asyncio.Future[CommandAnswer]] = {}
         self._locks: dict[tuple[int, int | str], asyncio.Lock] = {}
 
     @property
@@ -120,19 +120,19 @@ class Commands:
         for row, command, result in zip(
             rows.tolist(), reported["command"].tolist(), reported["result"].tolist(), strict=True
         ):
-            self._resolve((row, command), Answer(result))
+            self._resolve((row, command), CommandAnswer(result))
 
     def take_value(self, row: int, name: str, value: ParameterValue) -> None:
-        self._resolve((row, name), Answer(value=value))
+        self._resolve((row, name), CommandAnswer(value=value))
 
-    def _resolve(self, key: tuple[int, int | str], answer: Answer) -> None:
+    def _resolve(self, key: tuple[int, int | str], answer: CommandAnswer) -> None:
         waiting = self._pending.get(key)
         if waiting is not None and not waiting.done():
             waiting.set_result(answer)
 
     async def _request(
         self, key: tuple[int, int | str], message_id: int, message: Records, may_leave: Gate
-    ) -> Answer:
+    ) -> CommandAnswer:
         """Send until there is an answer; `key` has the row. Raises: CommandError."""
         loop, rows = asyncio.get_running_loop(), np.array([key[0]])
         async with self._locks.setdefault(key, asyncio.Lock()):
@@ -142,7 +142,7 @@ class Commands:
             while attempt < TRIES and loop.time() < give_up_s:
                 if self._closed:
                     raise CommandError(CLOSED)
-                waiting: asyncio.Future[Answer] = loop.create_future()
+                waiting: asyncio.Future[CommandAnswer] = loop.create_future()
                 self._pending[key] = waiting
                 if message_id == COMMAND_LONG:
                     message["confirmation"] = attempt
@@ -167,7 +167,7 @@ class OwnCommandChannel:
     """One vehicle. A `gcs.links.command_protocol.CommandChannel`."""
 
     row: int
-    commands: Commands
+    commands: OwnCommands
 
     async def command(self, given: Command, may_leave: Gate) -> None:
         for step in self.commands.autopilots[self.row].steps(given):

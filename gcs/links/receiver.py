@@ -10,7 +10,7 @@ from gcs.links.address_book import Addresses
 from gcs.links.endpoints.cut_streams import CutStreams
 from gcs.links.endpoints.ports import Datagrams
 from gcs.links.fair_shares import fair_shares
-from gcs.links.link import Counters, Direction, Observer, ParameterValue
+from gcs.links.link import Counters, FrameDirection, Observer, ParameterValue
 from gcs.links.link_intake import LinkIntake, newest_of_each
 from gcs.links.odd_frames import odd_frames
 from gcs.links.signing import SignatureFilter
@@ -97,7 +97,7 @@ class Inbox:
         for observer in self.observers:
             for frame, at_s in zip(frames.tolist(), time_s.tolist(), strict=True):
                 raw = arrived.data[frame[BEGIN] : frame[END]].tobytes()
-                observer(at_s, Direction.RECEIVED, raw, frame[SYSTEM])
+                observer(at_s, FrameDirection.RECEIVED, raw, frame[SYSTEM])
 
     def _take_answers(self, data: Bytes, frames: Whole, rows: Whole) -> None:
         acks, values = self.streams.count(rows, frames)

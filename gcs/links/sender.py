@@ -9,7 +9,7 @@ import numpy as np
 
 from gcs.links.address_book import Addresses
 from gcs.links.endpoints.ports import Ports
-from gcs.links.link import Counters, Direction, Observer
+from gcs.links.link import Counters, FrameDirection, Observer
 from gcs.links.senders import NOWHERE
 from gcs.links.signing import SignatureFilter
 from gcs.mavlink.codec import COMPONENT_ID, SYSTEM_ID, Frames, Records, encode, joined
@@ -222,5 +222,5 @@ class Outbox:
             for at in np.flatnonzero(left).tolist():
                 raw = frames.data[at, : frames.length[at]].tobytes()
                 for observer in self.observers:
-                    observer(now_s, Direction.SENT, raw, int(targets[at]))
+                    observer(now_s, FrameDirection.SENT, raw, int(targets[at]))
         return left

@@ -14,7 +14,7 @@ from time import time as wall_time_s
 from typing import Final
 
 from gcs.links.disk_writer import DiskWriter, WholeFile
-from gcs.links.link import Direction
+from gcs.links.link import FrameDirection
 
 log = logging.getLogger(__name__)
 
@@ -44,7 +44,7 @@ class Recorder(DiskWriter[bytes]):
         self._offset_s = wall_time_s() - self._clock()  # once: the file's time never goes back
         super().open()
 
-    def record(self, time_s: float, _direction: Direction, raw: bytes, _system_id: int) -> None:
+    def record(self, time_s: float, _direction: FrameDirection, raw: bytes, _system_id: int) -> None:
         if self._closed:
             return
         with self._changed:

@@ -175,7 +175,7 @@ class Pattern:
 
 
 @dataclass(slots=True)
-class Stand:
+class FleetReadiness:
     """Checks of each vehicle, and of the fleet."""
 
     fleet: list[Check] = field(default_factory=list)
@@ -183,9 +183,9 @@ class Stand:
     not_checked: list[str] = field(default_factory=list)
 
 
-def standing(inputs: PreflightInputs, flying: Sequence[VehicleId], pattern: Pattern | None) -> Stand:
+def standing(inputs: PreflightInputs, flying: Sequence[VehicleId], pattern: Pattern | None) -> FleetReadiness:
     """Check pad heights against each other, and the start pattern; only for vehicles with a position."""
-    found = Stand(of={name: [] for name in flying})
+    found = FleetReadiness(of={name: [] for name in flying})
     rows = inputs.rows
     placed = [name for name in flying if inputs.is_placed(rows[name])]
     at = np.array([rows[name] for name in placed], dtype=np.intp)
@@ -201,7 +201,7 @@ def standing(inputs: PreflightInputs, flying: Sequence[VehicleId], pattern: Patt
 
 
 def _heights(
-    inputs: PreflightInputs, placed: Sequence[VehicleId], at: NDArray[np.intp], found: Stand
+    inputs: PreflightInputs, placed: Sequence[VehicleId], at: NDArray[np.intp], found: FleetReadiness
 ) -> None:
     """Compare the pads, which are on one field: a height far from the others is a wrong altitude."""
     height_m = -inputs.fleet.position_m[at, 2]
@@ -215,7 +215,11 @@ def _heights(
 
 
 def _pattern(
-    inputs: PreflightInputs, placed: Sequence[VehicleId], at: NDArray[np.intp], pattern: Pattern, found: Stand
+    inputs: PreflightInputs,
+    placed: Sequence[VehicleId],
+    at: NDArray[np.intp],
+    pattern: Pattern,
+    found: FleetReadiness,
 ) -> None:
     measured_m, within_m = inputs.fleet.position_m[at, :2], inputs.settings.place_max_m
     own = np.array([pattern.place_of.get(name, -1) for name in placed], dtype=np.intp)
@@ -240,7 +244,7 @@ def _places(
     fitted: Fit,
     place: NDArray[np.intp],
     pattern: Pattern,
-    found: Stand,
+    found: FleetReadiness,
 ) -> None:
     """Compare each vehicle with its own place in the pattern as fitted."""
     owner_of = {row: name for name, row in pattern.place_of.items()}
@@ -261,7 +265,7 @@ def _places(
         found.of[name].append(judged("place", off_m, "m", limit, problem, to_do, good=good))
 
 
-def _lies(inputs: PreflightInputs, count: int, fitted: Fit, pattern: Pattern, found: Stand) -> None:
+def _lies(inputs: PreflightInputs, count: int, fitted: Fit, pattern: Pattern, found: FleetReadiness) -> None:
     """Check rotation and shift of the pattern as a whole."""
     settings, stand = inputs.settings, int(fitted.stands.sum())
     half = f"more than half of {count}"

@@ -12,7 +12,7 @@ from gcs.model.interrupted_flight import Interruption
 from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.model.plan import plan_json
 from gcs.model.state import Array, Mode, VehicleId
-from gcs.recording.audit_database import Journal, Row, Value
+from gcs.recording.audit_database import AuditRow, Journal, Value
 from gcs.recording.audit_reader import FOUND, PAD, LastKnown, audit_file
 from gcs.recording.sample import Reported, Sample
 from gcs.service import Call, CommandRecord, Outcome, VehicleOutcome
@@ -43,7 +43,7 @@ _EVENT: Final = "INSERT INTO events VALUES (?, ?, ?, ?, ?, ?)"
 _OUTCOME: Final = "INSERT INTO outcomes VALUES (?, ?, ?, ?, ?, ?)"
 
 
-class Audit:
+class AuditTrail:
     """Rows of one session. Implements `gcs.service.Audit`, which documents it."""
 
     def __init__(self, journal: Journal, session: str, vehicles: Mapping[VehicleId, tuple[int, str]]) -> None:
@@ -67,10 +67,10 @@ class Audit:
         """Record the start of the session and the interruption it found, in one transaction."""
         now_s = time.time()
         sql = "INSERT INTO sessions (id, began_unix_s, folder, config) VALUES (?, ?, ?, ?)"
-        rows = [Row(sql, (self._session, now_s, str(folder), config_json))]
+        rows = [AuditRow(sql, (self._session, now_s, str(folder), config_json))]
         if found is not None:
             reported = json.dumps(asdict(found), separators=(",", ":"))
-            rows.append(Row(_EVENT, (self._session, now_s, "warning", FOUND, None, reported)))
+            rows.append(AuditRow(_EVENT, (self._session, now_s, "warning", FOUND, None, reported)))
         self._journal.put(rows)
 
     def end(self) -> None:
@@ -88,9 +88,9 @@ class Audit:
         """Record an accepted command, and its first outcome for every vehicle."""
         at_s = record.accepted_unix_time_s
         values = (self._session, record.id, at_s, caller, record.action)
-        command = Row("INSERT INTO commands VALUES (?, ?, ?, ?, ?)", values)
+        command = AuditRow("INSERT INTO commands VALUES (?, ?, ?, ?, ?)", values)
         parts = [
-            Row(_OUTCOME, (self._session, record.id, name, at_s, part.outcome.value, part.reason))
+            AuditRow(_OUTCOME, (self._session, record.id, name, at_s, part.outcome.value, part.reason))
             for name, part in record.outcomes.items()
         ]
         self._journal.put([command, *parts])
@@ -125,12 +125,12 @@ class Audit:
             self._journal.put([self._vehicle(at_s, rows, row) for row in sorted(changed)])
         self._watch_show(sample)
 
-    def _vehicle(self, unix_s: float, rows: VehicleTable, row: int) -> Row:
+    def _vehicle(self, unix_s: float, rows: VehicleTable, row: int) -> AuditRow:
         name, home_m = rows.ids[row], rows.homes_m[row]
         home: Sequence[Value] = (None,) * 3 if home_m is None else [float(value) for value in home_m]
         known = (name, self._session, unix_s, *self._vehicles[name], None, None)
         state = rows.phases[row].value, rows.reasons[row], rows.modes[row].value, int(rows.armed[row])
-        return Row(_VEHICLE, (*known, *state, *home))
+        return AuditRow(_VEHICLE, (*known, *state, *home))
 
     def _watch_show(self, sample: Sample) -> None:
         view, at_s = sample.view, sample.view.unix_time_s
@@ -164,7 +164,7 @@ class Audit:
         self._addresses.update(changed)
 
     def _put(self, sql: str, *values: Value) -> None:
-        self._journal.put([Row(sql, values)])
+        self._journal.put([AuditRow(sql, values)])
 
 
 def _differing(new: Sequence[object], old: Sequence[object]) -> set[int]:
@@ -179,7 +179,7 @@ class OfflineAudit:
         self._known = known
         self._caller = caller
         self._journal = Journal(audit_file(root))
-        self._audit = Audit(self._journal, "" if known.session is None else known.session.id, vehicles)
+        self._audit = AuditTrail(self._journal, "" if known.session is None else known.session.id, vehicles)
         self.problem = ""
 
     def __enter__(self) -> Self:
@@ -207,4 +207,4 @@ class OfflineAudit:
         detail = {"was": was, "phase": Phase.KILLED.value, "reason": KILLED_OFFLINE}
         self._audit.event(time.time(), "warning", "vehicle_phase", vehicle_id, detail)
         sql = "UPDATE vehicles SET unix_s = ?, phase = ?, reason = ?, armed = 0 WHERE id = ?"
-        self._journal.put([Row(sql, (time.time(), Phase.KILLED.value, KILLED_OFFLINE, vehicle_id))])
+        self._journal.put([AuditRow(sql, (time.time(), Phase.KILLED.value, KILLED_OFFLINE, vehicle_id))])

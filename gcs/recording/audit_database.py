@@ -86,14 +86,14 @@ def _number(connection: sqlite3.Connection, path: Path, name: str) -> int:
         raise GcsError(f"{path}: not an audit of this program: {error}") from None
 
 
-class Row(NamedTuple):
+class AuditRow(NamedTuple):
     """One statement and its values."""
 
     sql: str
     values: Sequence[Value]
 
 
-class Journal(DiskWriter[Row]):
+class Journal(DiskWriter[AuditRow]):
     """One file. Rows that the disk does not accept are kept, and written once it does."""
 
     PERIOD_S = 0.0
@@ -104,7 +104,7 @@ class Journal(DiskWriter[Row]):
         self._path = path
         self._connection: sqlite3.Connection | None = None
 
-    def _write(self, batch: Sequence[Row]) -> None:
+    def _write(self, batch: Sequence[AuditRow]) -> None:
         try:
             if self._connection is None:
                 self._connection = open_to_write(self._path)

@@ -13,7 +13,7 @@ from gcs.model.interrupted_flight import Interruption
 from gcs.model.preflight_report import Exclusion
 from gcs.model.state import VehicleId
 from gcs.recording import mcap_layout as layout
-from gcs.recording.audit import Audit
+from gcs.recording.audit import AuditTrail
 from gcs.recording.audit_database import Journal
 from gcs.recording.audit_reader import AUDIT, LostBegin
 from gcs.recording.mcap_writer import WAITING_MAX, FlightFile, LogLine
@@ -59,7 +59,7 @@ class Record:
         self.found = found
         self.excluded, self.lost_begin = excluded, lost_begin
         self._journal = Journal(root / AUDIT)
-        self.audit = Audit(self._journal, self.session, vehicles)
+        self.audit = AuditTrail(self._journal, self.session, vehicles)
         everything = {**vehicles, **elsewhere}
         about = layout.about(
             self.session, site_json or config_json, everything, autopilots, len(everything) - len(vehicles)
@@ -110,7 +110,7 @@ class Record:
 class _LogHandler(logging.Handler):
     """Records the log messages of the service's own loggers as events."""
 
-    def __init__(self, audit: Audit, flight: FlightFile | None) -> None:
+    def __init__(self, audit: AuditTrail, flight: FlightFile | None) -> None:
         super().__init__(logging.INFO)
         self._audit = audit
         self._flight = flight

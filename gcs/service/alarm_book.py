@@ -66,7 +66,7 @@ class _Member:
 
 
 @dataclass(slots=True)
-class _Entry:
+class _BookEntry:
     """One alarm, or conditions that may become one."""
 
     row: CauseRow
@@ -79,7 +79,7 @@ class AlarmBook:
     """All alarms of one service. Used on the event loop only; reads no clock."""
 
     def __init__(self) -> None:
-        self._entries: dict[tuple[AlarmCause, str], _Entry] = {}
+        self._entries: dict[tuple[AlarmCause, str], _BookEntry] = {}
         self._ended: list[Alarm] = []
         self._numbers = count(1)
         self._last: tuple[Condition, ...] = ()
@@ -102,7 +102,7 @@ class AlarmBook:
         changes: list[Change] = []
         self._due_s = float("inf")
         for key in [*self._entries, *(key for key in held if key not in self._entries)]:
-            entry = self._entries.setdefault(key, _Entry(CAUSES[key[0]]))
+            entry = self._entries.setdefault(key, _BookEntry(CAUSES[key[0]]))
             self._follow(entry, held.get(key, {}), now_s)
             changes += self._write(entry, now_s, unix_s)
             if not entry.members:
@@ -126,7 +126,7 @@ class AlarmBook:
         listed = ", ".join(alarm.id for alarm in self.alarms) or "none"
         raise UnknownError(f"there is no alarm {alarm_id!r}; listed now: {listed}")
 
-    def _follow(self, entry: _Entry, held: dict[VehicleId | None, Condition], now_s: float) -> None:
+    def _follow(self, entry: _BookEntry, held: dict[VehicleId | None, Condition], now_s: float) -> None:
         """Begin and end members after their delays."""
         for name, condition in held.items():
             member = entry.members.get(name)
@@ -150,7 +150,7 @@ class AlarmBook:
             else:
                 self._due_s = min(self._due_s, ends_s)
 
-    def _write(self, entry: _Entry, now_s: float, unix_s: float) -> list[Change]:
+    def _write(self, entry: _BookEntry, now_s: float, unix_s: float) -> list[Change]:
         active = {name: member.condition for name, member in entry.members.items() if member.active}
         before = entry.alarm
         if not active:

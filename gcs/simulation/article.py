@@ -26,7 +26,7 @@ from gcs.model.state import Array
 from gcs.safety.floor import Floor, scaled_distance_m
 from gcs.simulation.article_forces import acceleration, avoiding_force, feed_forward_force, formation_force
 from gcs.simulation.initial_states import scattered_m
-from gcs.simulation.record import Record
+from gcs.simulation.record import FlightRecord
 from gcs.simulation.scenario import ArticleFlight, Scenario
 
 SUBSTEPS = 10
@@ -53,7 +53,7 @@ class VirtualFormation:
     sides: dict[str, float] = field(default_factory=dict)
 
 
-def fly_article(scenario: Scenario, flight: ArticleFlight, count: int, seed: int) -> Record:
+def fly_article(scenario: Scenario, flight: ArticleFlight, count: int, seed: int) -> FlightRecord:
     """Fly once. Raises: ConfigError when the vehicles do not fit into the start volume."""
     start_m = _start_m(flight, count, np.random.default_rng([seed, 1]))
     course = Course.of(flight, count)
@@ -61,7 +61,7 @@ def fly_article(scenario: Scenario, flight: ArticleFlight, count: int, seed: int
         start_m, np.zeros_like(start_m), Center.at_rest(np.append(course.target_m(0.0), -flight.height_m))
     )
     floor = scenario.control.safety.floor
-    record = Record(scenario, seed, start_m, np.full_like(start_m, np.nan), floor.horizontal_m)
+    record = FlightRecord(scenario, seed, start_m, np.full_like(start_m, np.nan), floor.horizontal_m)
     tick_s = 1.0 / scenario.world.tick_rate_hz
     began_s = time.process_time()
     for index in range(round(scenario.duration_s * scenario.world.tick_rate_hz)):
@@ -154,7 +154,7 @@ def _step(formation: VirtualFormation, course: Course, time_s: float, dt_s: floa
     formation.center = center
 
 
-def _keep(record: Record, time_s: float, formation: VirtualFormation, course: Course) -> None:
+def _keep(record: FlightRecord, time_s: float, formation: VirtualFormation, course: Course) -> None:
     all_rows = np.ones(record.count, dtype=bool)
     record.time_s.append(time_s)
     record.position_m.append(formation.position_m.astype(np.float32))
@@ -167,7 +167,7 @@ def _keep(record: Record, time_s: float, formation: VirtualFormation, course: Co
     record.limited.append(0)
 
 
-def _closest_m(position_m: Array, floor: Floor, record: Record) -> float:
+def _closest_m(position_m: Array, floor: Floor, record: FlightRecord) -> float:
     first, second = np.triu_indices(len(position_m), 1)
     distance_m = scaled_distance_m(position_m, first, second, floor)
     near = distance_m < floor.horizontal_m
@@ -175,7 +175,7 @@ def _closest_m(position_m: Array, floor: Floor, record: Record) -> float:
     return float(distance_m.min(initial=np.inf))
 
 
-def article_figures(record: Record) -> dict[str, object]:
+def article_figures(record: FlightRecord) -> dict[str, object]:
     """Figures of the claims in section 5, from the true states at the end of a flight of four vehicles.
 
     `edge_error` is the largest error of any edge, as a share of 1.633 r_d. `orbit_radius_error_m` is the

@@ -12,7 +12,7 @@ from gcs.simulation import scenario as scenarios
 from gcs.simulation.decide import Divide
 from gcs.simulation.flight import fly
 from gcs.simulation.metrics import report
-from gcs.simulation.scenario import Gate, Scenario, ShowFlight
+from gcs.simulation.scenario import FigureGate, Scenario, ShowFlight
 from gcs.simulation.show_runs import flown_show
 
 MISSES_ALLOWED = 0.05
@@ -87,7 +87,7 @@ def figure(figures: dict[str, object], name: str) -> object:
     return section.get(key)
 
 
-def broken(figures: dict[str, object], gates: Mapping[str, Gate]) -> list[str]:
+def broken(figures: dict[str, object], gates: Mapping[str, FigureGate]) -> list[str]:
     return [
         f"{name} {figure(figures, name)}: {_desired(gate)}"
         for name, gate in gates.items()
@@ -95,7 +95,7 @@ def broken(figures: dict[str, object], gates: Mapping[str, Gate]) -> list[str]:
     ]
 
 
-def _within(value: object, gate: Gate) -> bool:
+def _within(value: object, gate: FigureGate) -> bool:
     if isinstance(value, bool):
         value = float(value)
     if not isinstance(value, int | float):
@@ -104,7 +104,7 @@ def _within(value: object, gate: Gate) -> bool:
     return above and (gate.most is None or value <= gate.most)
 
 
-def _desired(gate: Gate) -> str:
+def _desired(gate: FigureGate) -> str:
     least = "" if gate.least is None else f"at least {gate.least:g}"
     most = "" if gate.most is None else f"at most {gate.most:g}"
     return " and ".join(part for part in (least, most) if part)

@@ -11,7 +11,7 @@ from gcs.simulation import initial_states as layout
 from gcs.simulation.article import fly_article
 from gcs.simulation.decide import Divide
 from gcs.simulation.formation_run import FormationRun
-from gcs.simulation.record import Record
+from gcs.simulation.record import FlightRecord
 from gcs.simulation.scenario import (
     FormationFlight,
     GoalFlight,
@@ -57,7 +57,7 @@ def fly(
     seed: int,
     on_progress: Callable[[float], None] | None = None,
     divide: Divide | None = None,
-) -> Record:
+) -> FlightRecord:
     """Fly a scenario once; `on_progress` as of `SimulatedFlight.fly`; `divide` makes several flights.
 
     Raises: ConfigError when its start positions or goals are impossible.

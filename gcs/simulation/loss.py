@@ -14,7 +14,7 @@ from gcs.planning.lost_space import KeptSetpoints, expected_drift, swept_segment
 from gcs.planning.silent_space import silent_segments_m
 from gcs.safety.floor import Floor
 from gcs.safety.walls import Fence
-from gcs.simulation.scenario import Loss
+from gcs.simulation.scenario import ScenarioLoss
 from gcs.simulation.world import TrueWorld
 
 SETPOINT_TIMEOUT_S = 0.2
@@ -26,7 +26,7 @@ FAR_M = 1e9
 class Losses:
     """The vehicles that lose their links at one time, for good."""
 
-    def __init__(self, loss: Loss, count: int, seed: int, *, joining: int = 0) -> None:
+    def __init__(self, loss: ScenarioLoss, count: int, seed: int, *, joining: int = 0) -> None:
         """Draw the vehicles, by a random stream of their own; none of the last `joining` of all `count`."""
         self.loss, self._operation = loss, OperationSettings(setpoint_loss_action=loss.action)
         among = count - joining

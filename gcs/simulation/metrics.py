@@ -14,7 +14,7 @@ from gcs.safety.filter import Limits
 from gcs.simulation.article import article_figures
 from gcs.simulation.record import (
     THROUGH_M,
-    Record,
+    FlightRecord,
     last_passing_tick,
     penetrations_and_clearance_m,
     same_side,
@@ -48,7 +48,7 @@ class Shape:
     settled: Mask  # for each tick alone
 
 
-def shape_over_time(record: Record) -> Shape:
+def shape_over_time(record: FlightRecord) -> Shape:
     """Energy and nearest neighbours of the directions from the commanded centre, and the radii."""
     ticks = len(record.time_s)
     energy, nearest, radius_m = (np.full(ticks, np.nan) for _ in range(3))
@@ -84,7 +84,7 @@ def least_nearest(judged: Judged, count: int) -> float:
     return judged.nearest_few if count <= judged.few else judged.nearest_many
 
 
-def settle_time_s(record: Record, shape: Shape) -> float | None:
+def settle_time_s(record: FlightRecord, shape: Shape) -> float | None:
     """Time from the last change until permanently settled; None: not settled at the end."""
     not_yet = np.flatnonzero(~shape.settled)
     first = int(not_yet[-1]) + 1 if len(not_yet) else 0
@@ -93,7 +93,7 @@ def settle_time_s(record: Record, shape: Shape) -> float | None:
     return max(0.0, record.time_s[first] - record.changed_s)
 
 
-def steady_ticks(record: Record) -> NDArray[np.intp]:
+def steady_ticks(record: FlightRecord) -> NDArray[np.intp]:
     """The ticks of the last seconds in formation."""
     formed = np.array([rows.any() for rows in record.formed])
     ticks = np.flatnonzero(formed)
@@ -121,7 +121,7 @@ def straight_line_time_s(start_m: Array, final_m: Array, sideways_m_s: float, li
     return float(levels[low])
 
 
-def shape_error_m(record: Record, ticks: NDArray[np.intp]) -> float:
+def shape_error_m(record: FlightRecord, ticks: NDArray[np.intp]) -> float:
     """RMS distance to the best configuration at the commanded centre, best proper rotation, over `ticks`."""
     offsets_m = [
         record.position_m[tick][record.formed[tick]].astype(np.float64) - record.center_m[tick]
@@ -191,7 +191,7 @@ def _matched(points: Array, target: Array, charge: Array) -> NDArray[np.intp]:
     return found
 
 
-def separation(record: Record) -> dict[str, object]:
+def separation(record: FlightRecord) -> dict[str, object]:
     """The floor, the smallest distance in its metric, and the number of pairs below it.
 
     Pairs of two lost vehicles, which no station can part, are `lost_pairs` instead of `violations`.
@@ -216,7 +216,7 @@ OBSTACLES = (
 """The figures of a section; all are None where they do not apply."""
 
 
-def formation(record: Record, shape: Shape) -> dict[str, object]:
+def formation(record: FlightRecord, shape: Shape) -> dict[str, object]:
     flight = record.scenario.flight
     ticks = steady_ticks(record)
     if isinstance(flight, GoalFlight | ShowFlight) or len(ticks) == 0:
@@ -257,13 +257,13 @@ def formation(record: Record, shape: Shape) -> dict[str, object]:
     }
 
 
-def _centered(record: Record, tick: int) -> Array:
+def _centered(record: FlightRecord, tick: int) -> Array:
     """(3,) displacement of the commanded centre since the first tick; 0 without a centre."""
     begin_m, here_m = record.center_m[0], record.center_m[tick]
     return np.where(np.isfinite(here_m) & np.isfinite(begin_m), here_m - begin_m, 0.0)
 
 
-def _moving_m_s(record: Record, ticks: NDArray[np.intp]) -> float:
+def _moving_m_s(record: FlightRecord, ticks: NDArray[np.intp]) -> float:
     """Root mean square of the vehicles' speeds relative to the commanded centre in these ticks."""
     rows = record.formed[ticks[-1]]
     offset_m = [record.position_m[t][rows] - _centered(record, int(t)) for t in ticks]
@@ -274,7 +274,7 @@ def _moving_m_s(record: Record, ticks: NDArray[np.intp]) -> float:
 SPREAD_AGAIN = 0.85
 
 
-def _spread_again_s(record: Record, shape: Shape) -> float | None:
+def _spread_again_s(record: FlightRecord, shape: Shape) -> float | None:
     """Longest time, after a vehicle was held or let go, until the vehicles are lastingly spread again."""
     if not record.carried_s:
         return None
@@ -286,12 +286,12 @@ def _spread_again_s(record: Record, shape: Shape) -> float | None:
     )
 
 
-def _settled_once_s(record: Record, shape: Shape) -> float | None:
+def _settled_once_s(record: FlightRecord, shape: Shape) -> float | None:
     settled = np.flatnonzero(shape.settled)
     return record.time_s[int(settled[0])] if len(settled) else None
 
 
-def tracking(record: Record, shape: Shape) -> dict[str, object]:
+def tracking(record: FlightRecord, shape: Shape) -> dict[str, object]:
     """Errors of the true centroid on its orbit after the first settling, and of a spinning sphere."""
     flight = record.scenario.flight
     figures: dict[str, object] = {
@@ -316,7 +316,7 @@ def tracking(record: Record, shape: Shape) -> dict[str, object]:
     return figures
 
 
-def _spin_radius_error_m(record: Record, shape: Shape) -> float | None:
+def _spin_radius_error_m(record: FlightRecord, shape: Shape) -> float | None:
     """Largest distance of a vehicle from the sphere from the first change of the spin on."""
     flight = record.scenario.flight
     if not isinstance(flight, FormationFlight) or not flight.spins:
@@ -325,7 +325,7 @@ def _spin_radius_error_m(record: Record, shape: Shape) -> float | None:
     return rounded(float(np.nanmax(shape.radius_error_m[since:])))
 
 
-def _on_orbit_s(record: Record, flight: FormationFlight | ArticleFlight) -> float | None:
+def _on_orbit_s(record: FlightRecord, flight: FormationFlight | ArticleFlight) -> float | None:
     """Time when the commanded centre first reaches its orbit, plus 5 s for the vehicles to settle."""
     for t, center_m in enumerate(record.center_m):
         rho_m = float(np.linalg.norm(center_m[:2] - record.target_m[t]))
@@ -344,7 +344,7 @@ AT_PAD_M: Final[float] = OperationSettings.model_fields["landing_site_spacing_m"
 """Farther than this from its pad, over the ground, a vehicle has not landed there: other pads are as near."""
 
 
-def arrival(record: Record) -> dict[str, object]:
+def arrival(record: FlightRecord) -> dict[str, object]:
     """Number of arrivals, their delay relative to straight flight at the limits, and planning of the return.
 
     Of a flight that ends with a return landings at pads count, of other formations slots: with lost vehicles,
@@ -353,7 +353,7 @@ def arrival(record: Record) -> dict[str, object]:
     return _arrivals(record) | {"planning_s": rounded(record.planning_s)}
 
 
-def _arrivals(record: Record) -> dict[str, object]:
+def _arrivals(record: FlightRecord) -> dict[str, object]:
     flight, has_goals = record.scenario.flight, bool(np.isfinite(record.goal_m).all())
     if record.off_slot_m and not has_goals:
         return _in_slots(record)
@@ -378,7 +378,7 @@ def _arrivals(record: Record) -> dict[str, object]:
     }
 
 
-def _ratios(record: Record, start_m: Array, place_m: Array, there: Mask) -> tuple[Array, Array, Array]:
+def _ratios(record: FlightRecord, start_m: Array, place_m: Array, there: Mask) -> tuple[Array, Array, Array]:
     """(k,) times to first be `there` (ticks, n), over those of the straight lines; both times (k,), s.
 
     Of the k expected vehicles, from (n, 3) to (n, 3). Infinite where one never was there.
@@ -390,7 +390,7 @@ def _ratios(record: Record, start_m: Array, place_m: Array, there: Mask) -> tupl
     return took_s / np.maximum(straight_s, 1e-9), took_s, straight_s
 
 
-def _in_slots(record: Record) -> dict[str, object]:
+def _in_slots(record: FlightRecord) -> dict[str, object]:
     """Vehicles in formation, and the most of them at their slots at one moment of the last seconds.
 
     A formation that stands: not those off slots in closed space. On an orbit the last lap counts; in part of
@@ -406,7 +406,7 @@ def _in_slots(record: Record) -> dict[str, object]:
     return dict.fromkeys(ARRIVAL) | counts | _assembled(record)
 
 
-def _assembled(record: Record) -> dict[str, object]:
+def _assembled(record: FlightRecord) -> dict[str, object]:
     """How long the vehicles took to come within `THROUGH_M` of the slots that they have at the end.
 
     Slots move while vehicles assemble; the straight line leads to where a vehicle's slot comes to rest.
@@ -423,7 +423,7 @@ def _assembled(record: Record) -> dict[str, object]:
     }
 
 
-def obstacles(record: Record, shape: Shape) -> dict[str, object]:
+def obstacles(record: FlightRecord, shape: Shape) -> dict[str, object]:
     """Penetrations of boxes, least distance, time until the shape was whole again, and sides of passing."""
     if not any(record.boxes):
         return dict.fromkeys(OBSTACLES)
@@ -441,13 +441,13 @@ def obstacles(record: Record, shape: Shape) -> dict[str, object]:
     }
 
 
-def _away_m(record: Record) -> Array:
+def _away_m(record: FlightRecord) -> Array:
     """(ticks,) distance of the commanded centre from the target, over the ground."""
     away_m: Array = np.linalg.norm(np.array(record.center_m)[:, :2] - np.array(record.target_m), axis=1)
     return away_m
 
 
-def _path_ratio(record: Record) -> float | None:
+def _path_ratio(record: FlightRecord) -> float | None:
     """Length of the centre's path to the target, over the shortest past boxes grown by sphere and margin.
 
     None where boxes move, on an orbit, and when it does not arrive or starts there.
@@ -461,24 +461,24 @@ def _path_ratio(record: Record) -> float | None:
     return float(steps_m[: int(there.argmax())].sum()) / shortest_path_m(record, clear_m)
 
 
-def _rest_m_s(record: Record) -> float:
+def _rest_m_s(record: FlightRecord) -> float:
     ticks = round(STEADY_S * record.scenario.world.tick_rate_hz)
     steps_m = np.diff(np.array(record.center_m[-ticks:]), axis=0)
     return float(np.linalg.norm(steps_m, axis=1).max()) * record.scenario.world.tick_rate_hz
 
 
-def _noticed_s(record: Record) -> float | None:
+def _noticed_s(record: FlightRecord) -> float | None:
     """When the control tick first named an obstacle that keeps the centre from its target; None: never."""
     named = [time_s for time_s, name in zip(record.time_s, record.held_by, strict=False) if name]
     return named[0] if named else None
 
 
-def _single_box(record: Record) -> bool:
+def _single_box(record: FlightRecord) -> bool:
     boxes = record.boxes[-1]
     return len(boxes) == 1 and not boxes[0].speed_m_s and record.orbit_radius_m == 0.0
 
 
-def _reformed_s(record: Record, shape: Shape) -> float | None:
+def _reformed_s(record: FlightRecord, shape: Shape) -> float | None:
     """Time from the last passing until permanently settled; None: not settled at the end."""
     last = last_passing_tick(record)
     not_yet = np.flatnonzero(~shape.settled[last:])
@@ -486,7 +486,7 @@ def _reformed_s(record: Record, shape: Shape) -> float | None:
     return record.time_s[first] - record.time_s[last] if first < len(record.time_s) else None
 
 
-def ticks_ms(record: Record) -> dict[str, object]:
+def ticks_ms(record: FlightRecord) -> dict[str, object]:
     """Durations of ticks in processor time, which parallel runs do not affect."""
     took_ms = np.array(record.tick_s) * 1e3
     return {
@@ -500,7 +500,7 @@ def rounded(value: float | None, digits: int = 3) -> float | None:
     return None if value is None or not np.isfinite(value) else round(value, digits)
 
 
-def report(record: Record) -> dict[str, object]:
+def report(record: FlightRecord) -> dict[str, object]:
     """All figures of one flight, as one JSON object."""
     shape = shape_over_time(record)
     duration_s = record.time_s[-1] + 1.0 / record.scenario.world.tick_rate_hz

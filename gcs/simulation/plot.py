@@ -21,7 +21,7 @@ from gcs.model.plan import Obstacle
 from gcs.model.state import Array
 from gcs.simulation.article import TETRAHEDRON_EDGE
 from gcs.simulation.metrics import SETTLED_ENERGY, report, shape_over_time
-from gcs.simulation.record import Record
+from gcs.simulation.record import FlightRecord
 from gcs.simulation.rehearsal import Rehearsal
 from gcs.simulation.scenario import ArticleFlight
 from gcs.simulation.verdict import Verdict, judge
@@ -39,7 +39,7 @@ AROUND_M = 25.0
 """Seen from above around the vehicles' paths."""
 
 
-def draw(record: Record, file: Path) -> dict[str, object]:
+def draw(record: FlightRecord, file: Path) -> dict[str, object]:
     """Draw the flight into `file`. Returns: the figures of the flight."""
     figures = report(record)
     page = Figure(figsize=(11.0, 8.0), layout="constrained")
@@ -52,7 +52,7 @@ def draw(record: Record, file: Path) -> dict[str, object]:
     return figures
 
 
-def _draw_flight(page: Figure, record: Record) -> None:
+def _draw_flight(page: Figure, record: FlightRecord) -> None:
     grid = page.add_gridspec(3, 2, width_ratios=(1.25, 1.0))
     boxed = any(record.boxes)  # then the view from above says most
     split = 1 if boxed else 2
@@ -73,7 +73,7 @@ def _draw_flight(page: Figure, record: Record) -> None:
         shape.set(xlabel="time, s", ylabel="vehicles", title="Held back by the filter")
 
 
-def _rows(record: Record, most: int = SHOWN_PATHS) -> NDArray[np.intp]:
+def _rows(record: FlightRecord, most: int = SHOWN_PATHS) -> NDArray[np.intp]:
     """At most so many vehicles, evenly spread."""
     return np.unique(np.linspace(0, record.count - 1, min(record.count, most)).astype(int))
 
@@ -82,7 +82,7 @@ def _colours(count: int, name: str = "viridis") -> list[str]:
     return [mpl.colors.to_hex(colour) for colour in mpl.colormaps[name](np.linspace(0.0, 0.9, count))]
 
 
-def _paths(axes: Axes3D, record: Record, from_m: Array | float = 0.0) -> None:
+def _paths(axes: Axes3D, record: FlightRecord, from_m: Array | float = 0.0) -> None:
     """Draw the true paths; relative to `from_m` (ticks, 1, 3), if given."""
     rows = _rows(record)
     shown_m = (record.path_m - from_m) * (1.0, 1.0, -1.0)
@@ -93,7 +93,7 @@ def _paths(axes: Axes3D, record: Record, from_m: Array | float = 0.0) -> None:
     axes.set_aspect("equal")
 
 
-def _lines_from_above(axes: Axes, record: Record, ticks: slice = ALL, **look: Any) -> None:
+def _lines_from_above(axes: Axes, record: FlightRecord, ticks: slice = ALL, **look: Any) -> None:
     """Draw the paths in these ticks, x ahead, and the target."""
     rows, path_m = _rows(record), record.path_m[ticks]
     for row, colour in zip(rows, _colours(len(rows)), strict=True):
@@ -106,14 +106,14 @@ def _lines_from_above(axes: Axes, record: Record, ticks: slice = ALL, **look: An
     axes.set(xlabel="y, m", ylabel="x, m", title="From above", aspect="equal")
 
 
-def _from_above(axes: Axes, record: Record) -> None:
+def _from_above(axes: Axes, record: FlightRecord) -> None:
     path_m, center_m = record.path_m, np.array(record.center_m)
     axes.plot(center_m[:, 1], center_m[:, 0], "r-", linewidth=1.2, label="centre")
     _lines_from_above(axes, record, linewidth=0.6, alpha=0.8)
     _boxes_over_time(axes, record, path_m)
 
 
-def _boxes_over_time(axes: Axes, record: Record, path_m: Array) -> None:
+def _boxes_over_time(axes: Axes, record: FlightRecord, path_m: Array) -> None:
     """Draw standing boxes; moving ones, and the formation's section, at a few times in a colour for each."""
     spread_m = np.linalg.norm(np.diff(path_m, axis=0), axis=2).max(axis=1)
     under_way = np.flatnonzero(spread_m * record.scenario.world.tick_rate_hz > UNDER_WAY_M_S)
@@ -173,13 +173,13 @@ def _band(axes: Axes, time_s: ArrayLike, values_m: Array, title: str) -> None:
     _over_time(axes, time_s, [("median", middle, "C0")], title)
 
 
-def _separation(axes: Axes, record: Record, time_s: ArrayLike) -> None:
+def _separation(axes: Axes, record: FlightRecord, time_s: ArrayLike) -> None:
     closest_m = np.where(np.array(record.closest_m) < 1e6, record.closest_m, np.nan)
     limit = "floor", record.floor_m
     _over_time(axes, time_s, [("closest pair", closest_m, "C0")], "Separation (floor's metric)", limit=limit)
 
 
-def _shape(axes: Axes, record: Record) -> None:
+def _shape(axes: Axes, record: FlightRecord) -> None:
     shape = shape_over_time(record)
     axes.semilogy(
         record.time_s, np.maximum(shape.energy_ratio - 1.0, 1e-6), color="C0", label="energy ratio - 1"
@@ -196,7 +196,7 @@ SHOWN_S = 12.0
 """Time span of horizontal paths in figures: at the end, or before and after the obstacle."""
 
 
-def draw_article(page: Figure, record: Record, flight: ArticleFlight) -> None:
+def draw_article(page: Figure, record: FlightRecord, flight: ArticleFlight) -> None:
     grid = page.add_gridspec(3, 2, width_ratios=(1.1, 1.0), height_ratios=(1.1, 1.0, 1.0))
     _assembly(page.add_subplot(grid[0, 0], projection="3d"), record)
     _article_from_above(page.add_subplot(grid[1:, 0]), record, flight)
@@ -225,7 +225,7 @@ def draw_article(page: Figure, record: Record, flight: ArticleFlight) -> None:
     axes.set_xlabel("time, s")
 
 
-def _assembly(axes: Axes3D, record: Record) -> None:
+def _assembly(axes: Axes3D, record: FlightRecord) -> None:
     """Plot paths relative to the centre, and the final polyhedron."""
     center_m = np.array(record.center_m)[:, None]
     _paths(axes, record, center_m)
@@ -235,7 +235,7 @@ def _assembly(axes: Axes3D, record: Record) -> None:
     axes.set(zlabel="up, m", title="Relative to the centre; o: end")
 
 
-def _shown_ticks(record: Record, flight: ArticleFlight) -> slice:
+def _shown_ticks(record: FlightRecord, flight: ArticleFlight) -> slice:
     """The last `SHOWN_S`; with an obstacle the ticks around the time of the nearest approach to it."""
     rate_hz = record.scenario.world.tick_rate_hz
     half, last = round(SHOWN_S * rate_hz / 2), len(record.time_s)
@@ -247,7 +247,7 @@ def _shown_ticks(record: Record, flight: ArticleFlight) -> slice:
     return slice(max(0, middle - half), min(last, middle + half))
 
 
-def _article_from_above(axes: Axes, record: Record, flight: ArticleFlight) -> None:
+def _article_from_above(axes: Axes, record: FlightRecord, flight: ArticleFlight) -> None:
     ticks = _shown_ticks(record, flight)
     for box in record.boxes[-1]:
         axes.add_patch(_rectangle(box, color="0.6"))

@@ -23,7 +23,7 @@ NOWHERE = np.full(3, np.nan)
 
 
 @dataclass(slots=True, eq=False)
-class Record:
+class FlightRecord:
     """A flight of n vehicles, with one entry per tick. The flight fills it, and the metrics read it."""
 
     scenario: Scenario
@@ -129,7 +129,7 @@ STEPS = ((1, 0), (0, 1), (1, 1), (1, -1), (1, 2), (1, -2), (2, 1), (2, -1))
 """Grid of `shortest_path_m`, and its steps: knight's moves too, which leaves 3 % of detour."""
 
 
-def penetrations_and_clearance_m(record: Record) -> tuple[int, float]:
+def penetrations_and_clearance_m(record: FlightRecord) -> tuple[int, float]:
     """Number of vehicles inside a box grown by 1 m, sides and top; and least distance to a box."""
     inside, least_m = np.zeros(record.count, dtype=bool), np.inf
     for boxes, position_m, flying in zip(record.boxes, record.position_m, record.in_air, strict=True):
@@ -141,12 +141,12 @@ def penetrations_and_clearance_m(record: Record) -> tuple[int, float]:
     return int(inside.sum()), least_m
 
 
-def last_passing_tick(record: Record) -> int:
+def last_passing_tick(record: FlightRecord) -> int:
     """The last tick at which a vehicle approached a box; 0 without any."""
     return next((tick for tick in range(len(record.time_s) - 1, 0, -1) if approaching(record, tick)), 0)
 
 
-def approaching(record: Record, tick: int) -> bool:
+def approaching(record: FlightRecord, tick: int) -> bool:
     """Whether at that tick a vehicle approached a near box that it must avoid, or a box became known."""
     headroom_m = record.scenario.control.law.avoidance.headroom_m
     step_m = NEARER_M_S / record.scenario.world.tick_rate_hz
@@ -164,7 +164,7 @@ def approaching(record: Record, tick: int) -> bool:
     return bool((nearer & near).any())
 
 
-def same_side(record: Record) -> bool:
+def same_side(record: FlightRecord) -> bool:
     """Whether all vehicles that had to avoid the single standing box passed it on the same side."""
     box = record.boxes[-1][0]
     course_m = record.target_m[-1] - record.center_m[0][:2]
@@ -181,7 +181,7 @@ def same_side(record: Record) -> bool:
     return len(sides) <= 1
 
 
-def through(record: Record) -> bool:
+def through(record: FlightRecord) -> bool:
     """Whether the formation is at its destination, with all its vehicles on the sphere."""
     center_m, rows = record.center_m[-1], record.formed[-1]
     away_m = abs(float(np.linalg.norm(center_m[:2] - record.target_m[-1])) - record.orbit_radius_m)
@@ -189,7 +189,7 @@ def through(record: Record) -> bool:
     return bool(away_m < THROUGH_M and (np.abs(off_m) < THROUGH_M).all())
 
 
-def shortest_path_m(record: Record, clear_m: float) -> float:
+def shortest_path_m(record: FlightRecord, clear_m: float) -> float:
     """Length of the centre's shortest level path from start to target past standing boxes grown by `clear_m`.
 
     Infinite without one. Computed on a grid, without the code that flies: up to 3 % longer than exact.

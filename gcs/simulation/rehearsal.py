@@ -18,7 +18,7 @@ from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.return_paths.planner import closed_places
 from gcs.shows import Flaw, LoadedShow, Played
 from gcs.shows.following import TrackErrors, assigned
-from gcs.simulation.scenario import Adversity, Box, FormationFlight, Judged, Scenario, Wind, World
+from gcs.simulation.scenario import Adversity, FormationFlight, Judged, Scenario, ScenarioBox, Wind, World
 from gcs.simulation.simulated_flight import SimulatedFlight
 
 ASSEMBLED_BY_S = 120.0
@@ -101,7 +101,7 @@ class Rehearsal(SimulatedFlight):
         self.trajectory_of = np.full(len(start_m), -1)  # (n,) row of each vehicle's trajectory, -1: none yet
         self.trajectory_of[:count] = [self.run.parts[name] for name in ids[:count]]
 
-    def _stand(self, boxes: Sequence[Box]) -> None:
+    def _stand(self, boxes: Sequence[ScenarioBox]) -> None:
         """Have obstacles stand that the show does not know of; one in the way of a vehicle is a flaw."""
         for number, box in enumerate(boxes, 1):
             obstacle = Obstacle(f"unknown box {number}", **box.model_dump())

@@ -84,10 +84,10 @@ class SteadyTarget(TargetSettings):
 class TargetPath(SteadyTarget):
     """A ground target: its start, and the changes of its velocity."""
 
-    turns: tuple["Turn", ...] = ()
+    turns: tuple["ScenarioTurn", ...] = ()
 
 
-class Turn(Settings):
+class ScenarioTurn(Settings):
     """A period in which the target accelerates."""
 
     from_s: NotNegative
@@ -96,14 +96,14 @@ class Turn(Settings):
     acceleration_y_m_s2: float = 0.0
 
 
-class Spin(Settings):
+class ScenarioSpin(Settings):
     """The formation's spin from a time on."""
 
     from_s: NotNegative
     rate_rad_s: float  # positive: clockwise seen from above
 
 
-class Box(StandingBox):
+class ScenarioBox(StandingBox):
     """An obstacle with a velocity."""
 
     velocity_x_m_s: float = 0.0
@@ -158,7 +158,7 @@ class Divided(Settings):
     loss: Share = 0.01  # of the messages
 
 
-class Loss(Settings):
+class ScenarioLoss(Settings):
     """Vehicles that lose their links for good, and do what their autopilots are configured to do."""
 
     share: Share = 0.0
@@ -188,15 +188,15 @@ class FormationFlight(Settings):
     orbit: OrbitSettings = OrbitSettings()  # of the centre; radius 0: it stays above the target
     center_moves_from_s: NotNegative = 0.0
     target: TargetPath = TargetPath()
-    spins: tuple[Spin, ...] = ()
-    boxes: tuple[Box, ...] = ()
+    spins: tuple[ScenarioSpin, ...] = ()
+    boxes: tuple[ScenarioBox, ...] = ()
     random_obstacles: RandomObstacles | None = (
         None  # also set target, orbit and speed; only with start: sphere
     )
     leave_share: Share = 0.0  # of the vehicles disappear at `change_s`
     join: Annotated[int, Field(ge=0)] = 0  # vehicles that hover beside the others join at `change_s`
     change_s: NotNegative = 0.0
-    loss: Loss = Loss()
+    loss: ScenarioLoss = ScenarioLoss()
     carried: Carried | None = None
     ending: Literal["none", "return", "descend", "hold", "land"] = "none"
     ending_s: NotNegative = 0.0
@@ -215,7 +215,7 @@ class GoalFlight(Settings):
     spacing_m: Positive = 6.0  # least distance between positions
     lowest_m: Positive = 10.0  # height of the lowest position
     arrived_m: Positive = 1.0
-    loss: Loss = Loss()
+    loss: ScenarioLoss = ScenarioLoss()
 
 
 class ArticleFlight(Settings):
@@ -238,8 +238,8 @@ class ArticleFlight(Settings):
 class Adversity(Settings):
     """What a show does not know of: vehicles that are lost, and obstacles that stand from the beginning."""
 
-    loss: Loss = Loss()  # its time counts from the beginning of the assembly
-    boxes: tuple[Box, ...] = ()
+    loss: ScenarioLoss = ScenarioLoss()  # its time counts from the beginning of the assembly
+    boxes: tuple[ScenarioBox, ...] = ()
 
 
 class ShowFlight(Adversity):
@@ -254,7 +254,7 @@ Flight: TypeAlias = Annotated[
 ]
 
 
-class Gate(Settings):
+class FigureGate(Settings):
     """Limits of a figure."""
 
     least: float | None = None
@@ -267,8 +267,8 @@ class Judged(Settings):
     vehicles: tuple[VehicleCount, ...]
     seeds: Annotated[int, Field(ge=1, le=1000)] = 1  # that many, from `first_seed`
     first_seed: int = 6000
-    must: dict[str, Gate] = Field(default_factory=dict)  # for instance separation.violations; every run
-    mostly: dict[str, Gate] = Field(default_factory=dict)  # likewise, in 95 % of the runs of each fleet
+    must: dict[str, FigureGate] = Field(default_factory=dict)  # for instance separation.violations; every run
+    mostly: dict[str, FigureGate] = Field(default_factory=dict)  # likewise, in 95 % of the runs of each fleet
     few: Annotated[int, Field(ge=0)] = 20  # up to this many vehicles: `nearest_few`; above: `nearest_many`
     nearest_few: float = 0.97
     nearest_many: float = 0.9

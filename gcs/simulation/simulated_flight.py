@@ -42,12 +42,12 @@ from gcs.simulation import initial_states as layout
 from gcs.simulation.autopilots import responses
 from gcs.simulation.decide import Decided, Decider, Divide
 from gcs.simulation.loss import FAR_M, Losses, ServiceFailsafes
-from gcs.simulation.record import NOWHERE, THROUGH_M, Record, closest_m
+from gcs.simulation.record import NOWHERE, THROUGH_M, FlightRecord, closest_m
 from gcs.simulation.scenario import (
     ArticleFlight,
     FormationFlight,
-    Loss,
     Scenario,
+    ScenarioLoss,
     ShowFlight,
 )
 from gcs.simulation.world import TOUCHDOWN_M_S, TrueWorld
@@ -87,13 +87,13 @@ class SimulatedFlight:
         self.scenario, self.plan = scenario, plan
         self.settings: ControlSettings = over_links(scenario)
         self.world = TrueWorld(start_m, scenario.world, seed)
-        self.record = Record(scenario, seed, start_m, goal_m, self.floor.horizontal_m)
+        self.record = FlightRecord(scenario, seed, start_m, goal_m, self.floor.horizontal_m)
         self.task = np.full(n, Task.NONE, dtype=np.int8)
         self.goal_m = np.array(goal_m)
         self.descending = np.zeros(n, dtype=bool)
         self.present = np.ones(n, dtype=bool)
         flight = scenario.flight
-        loss = Loss() if isinstance(flight, ArticleFlight | ShowFlight) else flight.loss
+        loss = ScenarioLoss() if isinstance(flight, ArticleFlight | ShowFlight) else flight.loss
         joining = flight.join if isinstance(flight, FormationFlight) else 0
         self.losses = Losses(loss, n, seed, joining=joining)
         self.record.lost_rows = frozenset(np.flatnonzero(self.losses.rows).tolist())
@@ -128,7 +128,7 @@ class SimulatedFlight:
         """Virtual time since engagement."""
         return self.world.time_s
 
-    def fly(self, on_progress: Callable[[float], None] | None = None) -> Record:
+    def fly(self, on_progress: Callable[[float], None] | None = None) -> FlightRecord:
         """Fly to the end. `on_progress` is called with the share of the longest duration that is flown."""
         warm_up()
         self._closest_m([self.world.position_m])  # compiles or loads its kernel

@@ -7,7 +7,7 @@ from functools import partial
 from typing import Final
 
 from gcs.flight.commands.commander import Commander
-from gcs.flight.commands.recovery import Recovery
+from gcs.flight.commands.recovery import FlightRecovery
 from gcs.flight.preflight.preflight_gate import REASON_MAX, PreflightGate
 from gcs.model.errors import InvalidError, RefusedError, UnknownError
 from gcs.model.interrupted_flight import Offer
@@ -224,7 +224,7 @@ class SitePreflight:
 class SiteRecovery:
     """Interrupted flights of all stations. Implements `gcs.service.Recovery`."""
 
-    local: Recovery
+    local: FlightRecovery
     member: SiteMember
     routing: SiteRouting
 

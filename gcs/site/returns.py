@@ -17,7 +17,7 @@ from gcs.stations.return_messages import ReturnMessage
 from gcs.stations.site import Site
 
 
-class Known(Protocol):
+class SiteKnowledge(Protocol):
     """What the return needs to know of the site at this tick; `SiteMember` implements it."""
 
     @property
@@ -38,7 +38,9 @@ class Known(Protocol):
 class SiteReturns(ReturnsElsewhere):
     """The part of the other stations' vehicles. Used on the event loop only."""
 
-    def __init__(self, site: Site, known: Known, sender: SiteSender, now_s: Callable[[], float]) -> None:
+    def __init__(
+        self, site: Site, known: SiteKnowledge, sender: SiteSender, now_s: Callable[[], float]
+    ) -> None:
         """`now_s`: time of this tick."""
         self._site, self._known, self._sender, self._now_s = site, known, sender, now_s
         self._newest = 0  # number of the newest return that was received

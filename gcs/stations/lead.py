@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 
-class Lead:
+class SiteLead:
     """The lead that one station obeys: of the highest term, and within a term of the last name.
 
     The first station of the site leads term 1, which needs no command.

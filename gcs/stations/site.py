@@ -12,7 +12,7 @@ from gcs.formation.law import turned
 from gcs.model.errors import LinkError
 from gcs.model.state import Array, Mask, VehicleId, freeze
 from gcs.stations.delays import Delays
-from gcs.stations.lead import Lead
+from gcs.stations.lead import SiteLead
 from gcs.stations.messages import (
     EPOCH_MAX,
     BatchHead,
@@ -98,7 +98,7 @@ class Site:
         self.names = tuple(names)
         self._owner_names = np.array([*names, ""], object)  # by number: the last of NO_STATION
         self.site = site_number({name: fleet.ids for name, fleet in fleets.items()})
-        self.lead = Lead(own, self.names)
+        self.lead = SiteLead(own, self.names)
         self.delays = Delays(len(names))
         self.refused = 0  # messages that are damaged, of another version, or of another site
         self._without_control = without_control

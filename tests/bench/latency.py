@@ -17,7 +17,7 @@ import yaml
 from gcs.cli.service.serve import make_link
 from gcs.config.schema import Config, parse
 from gcs.flight.orchestrator import Orchestrator
-from gcs.links.link import Direction
+from gcs.links.link import FrameDirection
 from gcs.mavlink.framing import GLOBAL_POSITION_INT, SET_POSITION_TARGET_LOCAL_NED
 from gcs.model.lifecycle import ShowPhase
 from gcs.preflight.parameters import settings_of
@@ -80,12 +80,12 @@ class Passing:
         self.came_s: dict[int, list[float]] = {}
         self.left_s: dict[int, list[float]] = {}
 
-    def see(self, time_s: float, direction: Direction, raw: bytes, system_id: int) -> None:
+    def see(self, time_s: float, direction: FrameDirection, raw: bytes, system_id: int) -> None:
         """An `Observer`."""
         message_id = int.from_bytes(raw[7:10], "little")
-        if direction is Direction.RECEIVED and message_id == GLOBAL_POSITION_INT:
+        if direction is FrameDirection.RECEIVED and message_id == GLOBAL_POSITION_INT:
             self.came_s.setdefault(system_id, []).append(time_s)
-        elif direction is Direction.SENT and message_id == SET_POSITION_TARGET_LOCAL_NED:
+        elif direction is FrameDirection.SENT and message_id == SET_POSITION_TARGET_LOCAL_NED:
             self.left_s.setdefault(system_id, []).append(time_s)
 
     def ages_ms(self) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:

@@ -6,7 +6,7 @@ import numpy as np
 from pymavlink.dialects.v20 import common
 
 from gcs.links.intake import Arrived
-from gcs.links.link import Direction
+from gcs.links.link import FrameDirection
 from gcs.model.errors import RefusedError
 from gcs.service import ShowAction
 from gcs.service.alarms import AlarmCause
@@ -80,8 +80,8 @@ def test_corrections_and_lights_leave_after_the_setpoints() -> None:
         await supply(show, 1.0)
         sent: dict[float, list[int]] = defaultdict(list)
 
-        def note(time_s: float, way: Direction, raw: bytes, _: int) -> None:
-            if way is Direction.SENT:
+        def note(time_s: float, way: FrameDirection, raw: bytes, _: int) -> None:
+            if way is FrameDirection.SENT:
                 sent[time_s].append(int.from_bytes(raw[7:10], "little"))
 
         show.service.commands.command_show(ShowAction.START)

@@ -12,7 +12,7 @@ from gcs.shows import LoadedShow, load
 from gcs.shows.formats import read_drawing, write_drawing
 from gcs.shows.importing import show_text
 from gcs.simulation.rehearsal import Rehearsal, rehearse
-from gcs.simulation.scenario import Adversity, Box, Loss, World
+from gcs.simulation.scenario import Adversity, ScenarioBox, ScenarioLoss, World
 from gcs.simulation.verdict import judge, table
 from tests.support.drawn_shows import drawn_show
 
@@ -91,8 +91,8 @@ def test_vehicles_land_on_the_pads_below_where_a_drawing_ends(rings: LoadedShow)
 
 def test_losses_wind_and_an_unknown_crane_are_rehearsed(rings: LoadedShow) -> None:
     """One of eight vehicles is lost, and a crane stands where the rings lead vehicles through."""
-    crane = Box(x_m=15.0, y_m=2.5, half_length_x_m=1.0, half_length_y_m=1.0, height_m=40.0)
-    adversity = Adversity(loss=Loss(share=0.125, at_s=15.0), boxes=(crane,))
+    crane = ScenarioBox(x_m=15.0, y_m=2.5, half_length_x_m=1.0, half_length_y_m=1.0, height_m=40.0)
+    adversity = Adversity(loss=ScenarioLoss(share=0.125, at_s=15.0), boxes=(crane,))
     verdict = judge(rehearse(rings, 3, adversity=adversity, wind_m_s=(6.4, 4.8)))
     assert verdict.good, verdict.problems
     assert (verdict.pairs_below_floor, verdict.penetrations) == (0, 0)
@@ -116,7 +116,7 @@ def spared(rings: LoadedShow) -> LoadedShow:
 
 def lost_at(show: LoadedShow, at_s: float, share: float = 0.125, action: str = "hold") -> Rehearsal:
     """Rehearse with vehicles lost so long after the assembly began."""
-    loss = Loss.model_validate({"share": share, "at_s": at_s, "action": action})
+    loss = ScenarioLoss.model_validate({"share": share, "at_s": at_s, "action": action})
     flight = Rehearsal(show, QUIET, 3, adversity=Adversity(loss=loss))
     flight.fly()
     return flight
@@ -170,6 +170,6 @@ def test_loss_of_the_station_is_predicted_as_it_would_be_flown(rings: LoadedShow
 
 def test_an_obstacle_on_a_vehicle_is_reported(rings: LoadedShow) -> None:
     x_m, y_m, _ = rings.show.pads_m[0].tolist()
-    wall = Box(x_m=x_m, y_m=y_m, half_length_x_m=1.0, half_length_y_m=1.0, height_m=9.0)
+    wall = ScenarioBox(x_m=x_m, y_m=y_m, half_length_x_m=1.0, half_length_y_m=1.0, height_m=9.0)
     flight = Rehearsal(rings, QUIET, 1, adversity=Adversity(boxes=(wall,)))
     assert any("unknown box 1" in flaw.text for flaw in flight.flaws)

@@ -6,7 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 import pytest
 
-from gcs.cli.params import Row, inspect
+from gcs.cli.params import ParameterRow, inspect
 from gcs.links import ParameterValue
 from gcs.model.errors import CommandError, RefusedError
 from gcs.model.lifecycle import Phase, ShowPhase
@@ -161,7 +161,7 @@ def test_vehicles_holding_after_control_ends_stay_apart() -> None:
     assert modes == ["HOLD"] * 4
 
 
-async def params(show: Show, *names: str, apply: bool) -> dict[tuple[str, str], Row]:
+async def params(show: Show, *names: str, apply: bool) -> dict[tuple[str, str], ParameterRow]:
     rows = await inspect(
         [show.link], show.config, names or show.config.ids, 3.0, named=bool(names), apply=apply
     )
@@ -169,7 +169,7 @@ async def params(show: Show, *names: str, apply: bool) -> dict[tuple[str, str], 
 
 
 def test_params_check_reports_and_apply_sets_and_reads_back() -> None:
-    async def story(show: Show) -> tuple[Row, Row, Row, float]:
+    async def story(show: Show) -> tuple[ParameterRow, ParameterRow, ParameterRow, float]:
         before = await params(show, apply=False)
         during = await params(show, apply=True)
         after = await params(show, apply=False)
@@ -188,7 +188,7 @@ def test_params_check_reports_and_apply_sets_and_reads_back() -> None:
 
 
 def test_params_apply_never_touches_an_armed_vehicle() -> None:
-    async def story(show: Show) -> tuple[Row, float]:
+    async def story(show: Show) -> tuple[ParameterRow, float]:
         show.autopilot("d1").parameters.set("COM_OBL_RC_ACT", 3)
         rows = await params(show, "d1", apply=True)
         key = "COM_OBL_RC_ACT"
@@ -200,7 +200,9 @@ def test_params_apply_never_touches_an_armed_vehicle() -> None:
 
 
 def test_params_of_a_named_vehicle_that_is_not_received() -> None:
-    async def story(show: Show) -> tuple[dict[tuple[str, str], Row], dict[tuple[str, str], Row]]:
+    async def story(
+        show: Show,
+    ) -> tuple[dict[tuple[str, str], ParameterRow], dict[tuple[str, str], ParameterRow]]:
         show.ports.silence("d2")
         return await params(show, "d1", "d2", apply=False), await params(show, apply=False)
 

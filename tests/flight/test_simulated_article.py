@@ -11,18 +11,18 @@ from gcs.simulation.batch import broken
 from gcs.simulation.flight import fly
 from gcs.simulation.metrics import report
 from gcs.simulation.plot import draw
-from gcs.simulation.record import Record
+from gcs.simulation.record import FlightRecord
 from gcs.simulation.scenario import ArticleFlight
 
 VEHICLES = 4
 
 
-def flown(name: str, seed: int) -> Record:
+def flown(name: str, seed: int) -> FlightRecord:
     return fly(scenarios.load(scenarios.find(name)), VEHICLES, seed)
 
 
 @pytest.fixture(scope="module")
-def around_a_box() -> Record:
+def around_a_box() -> FlightRecord:
     return flown("article-obstacle", 7)
 
 
@@ -35,7 +35,7 @@ def test_four_drones_form_a_tetrahedron_round_the_target(name: str) -> None:
     assert figures["tracking"]["center_speed_m_s"] == pytest.approx(12.0, abs=0.5)  # type: ignore[index]
 
 
-def test_the_formation_passes_a_box_and_is_a_tetrahedron_again(around_a_box: Record) -> None:
+def test_the_formation_passes_a_box_and_is_a_tetrahedron_again(around_a_box: FlightRecord) -> None:
     flight = around_a_box.scenario.flight
     assert isinstance(flight, ArticleFlight)
     assert not broken(report(around_a_box), around_a_box.scenario.judged.must)
@@ -53,6 +53,6 @@ def test_same_seed_same_flight_another_seed_another() -> None:
     assert article_figures(again) == article_figures(once)
 
 
-def test_section_5_is_drawn(around_a_box: Record, tmp_path: Path) -> None:
+def test_section_5_is_drawn(around_a_box: FlightRecord, tmp_path: Path) -> None:
     draw(around_a_box, tmp_path / "article.png")
     assert (tmp_path / "article.png").stat().st_size > 50_000

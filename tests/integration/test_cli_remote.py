@@ -24,7 +24,7 @@ from gcs.cli.commands import ACTIONS, CALLS
 from gcs.cli.main import main
 from gcs.cli.status import board
 from gcs.client import Client
-from gcs.client.fleet_client import Playback, Preflight, Shows
+from gcs.client.fleet_client import PlaybackCalls, PreflightCalls, ShowsCalls
 from gcs.model.interrupted_flight import InterruptedFlight, Offer
 from gcs.model.lifecycle import Phase as LifePhase
 from gcs.model.lifecycle import ShowPhase
@@ -294,7 +294,7 @@ def test_watch_with_json_prints_a_document_per_line(line: str, monkeypatch: pyte
 def test_every_method_of_the_client_is_a_command() -> None:
     methods = {
         name
-        for kind in (Client, Playback, Preflight, Shows)
+        for kind in (Client, PlaybackCalls, PreflightCalls, ShowsCalls)
         for name in vars(kind)
         if not name.startswith("_")
     }

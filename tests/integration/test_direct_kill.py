@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.cli.kill_directly import Part, kill_directly
+from gcs.cli.kill_directly import KillPart, kill_directly
 from gcs.cli.kill_plan import KillPlan, links_of
 from gcs.model.errors import ConfigError
 from tests.support.machine import free_ports
@@ -190,7 +190,7 @@ def plan_of(url: str, at: tuple[str, int] | None = None, **link: object) -> Kill
     return KillPlan("test", links_of({"links": [raw]}, "test"), addresses)
 
 
-def kill(plan: KillPlan, within_s: float = SOON_S) -> Part:
+def kill(plan: KillPlan, within_s: float = SOON_S) -> KillPart:
     return kill_directly(plan, ["d1"], within_s)["d1"]
 
 
@@ -207,7 +207,7 @@ def test_kill_without_the_service_reaches_the_vehicle(
     way: Callable[[], AbstractContextManager[tuple[Vehicle, str]]],
 ) -> None:
     with way() as (vehicle, url):
-        assert kill(plan_of(url)) == Part(True, "its motors are off")
+        assert kill(plan_of(url)) == KillPart(True, "its motors are off")
         assert not vehicle.armed
 
 

@@ -12,7 +12,7 @@ import pytest
 from pymavlink import mavutil
 
 from gcs.links import Verb
-from gcs.links.link import Direction
+from gcs.links.link import FrameDirection
 from gcs.links.settings import Listen
 from gcs.model.frames import ShowFrame
 from tests.support.link_bench import KINDS, AnyLink, do, ready, running, until
@@ -37,7 +37,7 @@ def recorded(path: Path) -> list[bytes]:
 def test_recording_holds_every_frame_in_order(tmp_path: Path, kind: str, station_id: int) -> None:
     seen: list[bytes] = []
 
-    def see(_time_s: float, _direction: Direction, raw: bytes, _system_id: int) -> None:
+    def see(_time_s: float, _direction: FrameDirection, raw: bytes, _system_id: int) -> None:
         seen.append(raw)
 
     async def main(link: AnyLink) -> None:

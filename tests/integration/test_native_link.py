@@ -13,7 +13,7 @@ from pymavlink.dialects.v20 import common as dialect
 from gcs.links import Verb
 from gcs.links.endpoints.ports import Datagrams, host_number, socket_of, source_of
 from gcs.links.endpoints.udp import UdpPorts
-from gcs.links.link import Direction
+from gcs.links.link import FrameDirection
 from gcs.links.native.link import NativeLink
 from gcs.links.settings import Listen, StreamSettings
 from gcs.links.stream_requests import desired_rates
@@ -185,15 +185,15 @@ def test_observers_receive_every_delivered_frame() -> None:
     async def main(peer: Peer, link: NativeLink) -> None:
         async with running(link):
             await ready(link)
-            seen: list[tuple[Direction, bytes, int]] = []
+            seen: list[tuple[FrameDirection, bytes, int]] = []
             stop = link.observe(lambda _time_s, way, data, system_id: seen.append((way, data, system_id)))
             async with Ticks(link, "bench1").running():
                 await until(lambda: peer.messages("SET_POSITION_TARGET_LOCAL_NED"))
                 await until(lambda: len(seen) > 10)
             stop()
             (_, message), *_ = peer.messages("SET_POSITION_TARGET_LOCAL_NED")
-            assert (Direction.SENT, bytes(message.get_msgbuf()), 1) in seen
-            received = [data for way, data, _ in seen if way is Direction.RECEIVED]
+            assert (FrameDirection.SENT, bytes(message.get_msgbuf()), 1) in seen
+            received = [data for way, data, _ in seen if way is FrameDirection.RECEIVED]
             names = {dialect.MAVLink(None).decode(bytearray(data)).get_type() for data in received}
             assert "GLOBAL_POSITION_INT" in names
 

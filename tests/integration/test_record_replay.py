@@ -21,7 +21,7 @@ from gcs.model.lifecycle import Phase
 from gcs.model.plan import Formation, Obstacle, Plan
 from gcs.model.state import Mode
 from gcs.recording import mcap_layout as layout
-from gcs.recording.audit import Audit
+from gcs.recording.audit import AuditTrail
 from gcs.recording.audit_database import Journal
 from gcs.recording.audit_reader import AUDIT, PAD
 from gcs.recording.mcap_writer import FlightFile
@@ -82,7 +82,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     file.open()
     file.close()
     journal = Journal(folder.parent / AUDIT)
-    audit = Audit(journal, "s1", {"d1": (1, "a"), "d2": (2, "a")})
+    audit = AuditTrail(journal, "s1", {"d1": (1, "a"), "d2": (2, "a")})
     journal.open()
     audit.begin(folder, config.model_dump_json())
     audit.event(1.7e9 + 2.0, "info", PAD, "d1", {"pad_m": [1.0, 2.0, -3.0]})

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.links.link import Address, Direction
+from gcs.links.link import Address, FrameDirection
 from gcs.links.native.link import NativeLink
 from gcs.links.settings import Forward, Listen, Place
 from gcs.links.signing import Signing
@@ -41,8 +41,8 @@ class Bench:
         self._rows = {system_id: row for row, system_id in enumerate(system_ids)}
         self.link.observe(self._note)
 
-    def _note(self, _time_s: float, direction: Direction, raw: bytes, _system_id: int) -> None:
-        if direction is Direction.RECEIVED:
+    def _note(self, _time_s: float, direction: FrameDirection, raw: bytes, _system_id: int) -> None:
+        if direction is FrameDirection.RECEIVED:
             self.delivered += split(raw).frames
 
     def open(self) -> None:

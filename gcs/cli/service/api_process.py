@@ -17,7 +17,7 @@ from typing import Final
 from gcs.api.auth.tokens import Tokens
 from gcs.api.listener import check_tls, listen
 from gcs.cli.service import scheduling
-from gcs.cli.service.api_settings import ApiSettings
+from gcs.cli.service.api_settings import ApiProcessSettings
 from gcs.config.schema import Config
 from gcs.model.errors import LinkError
 from gcs.service import Service
@@ -64,7 +64,7 @@ async def api_process(config: Config) -> AsyncIterator["ApiProcess"]:
         port, lane_port = (each.getsockname()[1] for each in listeners)
         record = None if config.record is None else config.record.folder
         links = config.model_dump_json(include={"links"})
-        settings = ApiSettings(host, lane_port, access, config.map, level, station, record, links)
+        settings = ApiProcessSettings(host, lane_port, access, config.map, level, station, record, links)
         api = ApiProcess(port, listeners, settings)
         try:
             await api.start()
@@ -79,7 +79,7 @@ async def api_process(config: Config) -> AsyncIterator["ApiProcess"]:
 class ApiProcess:
     """The process, and those that replace it. Implements `gcs.service.remote.messages.ApiWatch`."""
 
-    def __init__(self, port: int, listeners: Sequence[socket.socket], settings: ApiSettings) -> None:
+    def __init__(self, port: int, listeners: Sequence[socket.socket], settings: ApiProcessSettings) -> None:
         """`port` is that of the first listener."""
         self.port = port
         self._listeners = listeners

@@ -13,7 +13,7 @@ from gcs.api.auth.tokens import Tokens
 from gcs.api.map_tiles import GroundMap, open_map
 from gcs.api.server import serve_on
 from gcs.cli.kill_without_control import KillWithoutControl
-from gcs.cli.service.api_settings import ApiSettings
+from gcs.cli.service.api_settings import ApiProcessSettings
 from gcs.cli.service.process import set_up_log
 from gcs.model.errors import ConfigError, LinkError
 from gcs.service.map_settings import MapSettings
@@ -31,7 +31,7 @@ def run(line: int, *listeners: int) -> None:
 
 async def _serve(service: RemoteService, listeners: list[socket.socket]) -> None:
     """Serve until control ends. Raises: the error that ended a listener."""
-    settings: ApiSettings = service.settings
+    settings: ApiProcessSettings = service.settings
     set_up_log(settings.log_level, settings.station)
     access = settings.access
     tokens = None if access.tokens_file is None else Tokens(access.tokens_file)

@@ -8,7 +8,7 @@ from gcs.service.map_settings import MapSettings
 
 
 @dataclass(frozen=True, slots=True)
-class ApiSettings:
+class ApiProcessSettings:
     """Settings of the API, its console and its log."""
 
     host: str

@@ -33,7 +33,7 @@ class Meaning(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Row:
+class TextRow:
     """Texts of one meaning."""
 
     autopilot: str  # as in configurations; ANY: of all
@@ -48,7 +48,7 @@ PX4, ARDUPILOT = "px4", "ardupilot"
 M = Meaning
 
 TEXTS: Final = tuple(
-    Row(autopilot, versions, meaning, re.compile(words))
+    TextRow(autopilot, versions, meaning, re.compile(words))
     for autopilot, versions, meaning, words in (
         # answers to commands first: they name modes, fences and failsafes
         (PX4, "1.14-1.18", M.REFUSED, r"preflight fail|denied|not available|landing at current position"),

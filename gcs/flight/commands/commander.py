@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from typing import Final
 
-from gcs.flight.commands.recovery import Recovery
+from gcs.flight.commands.recovery import FlightRecovery
 from gcs.flight.commands.spares import Spares
 from gcs.flight.commands.start import Starting
 from gcs.flight.commands.vehicle_commands import VehicleCommands
@@ -51,7 +51,7 @@ class Commander(VehicleCommands):
         self.collective_return: CollectiveReturn | None = None  # the newest
         self.starting = Starting(flight, maneuvers, preflight_gate, show_player)
         self.spares = Spares(flight, maneuvers, preflight_gate)
-        self.recovery = Recovery(flight, maneuvers, show_player, found, self._bring_home)
+        self.recovery = FlightRecovery(flight, maneuvers, show_player, found, self._bring_home)
 
     def close(self) -> None:
         """Stop planning returns that no vehicle will fly."""

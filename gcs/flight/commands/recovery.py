@@ -58,7 +58,7 @@ class _Batch:
 
 
 @dataclass(eq=False)
-class Recovery:
+class FlightRecovery:
     """Tracks an interrupted flight until all its vehicles are accounted for: `gcs.service.Recovery`."""
 
     flight: Flight

@@ -22,7 +22,7 @@ from gcs.planning.feasibility import check_formation, check_obstacle
 from gcs.planning.landing_sites import column_m, describe_columns, most_overlapping
 from gcs.planning.loss_times import APART_MAX_S, check_loss_times
 from gcs.planning.setpoint_loss import PREDICTED_MAX, check_setpoint_loss, formation_m
-from gcs.preflight.fleet import Pattern, Stand, standing
+from gcs.preflight.fleet import FleetReadiness, Pattern, standing
 from gcs.preflight.pad_distances import room_to_wander, spacing
 from gcs.preflight.vehicles import PreflightInputs, fix_words, own_checks
 from gcs.service import CALLER, CommandRecord
@@ -106,7 +106,11 @@ class PreflightGate:
         return self._keep(desired, cleared, fleet, looked)
 
     def _keep(
-        self, desired: Sequence[VehicleId] | None, cleared: Cleared, fleet: Sequence[Check], looked: Stand
+        self,
+        desired: Sequence[VehicleId] | None,
+        cleared: Cleared,
+        fleet: Sequence[Check],
+        looked: FleetReadiness,
     ) -> PreflightReport:
         show, flying = self.flight.show_run, set(cleared.chosen)
         report = PreflightReport(
@@ -166,7 +170,7 @@ class PreflightGate:
             chosen, show_hash, named=desired is not None, taken_out=len(self.flight.excluded)
         )
 
-    def _look(self, chosen: Sequence[VehicleId]) -> Stand:
+    def _look(self, chosen: Sequence[VehicleId]) -> FleetReadiness:
         """Inspect the vehicles that are to fly together, and each of all vehicles alone."""
         inputs = self._inputs()
         alone = self._alone(inputs, list(self.flight.vehicles))
@@ -195,7 +199,7 @@ class PreflightGate:
         not_checked = [text for text, is_off in unlooked.items() if is_off] + self.parameter_reader.risks()
         flight = self.flight
         of_features = chain.from_iterable(each.checks(flight.instant) for each in flight.features)
-        return Stand([*stand.fleet, *of_features], alone, [*stand.not_checked, *not_checked])
+        return FleetReadiness([*stand.fleet, *of_features], alone, [*stand.not_checked, *not_checked])
 
     def _alone(self, inputs: PreflightInputs, vehicles: Sequence[VehicleId]) -> dict[VehicleId, list[Check]]:
         near = spacing(inputs, vehicles)

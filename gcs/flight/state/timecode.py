@@ -11,15 +11,15 @@ from gcs.links.intake import Intake
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import TimecodeView
 from gcs.service.alarms import AlarmCause, AlarmSeverity, Condition
-from gcs.shows.timecode import Chase, Rate, Reading, State
+from gcs.shows.timecode import Chase, ChaseState, Rate, Reading
 from gcs.shows.timecode.receiver import bound_of
 from gcs.shows.timecode.smpte import label_at, parse_label
 
 WHY = {
-    State.NONE: "no timecode has arrived",
-    State.STOPPED: "the timecode has stopped",
-    State.LOST: "no timecode arrives any more: its source has stopped, or is cut off",
-    State.REFUSED: "the timecode has jumped by {jump_s:+.1f} s, more than {most_s:g} s",
+    ChaseState.NONE: "no timecode has arrived",
+    ChaseState.STOPPED: "the timecode has stopped",
+    ChaseState.LOST: "no timecode arrives any more: its source has stopped, or is cut off",
+    ChaseState.REFUSED: "the timecode has jumped by {jump_s:+.1f} s, more than {most_s:g} s",
 }
 
 
@@ -110,7 +110,7 @@ class Timecode(Feature):
 
     def is_missing(self, now_s: float) -> bool:
         """Whether the show stands still, and no source has said that it shall."""
-        silent = self._chase.state(now_s) in {State.NONE, State.LOST}
+        silent = self._chase.state(now_s) in {ChaseState.NONE, ChaseState.LOST}
         return silent and self.frozen_since_unix_s is not None
 
     def why_apart(self, show_run: ShowRun, now_s: float) -> str:

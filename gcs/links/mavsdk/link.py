@@ -23,7 +23,7 @@ from gcs.links.endpoints import mmsg
 from gcs.links.link import Command, ParameterValue, Verb
 from gcs.links.mavsdk.binding import COMPONENT_ID, MavsdkInstances, MavsdkVehicle
 from gcs.links.mavsdk.setpoint_filter import SetpointFilter
-from gcs.links.own_commands import Commands, OwnCommandChannel
+from gcs.links.own_commands import OwnCommandChannel, OwnCommands
 from gcs.links.sender import SetpointBatch
 from gcs.links.settings import station_id
 from gcs.links.stream_requests import NOT_FOR_MAVSDK, REQUESTING_COMPONENT, SETTLE_S
@@ -199,7 +199,7 @@ class MavsdkLink(Link):
         send = partial(
             self._send_message, component_id=REQUESTING_COMPONENT
         )  # MAVSDK sees no answers to these
-        self._commands = Commands(
+        self._commands = OwnCommands(
             self._system_ids, self._telemetry.autopilots, send, self._station_id, REQUESTING_COMPONENT
         )
         self._inbox.take_acks, self._inbox.take_value = self._commands.take_acks, self._commands.take_value

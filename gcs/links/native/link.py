@@ -10,7 +10,7 @@ import numpy as np
 
 from gcs.links.batch_link import Coroutines, Link
 from gcs.links.command_protocol import CommandProtocol
-from gcs.links.own_commands import Commands, OwnCommandChannel
+from gcs.links.own_commands import OwnCommandChannel, OwnCommands
 from gcs.links.sender import SetpointBatch
 from gcs.mavlink import codec
 
@@ -25,7 +25,7 @@ class NativeLink(Link):
         self._begin_commands()
 
     def _begin_commands(self) -> None:
-        self._commands = Commands(
+        self._commands = OwnCommands(
             self._system_ids, self._telemetry.autopilots, self._send_message, self._station_id
         )
         self._inbox.take_acks, self._inbox.take_value = self._commands.take_acks, self._commands.take_value

@@ -34,7 +34,7 @@ EVENTS_MAX: Final = 500
 """Most event marks; alarms take precedence over other events, and earlier events over later ones."""
 
 
-class Event(NamedTuple):
+class RecordedEvent(NamedTuple):
     """A row of the audit."""
 
     unix_s: float
@@ -44,7 +44,7 @@ class Event(NamedTuple):
     detail: Mapping[str, Any]
 
 
-def marks_of(events: Iterable[Event], began_unix_s: float, duration_s: float) -> ReplayMarks:
+def marks_of(events: Iterable[RecordedEvent], began_unix_s: float, duration_s: float) -> ReplayMarks:
     """Return all marks of a record that begins at `began_unix_s` and is `duration_s` long.
 
     Raises: KeyError or ValueError for invalid events.
@@ -118,7 +118,7 @@ def _idle(
 class EventHistory:
     """One session's events, in order."""
 
-    def __init__(self, events: Sequence[Event]) -> None:
+    def __init__(self, events: Sequence[RecordedEvent]) -> None:
         """Raises: KeyError, TypeError or ValueError for invalid events."""
         self._events = tuple(events)
         self._happened: list[LogEvent] = []
@@ -145,7 +145,7 @@ class EventHistory:
         try:
             found = rows(file, EVENTS, session)
             return EventHistory(
-                [Event(**{**dict(row), "detail": json.loads(row["detail"])}) for row in found]
+                [RecordedEvent(**{**dict(row), "detail": json.loads(row["detail"])}) for row in found]
             )
         except (KeyError, TypeError, ValueError) as error:
             raise GcsError(f"{file}: its events are none: {error!r}") from None

@@ -42,7 +42,7 @@ AGE_MAX_S: Final = 0.5
 
 
 @dataclass(slots=True)
-class Line:
+class FittedLine:
     """The straight line through readings; a further one costs the same however many there are.
 
     Sums count from `_from_s` and `_from_time_s`, which follow the readings: so they keep their precision.
@@ -92,7 +92,7 @@ class Line:
         return self._from_s + t, self._from_time_s + y, slope
 
 
-class State(StrEnum):
+class ChaseState(StrEnum):
     """How it is with a timecode."""
 
     NONE = "none"  # nothing has arrived yet
@@ -118,7 +118,7 @@ class Chase:
     jump_max_s: float
     show_s: float = nan
     rate: Rate | None = None
-    _line: Line = field(default_factory=Line)
+    _line: FittedLine = field(default_factory=FittedLine)
     _strays: deque[tuple[float, float]] = field(default_factory=lambda: deque(maxlen=READINGS_MAX))
     _newest_s: float = -inf  # when the newest reading of the line was true
     _stands: bool = False  # the source has said so since the timecode ran last
@@ -193,20 +193,20 @@ class Chase:
         middle_s, mean_s, slope = self._fit
         return mean_s + slope * (at_s - middle_s)
 
-    def state(self, now_s: float) -> State:
+    def state(self, now_s: float) -> ChaseState:
         """How it is with the timecode."""
         silent_s = now_s - self._newest_s
         if self._line and silent_s <= self.freewheel_s:
-            return State.RUNNING if silent_s <= SILENT_S else State.DROPPED_OUT
+            return ChaseState.RUNNING if silent_s <= SILENT_S else ChaseState.DROPPED_OUT
         if now_s - self._refused_s <= self.freewheel_s:
-            return State.REFUSED
+            return ChaseState.REFUSED
         if self._stands or now_s - self._arrived_s <= self.freewheel_s:
-            return State.STOPPED
-        return State.NONE if self.rate is None else State.LOST
+            return ChaseState.STOPPED
+        return ChaseState.NONE if self.rate is None else ChaseState.LOST
 
     def runs(self, now_s: float) -> bool:
         """Whether the show has a timecode to follow."""
-        return self.state(now_s) in {State.RUNNING, State.DROPPED_OUT}
+        return self.state(now_s) in {ChaseState.RUNNING, ChaseState.DROPPED_OUT}
 
     def time_s(self, now_s: float) -> float:
         """The timecode now, from 00:00:00:00; where it stands if it stands; NaN: nowhere yet."""

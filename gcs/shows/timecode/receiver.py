@@ -20,7 +20,7 @@ from gcs.links.reading import BUFFER_BYTES, Reader
 from gcs.model.errors import LinkError
 from gcs.shows.timecode.ltc import LinearTimecode
 from gcs.shows.timecode.midi import MidiTimecode
-from gcs.shows.timecode.rtp_midi import Session
+from gcs.shows.timecode.rtp_midi import MidiSession
 from gcs.shows.timecode.smpte import Reading
 
 log = logging.getLogger(__name__)
@@ -102,7 +102,7 @@ async def _receive_udp(host: str, port: int, sink: Sink, intake: Intake) -> None
 
 async def _receive_rtp(host: str, port: int, sink: Sink, intake: Intake) -> None:
     """A session of which somebody else is the initiator: its commands at `port`, MIDI at the one after it."""
-    midi, session = MidiTimecode(), Session(secrets.randbits(32))
+    midi, session = MidiTimecode(), MidiSession(secrets.randbits(32))
 
     def take(through: socket.socket, arrived: list[Arrived], now_s: float) -> None:
         readings: list[Reading] = []

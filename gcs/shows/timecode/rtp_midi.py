@@ -23,7 +23,7 @@ _SYSTEM_BYTES: Final = {0xF1: 1, 0xF2: 2, 0xF3: 1}
 
 
 @dataclass(slots=True)
-class Session:
+class MidiSession:
     """Our side of one session; the newest invitation counts.
 
     Attributes:

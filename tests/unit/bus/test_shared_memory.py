@@ -20,7 +20,7 @@ from gcs.bus.shared_memory import (
     PREFIX,
     SLOT_BYTES,
     SLOTS,
-    Reader,
+    BundleReader,
     Writer,
     shared_file,
 )
@@ -53,7 +53,7 @@ def test_a_reader_takes_each_bundle_once_and_in_order(
     file = tmp_path_factory.mktemp("bus") / "north"
     with written(file) as writer:
         writer.put(b"before the reader")
-        reader = Reader(file)
+        reader = BundleReader(file)
         for bundles in turns:
             for bundle in bundles:
                 writer.put(bundle)
@@ -63,7 +63,7 @@ def test_a_reader_takes_each_bundle_once_and_in_order(
 
 def test_a_bundle_of_the_greatest_length_is_whole(tmp_path: Path) -> None:
     with written(tmp_path / "north") as writer:
-        reader = Reader(tmp_path / "north")
+        reader = BundleReader(tmp_path / "north")
         for _ in range(2 * SLOTS):
             bundle = os.urandom(BUNDLE_MAX)
             writer.put(bundle)
@@ -73,7 +73,7 @@ def test_a_bundle_of_the_greatest_length_is_whole(tmp_path: Path) -> None:
 @pytest.mark.parametrize("count", [SLOTS, SLOTS + 1, 5 * SLOTS])
 def test_a_slow_reader_takes_the_newest(count: int, tmp_path: Path) -> None:
     with written(tmp_path / "north") as writer:
-        reader = Reader(tmp_path / "north")
+        reader = BundleReader(tmp_path / "north")
         sent = [number.to_bytes(2) for number in range(count)]
         for bundle in sent:
             writer.put(bundle)
@@ -82,7 +82,7 @@ def test_a_slow_reader_takes_the_newest(count: int, tmp_path: Path) -> None:
 
 def test_all_stations_of_a_machine_read_one(tmp_path: Path) -> None:
     with written(tmp_path / "north") as writer:
-        readers = [Reader(tmp_path / "north") for _ in range(3)]
+        readers = [BundleReader(tmp_path / "north") for _ in range(3)]
         writer.put(b"1")
         assert [list(reader.newest()) for reader in readers] == [[b"1"]] * 3
 
@@ -91,7 +91,7 @@ def test_all_stations_of_a_machine_read_one(tmp_path: Path) -> None:
 def test_what_is_overwritten_meanwhile_is_dropped(at: int, tmp_path: Path) -> None:
     file = tmp_path / "north"
     with written(file) as writer:
-        reader = Reader(file)
+        reader = BundleReader(file)
         writer.put(b"first")
         with file.open("r+b") as damaged:  # number of the newest; number, length or bytes of the bundle
             damaged.seek(at)
@@ -109,12 +109,12 @@ def test_a_killed_station_is_not_read_and_a_restarted_one_is(tmp_path: Path) -> 
         with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
             assert process.stdout is not None
             assert process.stdout.readline() == b"written\n"
-            assert list(Reader(file).newest()) == []
+            assert list(BundleReader(file).newest()) == []
             with pytest.raises(LinkError, match="another station writes it"):
                 Writer(file)
             process.kill()
         with pytest.raises(LinkError, match="no station writes it"):
-            Reader(file)
+            BundleReader(file)
 
 
 def test_files_of_killed_stations_are_removed_and_others_kept(tmp_path: Path) -> None:
@@ -124,7 +124,7 @@ def test_files_of_killed_stations_are_removed_and_others_kept(tmp_path: Path) ->
     other.write_text("of another program")
     foreign.symlink_to(other)
     with written(runs) as writer:
-        reader = Reader(runs)
+        reader = BundleReader(runs)
         with written(tmp_path / f"{PREFIX}new"):
             assert not killed.exists()
             writer.put(b"1")
@@ -134,12 +134,12 @@ def test_files_of_killed_stations_are_removed_and_others_kept(tmp_path: Path) ->
 
 def test_a_station_that_ends_leaves_no_file(tmp_path: Path) -> None:
     with written(tmp_path / "north") as writer:
-        reader = Reader(tmp_path / "north")
+        reader = BundleReader(tmp_path / "north")
         writer.put(b"last")
     assert not (tmp_path / "north").exists()
     assert list(reader.newest()) == [b"last"]
     with pytest.raises(LinkError, match="No such file"):
-        Reader(tmp_path / "north")
+        BundleReader(tmp_path / "north")
 
 
 def test_a_file_of_another_form_is_not_read(tmp_path: Path) -> None:
@@ -147,10 +147,10 @@ def test_a_file_of_another_form_is_not_read(tmp_path: Path) -> None:
     for content in (b"", b"short", bytes(FILE_BYTES + 1)):
         file.write_bytes(content)
         with pytest.raises(LinkError, match="no station writes it"):
-            Reader(file)
+            BundleReader(file)
     file.unlink()
     file.symlink_to(tmp_path / "elsewhere")
-    for refused in (Reader, Writer):
+    for refused in (BundleReader, Writer):
         with pytest.raises(LinkError, match="symbolic links"):
             refused(file)
 
@@ -160,7 +160,7 @@ def test_a_file_of_another_user_is_not_used(tmp_path: Path, monkeypatch: pytest.
     with written(file) as writer:
         assert file.stat().st_mode & 0o777 == 0o600
         monkeypatch.setattr(os, "geteuid", lambda: file.stat().st_uid + 1)
-        for refused in (Reader, Writer):
+        for refused in (BundleReader, Writer):
             with pytest.raises(LinkError, match="belongs to another user"):
                 refused(file)
         writer.put(b"")

@@ -10,7 +10,7 @@ import async_solipsism
 import pytest
 
 from gcs.cli import params
-from gcs.cli.params import LACKING, OPEN, Row, inspect
+from gcs.cli.params import LACKING, OPEN, ParameterRow, inspect
 from gcs.config.schema import Config
 from gcs.links import ParameterValue
 from gcs.links.autopilots import AUTOPILOTS
@@ -49,11 +49,13 @@ def on_wire(
 
 def inspected(
     name: str, values: dict[str, ParameterValue], version: int, *, knows_512: bool = True
-) -> tuple[PublishedVehicle, list[Row], list[Row], float]:
+) -> tuple[PublishedVehicle, list[ParameterRow], list[ParameterRow], float]:
     """The vehicle, the rows of `apply` and of a `check` after it, and how long both took."""
     config = config_of(name)
 
-    async def story(one: PublishedVehicle) -> tuple[PublishedVehicle, list[Row], list[Row], float]:
+    async def story(
+        one: PublishedVehicle,
+    ) -> tuple[PublishedVehicle, list[ParameterRow], list[ParameterRow], float]:
         loop = asyncio.get_running_loop()
         began_s = loop.time()
         applied = await inspect([one.link], config, ("d1",), 8.0, named=True, apply=True)
@@ -121,7 +123,7 @@ def test_too_old_a_version_is_refused_and_nothing_is_set() -> None:
 
 
 def test_another_autopilot_than_configured_is_refused_as_such() -> None:
-    async def story(one: PublishedVehicle) -> list[Row]:
+    async def story(one: PublishedVehicle) -> list[ParameterRow]:
         one.number = 3
         return await inspect([one.link], config_of("px4"), ("d1",), 8.0, named=True, apply=True)
 
@@ -135,13 +137,13 @@ def test_another_autopilot_than_configured_is_refused_as_such() -> None:
     ("rows", "advice"),
     [
         (
-            [Row("d1", "A", 1, "2", "wrong: x", params.APPLY)],
+            [ParameterRow("d1", "A", 1, "2", "wrong: x", params.APPLY)],
             "to mend this: gcs params apply --config show.yaml",
         ),
-        ([Row("d1", "A", None, "2", params.MISSING, "install it")], "to mend this: install it"),
-        ([Row("d1", "A", 2, "2", "ok")], ""),
+        ([ParameterRow("d1", "A", None, "2", params.MISSING, "install it")], "to mend this: install it"),
+        ([ParameterRow("d1", "A", 2, "2", "ok")], ""),
     ],
     ids=["wrong", "missing", "good"],
 )
-def test_advice_is_what_helps(rows: Sequence[Row], advice: str) -> None:
+def test_advice_is_what_helps(rows: Sequence[ParameterRow], advice: str) -> None:
     assert params.advice(rows, "show.yaml") == advice

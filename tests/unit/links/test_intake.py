@@ -22,7 +22,7 @@ from gcs.model.errors import LinkError
 from gcs.shows.timecode import Chase
 from gcs.shows.timecode.midi import MidiTimecode, quarter_frames
 from gcs.shows.timecode.receiver import READINGS_MAX, SAMPLE_BYTES, pcm_decoder
-from gcs.shows.timecode.rtp_midi import Session
+from gcs.shows.timecode.rtp_midi import MidiSession
 from gcs.shows.timecode.smpte import Rate, label_at
 from tests.support.rtcm import base_message, rtcm
 from tests.support.timecode import rtp
@@ -132,7 +132,7 @@ def of_midi() -> Take:
 
 
 def of_rtp() -> Take:
-    return partial(Session(1, partner=1234).take, now_s=0.0)
+    return partial(MidiSession(1, partner=1234).take, now_s=0.0)
 
 
 def of_sound() -> Take:

@@ -9,7 +9,7 @@ import pytest
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.links.link import Direction
+from gcs.links.link import FrameDirection
 from gcs.links.tlog import Recorder, record
 
 
@@ -44,7 +44,7 @@ def test_pymavlink_reads_every_frame_in_order_with_its_time(tmp_path: Path) -> N
     recorder.open()
     began_s = time.time()
     for raw in frames(3000):
-        recorder.record(time.monotonic(), Direction.SENT, raw, 3)
+        recorder.record(time.monotonic(), FrameDirection.SENT, raw, 3)
     recorder.close()
     assert recorder.path is not None
     messages = read(recorder.path)
@@ -60,7 +60,7 @@ def test_arrival_dated_back_keeps_the_order(tmp_path: Path) -> None:
     recorder.open()
     now_s = time.monotonic()
     for age_s, raw in zip((0.0, 0.2, 0.1), frames(3), strict=True):
-        recorder.record(now_s - age_s, Direction.RECEIVED, raw, 3)
+        recorder.record(now_s - age_s, FrameDirection.RECEIVED, raw, 3)
     recorder.close()
     assert recorder.path is not None
     messages = read(recorder.path)
@@ -72,17 +72,17 @@ def test_two_recordings_of_one_second_have_separate_files(tmp_path: Path) -> Non
     for _ in range(2):
         recorder = a_recorder(tmp_path / "new" / "folder", "radio/7 ü")
         recorder.open()
-        recorder.record(0.0, Direction.SENT, frames(1)[0], 3)
+        recorder.record(0.0, FrameDirection.SENT, frames(1)[0], 3)
         recorder.close()
     assert len(list((tmp_path / "new" / "folder").glob("*-radio_7__*.tlog"))) == 2
 
 
 def test_no_file_before_the_first_frame(tmp_path: Path) -> None:
     recorder = a_recorder(tmp_path)
-    recorder.record(0.0, Direction.SENT, frames(1)[0], 3)
+    recorder.record(0.0, FrameDirection.SENT, frames(1)[0], 3)
     recorder.open()
     recorder.close()
-    recorder.record(0.0, Direction.SENT, frames(1)[0], 3)
+    recorder.record(0.0, FrameDirection.SENT, frames(1)[0], 3)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -93,7 +93,7 @@ def test_unavailable_folder_is_reported_once_and_counted(
     recorder = a_recorder(tmp_path / "file")
     recorder.open()
     for raw in frames(5):
-        recorder.record(0.0, Direction.SENT, raw, 3)
+        recorder.record(0.0, FrameDirection.SENT, raw, 3)
         recorder._write_once()
     recorder.close()
     assert (recorder.written, recorder.dropped) == (0, 5)
@@ -116,7 +116,7 @@ def test_a_full_disk_loses_whole_frames_and_the_file_goes_on(tmp_path: Path) -> 
     recorder._closed = False  # its turns are taken here
     problems = []
     for index, raw in enumerate(frames(6)):
-        recorder.record(float(index), Direction.SENT, raw, 3)
+        recorder.record(float(index), FrameDirection.SENT, raw, 3)
         with files_end_at(70 if index < 4 else 1000):  # two of them and a half
             recorder._write_once()
         problems.append(recorder.problem)
@@ -137,5 +137,5 @@ def test_frames_beyond_the_disk_rate_are_counted_and_dropped(
     recorder = a_recorder(tmp_path)
     recorder._closed = False  # its thread never comes to writing
     for raw in frames(50):
-        recorder.record(0.0, Direction.SENT, raw, 3)
+        recorder.record(0.0, FrameDirection.SENT, raw, 3)
     assert recorder.dropped > 40

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gcs.links.autopilots import DEFAULT
-from gcs.links.own_commands import ANSWER_S, TRIES, Commands
+from gcs.links.own_commands import ANSWER_S, TRIES, OwnCommands
 from gcs.mavlink.codec import COMPONENT_ID, SYSTEM_ID, Records, records
 from gcs.mavlink.framing import COMMAND_ACK
 from gcs.mavlink.kernels import Whole
@@ -23,7 +23,7 @@ class Bench:
 
     def __init__(self) -> None:
         self.sent: list[tuple[float, int, Records]] = []
-        self.commands = Commands(np.array([11, 12]), (DEFAULT, DEFAULT), self.tell)
+        self.commands = OwnCommands(np.array([11, 12]), (DEFAULT, DEFAULT), self.tell)
         self.open = True
 
     def tell(self, message_id: int, messages: Records, rows: Whole) -> None:

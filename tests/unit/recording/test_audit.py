@@ -17,7 +17,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Obstacle, Plan
 from gcs.model.preflight_report import Exclusion
 from gcs.model.state import Mode
-from gcs.recording.audit_database import VERSION, Journal, Row
+from gcs.recording.audit_database import VERSION, AuditRow, Journal
 from gcs.recording.audit_reader import AUDIT, LostBegin, exclusions, last_known, lost_begin
 from gcs.recording.session import Record
 from gcs.service import CALLER, Call, Outcome, SelectedShow
@@ -286,7 +286,7 @@ def test_notes_beyond_the_buffer_of_a_bad_disk_are_counted(tmp_path: Path) -> No
     journal = Journal(tmp_path / "runs" / AUDIT)
     journal.open()
     for _ in range(60):
-        journal.put([Row("SELECT 1", ())] * 1_000)
+        journal.put([AuditRow("SELECT 1", ())] * 1_000)
     assert not asyncio.run(journal.kept())
     (tmp_path / "runs").unlink()
     soon(lambda: "10000 rows of the audit were not recorded" in journal.problem)

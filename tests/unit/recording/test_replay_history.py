@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gcs.model.errors import GcsError
-from gcs.recording.audit import Audit
+from gcs.recording.audit import AuditTrail
 from gcs.recording.audit_database import Journal
 from gcs.recording.audit_reader import AUDIT, PAD
 from gcs.recording.replay.history import EventHistory
@@ -18,7 +18,7 @@ def recorded(root: Path) -> Path:
     journal = Journal(root / AUDIT)
     journal.open()
     for session in ("s1", "s2"):
-        audit = Audit(journal, session, {"d1": (1, "a")})
+        audit = AuditTrail(journal, session, {"d1": (1, "a")})
         audit.begin(root / session, "{}")
         audit.event(10.0, "info", PAD, "d1", {"pad_m": [1.0, 2.0, -0.5]})
         audit.event(20.0, "warning", "vehicle_phase", "d1", {"phase": session, "reason": "silent"})
@@ -55,7 +55,7 @@ def test_missing_audit_is_silent_and_a_damaged_one_is_named(tmp_path: Path) -> N
 def test_history_is_limited_to_a_page(tmp_path: Path) -> None:
     journal = Journal(tmp_path / AUDIT)
     journal.open()
-    audit = Audit(journal, "s1", {})
+    audit = AuditTrail(journal, "s1", {})
     for number in range(KEPT + 50):
         audit.event(float(number), "info", "vehicle_connected", f"d{number}", {})
     journal.close()

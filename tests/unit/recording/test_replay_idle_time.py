@@ -10,7 +10,7 @@ import pytest
 from gcs.config import schema as configuration
 from gcs.model.lifecycle import ShowPhase
 from gcs.recording import mcap_layout as layout
-from gcs.recording.audit import Audit
+from gcs.recording.audit import AuditTrail
 from gcs.recording.audit_database import Journal
 from gcs.recording.audit_reader import AUDIT
 from gcs.recording.mcap_reader import FlightData
@@ -46,7 +46,7 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made.finish()
     journal = Journal(folder.parent / AUDIT)
     journal.open()
-    audit = Audit(journal, "s1", {"d1": (1, "a"), "d2": (2, "a")})
+    audit = AuditTrail(journal, "s1", {"d1": (1, "a"), "d2": (2, "a")})
     audit.begin(folder, "{}")
     for at_s, was, phase in ((TAKES_OFF_S, "idle", "running"), (LANDS_S, "running", "landed")):
         audit.event(BEGAN_S + at_s, "info", "show_phase", None, {"was": was, "phase": phase, "reason": ""})

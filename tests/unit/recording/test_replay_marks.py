@@ -5,15 +5,17 @@ from typing import Any
 import pytest
 
 from gcs.model.lifecycle import ShowPhase
-from gcs.recording.replay.history import EVENTS_MAX, KEPT_S, Event, marks_of
+from gcs.recording.replay.history import EVENTS_MAX, KEPT_S, RecordedEvent, marks_of
 from gcs.service.event_log import Severity
 
 BEGAN_S = 1.7e9
 LASTS_S = 600.0
 
 
-def at(time_s: float, event: str, vehicle: str | None = None, level: str = "info", **detail: Any) -> Event:
-    return Event(BEGAN_S + time_s, level, event, vehicle, detail)
+def at(
+    time_s: float, event: str, vehicle: str | None = None, level: str = "info", **detail: Any
+) -> RecordedEvent:
+    return RecordedEvent(BEGAN_S + time_s, level, event, vehicle, detail)
 
 
 FLIGHT = [

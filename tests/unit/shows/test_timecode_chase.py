@@ -8,7 +8,7 @@ import pytest
 
 from gcs.model.state import Array
 from gcs.shows.tempo import CHANGE_PER_S, Tempo, desired_rate
-from gcs.shows.timecode import Chase, Rate, Reading, State
+from gcs.shows.timecode import Chase, ChaseState, Rate, Reading
 from gcs.shows.timecode.midi import MidiTimecode, full_frame
 from gcs.shows.timecode.smpte import Label
 from tests.support.timecode import late, running
@@ -26,7 +26,9 @@ class Following:
     chase: Chase = field(default_factory=lambda: Chase(freewheel_s=1.0, jump_max_s=5.0))
     tempo: Tempo = Tempo()
     clock_s: float = np.nan  # timecode of the show
-    at: list[tuple[float, float, float, State]] = field(default_factory=list)  # time, clock, tempo, state
+    at: list[tuple[float, float, float, ChaseState]] = field(
+        default_factory=list
+    )  # time, clock, tempo, state
 
     def run(self, seconds: float, begins_s: float) -> "Following":
         """Tick for so long; the show begins when the timecode has come to `begins_s`."""
@@ -86,7 +88,7 @@ def test_the_show_is_within_20_ms_of_a_bad_timecode(rate: Rate, speed: float) ->
     flown = time_s > 3.0
     off_s = np.abs(clock_s - true_s)[flown]
     assert np.percentile(off_s, 99) <= 0.020
-    assert {row[3] for row in following.at if row[0] > 3.0} <= {State.RUNNING, State.DROPPED_OUT}
+    assert {row[3] for row in following.at if row[0] > 3.0} <= {ChaseState.RUNNING, ChaseState.DROPPED_OUT}
     assert (np.diff(clock_s[flown]) > 0.0).all()
 
 
@@ -127,7 +129,7 @@ def test_a_small_jump_is_slewed_never_jumped(jump_s: float) -> None:
     assert np.abs(np.diff(tempo[flown])).max() <= CHANGE_PER_S * TICK_S + 1e-9
     true_s = START.time_s(Rate.FPS_30) + time_s + jump_s
     assert np.abs(clock_s - true_s)[time_s > 55.0].max() < 0.02
-    assert State.REFUSED not in {row[3] for row in following.at}
+    assert ChaseState.REFUSED not in {row[3] for row in following.at}
 
 
 @pytest.mark.parametrize("jump_s", [30.0, -15.0])
@@ -140,7 +142,7 @@ def test_a_large_jump_is_refused_and_the_show_stands(jump_s: float) -> None:
     ]
     following = Following([*first, *second]).run(30.0, START.time_s(Rate.FPS_25) + 1.0)
     time_s, clock_s, tempo = following.table.T
-    assert following.at[-1][3] is State.REFUSED
+    assert following.at[-1][3] is ChaseState.REFUSED
     assert following.chase.jump_s == pytest.approx(jump_s, abs=12.0)
     assert tempo[time_s > 24.0].max() == 0.0
     assert clock_s[-1] - START.time_s(Rate.FPS_25) < 23.0
@@ -154,7 +156,7 @@ def test_a_few_wrong_readings_do_not_move_the_show() -> None:
         if number > 100 and number % 10 < 4:
             chase.take(Reading(103.0 + at_s, Rate.FPS_25), at_s)
     assert chase.time_s(2.0) == pytest.approx(102.0, abs=1e-6)
-    assert chase.state(2.0) is State.RUNNING
+    assert chase.state(2.0) is ChaseState.RUNNING
 
 
 def test_a_source_that_repeats_one_frame_stands() -> None:
@@ -162,24 +164,28 @@ def test_a_source_that_repeats_one_frame_stands() -> None:
     for number in range(300):
         at_s = number * 0.04
         chase.take(Reading(100.0 + min(at_s, 4.0), Rate.FPS_25), at_s)
-    assert chase.state(12.0) is State.STOPPED
+    assert chase.state(12.0) is ChaseState.STOPPED
     assert chase.time_s(12.0) == pytest.approx(104.0, abs=0.15)
 
 
 def test_a_silent_source_is_lost_another_says_that_it_stopped() -> None:
     midi, chase = MidiTimecode(), Chase(freewheel_s=1.0, jump_max_s=5.0)
-    assert chase.state(0.0) is State.NONE
+    assert chase.state(0.0) is ChaseState.NONE
     for at_s, message in arriving(3.0, Rate.FPS_25, 1.0, late(0.002, 1)):
         for reading in midi.take(message):
             chase.take(reading, at_s)
-    assert [chase.state(at_s) for at_s in (3.0, 3.5, 5.0)] == [State.RUNNING, State.DROPPED_OUT, State.LOST]
+    assert [chase.state(at_s) for at_s in (3.0, 3.5, 5.0)] == [
+        ChaseState.RUNNING,
+        ChaseState.DROPPED_OUT,
+        ChaseState.LOST,
+    ]
     for reading in midi.take(full_frame(Label(1, 0, 3, 0), Rate.FPS_25)):
         chase.take(reading, 6.0)
-    assert [chase.state(at_s) for at_s in (6.0, 600.0)] == [State.STOPPED] * 2
+    assert [chase.state(at_s) for at_s in (6.0, 600.0)] == [ChaseState.STOPPED] * 2
     for at_s, message in arriving(3.0, Rate.FPS_25, 1.0, late(0.002, 1)):
         for reading in midi.take(message):
             chase.take(reading, 700.0 + at_s)
-    assert [chase.state(at_s) for at_s in (703.0, 705.0)] == [State.RUNNING, State.LOST]
+    assert [chase.state(at_s) for at_s in (703.0, 705.0)] == [ChaseState.RUNNING, ChaseState.LOST]
 
 
 def test_a_full_frame_counts_before_the_show_only() -> None:
@@ -188,7 +194,7 @@ def test_a_full_frame_counts_before_the_show_only() -> None:
         for reading in midi.take(full_frame(place, Rate.FPS_25)):
             chase.take(reading, 1.0)
         assert chase.time_s(1.0) == place.time_s(Rate.FPS_25)
-        assert chase.state(1.0) is State.STOPPED
+        assert chase.state(1.0) is ChaseState.STOPPED
     chase.show_s = 3600.0
     for reading in midi.take(full_frame(Label(5, 0, 0, 0), Rate.FPS_25)):
         chase.take(reading, 2.0)

@@ -12,7 +12,7 @@ from gcs.shows.timecode import Rate
 from gcs.shows.timecode.ltc import LinearTimecode
 from gcs.shows.timecode.midi import MidiTimecode, full_frame, quarter_frames
 from gcs.shows.timecode.receiver import pcm_decoder
-from gcs.shows.timecode.rtp_midi import Session
+from gcs.shows.timecode.rtp_midi import MidiSession
 from gcs.shows.timecode.smpte import Label, label_at, parse_label
 from tests.support.timecode import END, INVITATION, SYNC, pcm, rtp, running, sound
 
@@ -122,7 +122,7 @@ def test_pcm_in_odd_pieces_is_the_same_sound() -> None:
 
 
 def test_a_session_is_accepted_kept_in_time_and_ended() -> None:
-    session = Session(99)
+    session = MidiSession(99)
     midi, answer = session.take(INVITATION, 1.0)
     assert (midi, answer[:4], struct.unpack(">III", answer[4:16])) == (b"", b"\xff\xffOK", (2, 77, 99))
     _, answer = session.take(SYNC, 2.0)
@@ -141,7 +141,7 @@ def test_a_session_is_accepted_kept_in_time_and_ended() -> None:
 @given(st.binary(max_size=1500), st.integers(1, 7))
 def test_no_bytes_do_harm(data: bytes, cut: int) -> None:
     """No exception, and nothing that grows: whatever arrives, in whatever pieces."""
-    midi, session, (_, decode) = MidiTimecode(), Session(1), pcm_decoder(8000.0)
+    midi, session, (_, decode) = MidiTimecode(), MidiSession(1), pcm_decoder(8000.0)
     session.take(INVITATION, 0.0)
     for at in range(0, len(data), max(1, len(data) // cut)):
         part = data[at : at + len(data) // cut + 1]

@@ -15,13 +15,13 @@ from gcs.safety.floor import Floor
 from gcs.simulation.formation_run import FormationRun
 from gcs.simulation.loss import Losses
 from gcs.simulation.metrics import report
-from gcs.simulation.scenario import FormationFlight, Judged, Loss, Scenario, World
+from gcs.simulation.scenario import FormationFlight, Judged, Scenario, ScenarioLoss, World
 from gcs.simulation.world import TrueWorld
 
 COUNT = 8
 
 
-def run_of(loss: Loss, failsafes: FailsafePolicy | None, duration_s: float) -> FormationRun:
+def run_of(loss: ScenarioLoss, failsafes: FailsafePolicy | None, duration_s: float) -> FormationRun:
     flight = FormationFlight(kind="formation", loss=loss)
     scenario = Scenario(
         name="loss",
@@ -35,7 +35,7 @@ def run_of(loss: Loss, failsafes: FailsafePolicy | None, duration_s: float) -> F
 
 
 def test_lost_vehicles_stay_in_the_air_and_in_the_way() -> None:
-    run = run_of(Loss(share=0.13, at_s=5.0), None, 12.0)
+    run = run_of(ScenarioLoss(share=0.13, at_s=5.0), None, 12.0)
     record = run.fly()
     assert run.losses.known.sum() == 1
     assert record.in_air[-1].all()
@@ -47,7 +47,7 @@ def test_lost_vehicles_stay_in_the_air_and_in_the_way() -> None:
 
 
 def test_too_many_lost_vehicles_end_the_flight_as_in_reality() -> None:
-    run = run_of(Loss(share=0.25, at_s=10.0, action="land"), FailsafePolicy(), 120.0)
+    run = run_of(ScenarioLoss(share=0.25, at_s=10.0, action="land"), FailsafePolicy(), 120.0)
     record = run.fly()
     assert [what for _, _, what in record.failsafes][-1] == "return"
     assert record.failsafes[-1][1] == "too many vehicles lost"
@@ -59,7 +59,7 @@ def test_too_many_lost_vehicles_end_the_flight_as_in_reality() -> None:
 @pytest.mark.parametrize("action", ["pause", "land"])
 def test_a_lost_vehicle_pauses_or_lands_the_others(action: str) -> None:
     policy = FailsafePolicy(vehicle_lost=VehicleLost.model_validate({"action": action}))
-    run = run_of(Loss(share=0.13, at_s=15.0), policy, 70.0)
+    run = run_of(ScenarioLoss(share=0.13, at_s=15.0), policy, 70.0)
     record = run.fly()
     others = ~run.losses.known
     assert [what for _, _, what in record.failsafes] == [action]
@@ -70,7 +70,7 @@ def test_a_lost_vehicle_pauses_or_lands_the_others(action: str) -> None:
 
 
 def test_without_failsafes_the_others_close_the_gap() -> None:
-    record = run_of(Loss(share=0.25, at_s=10.0, action="land"), None, 40.0).fly()
+    record = run_of(ScenarioLoss(share=0.25, at_s=10.0, action="land"), None, 40.0).fly()
     assert record.failsafes == []
     assert "failsafes" not in report(record)
     assert record.formed[-1].sum() == 6
@@ -81,7 +81,7 @@ def test_space_of_a_vehicle_that_was_turning_is_closed(vehicle: Literal["fitted"
     """PX4 flies on with its last setpoint: the vehicle was received northbound, and goes south."""
     links = World(vehicle=vehicle, telemetry_delay_s=0.1, setpoint_delay_s=0.1, response_spread=0.0)
     world = TrueWorld(np.array([[0.0, 0.0, -20.0], [50.0, 0.0, -20.0]]), links, 1)
-    losses, memory = Losses(Loss(share=0.5, at_s=2.4), 2, 1), Memory.fresh(2, 0.0)
+    losses, memory = Losses(ScenarioLoss(share=0.5, at_s=2.4), 2, 1), Memory.fresh(2, 0.0)
     (row,) = np.flatnonzero(losses.rows)
     northbound_m_s, away_m = 0.0, []
     floor = Floor(vertical_m=Floor().horizontal_m)
@@ -102,14 +102,16 @@ def test_space_of_a_vehicle_that_was_turning_is_closed(vehicle: Literal["fitted"
 
 def test_vehicles_that_wait_to_join_are_never_the_lost_ones() -> None:
     for seed in range(20):
-        losses = Losses(Loss(share=0.5), 8, seed, joining=2)
+        losses = Losses(ScenarioLoss(share=0.5), 8, seed, joining=2)
         assert int(losses.rows.sum()) == 3
         assert not losses.rows[6:].any()
 
 
 def test_all_others_land_although_pads_lie_below_a_lost_one() -> None:
     """A vehicle with such a pad hovered beside the closed space for ever, and no landing was counted."""
-    flight = FormationFlight(kind="formation", ending="return", ending_s=30.0, loss=Loss(share=0.1, at_s=6.0))
+    flight = FormationFlight(
+        kind="formation", ending="return", ending_s=30.0, loss=ScenarioLoss(share=0.1, at_s=6.0)
+    )
     scenario = Scenario(
         name="loss", about="some are lost", duration_s=120.0, flight=flight, judged=Judged(vehicles=(20,))
     )

@@ -11,7 +11,7 @@ from gcs.model.plan import Obstacle
 from gcs.model.state import Array
 from gcs.safety.filter import Limits
 from gcs.simulation import metrics as measure
-from gcs.simulation.record import Record, closest_m
+from gcs.simulation.record import FlightRecord, closest_m
 from gcs.simulation.reference_shapes import best, best_figures, energy_and_gradient, energy_and_nearest
 from gcs.simulation.scenario import Scenario
 
@@ -32,10 +32,10 @@ def scenario(**flight: object) -> Scenario:
     )
 
 
-def record_of(paths: list[Array], trial: Scenario | None = None, *, radius_m: float = 10.0) -> Record:
+def record_of(paths: list[Array], trial: Scenario | None = None, *, radius_m: float = 10.0) -> FlightRecord:
     """A formation that was at `paths`, tick by tick, 20 of them a second."""
     n = len(paths[0])
-    record = Record(trial or scenario(), 1, paths[0], np.full((n, 3), np.nan), 2.0)
+    record = FlightRecord(trial or scenario(), 1, paths[0], np.full((n, 3), np.nan), 2.0)
     for index, position_m in enumerate(paths):
         record.time_s.append(index / 20.0)
         record.position_m.append(position_m)

@@ -7,7 +7,7 @@ import pytest
 
 from gcs.formation.orbit import Center
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.stations.lead import Lead
+from gcs.stations.lead import SiteLead
 from gcs.stations.messages import PHASE_CODE, BatchHead, Echo, FormationMessage, SlotsMessage
 from gcs.stations.site import LOST_S, SHARES_S, Site, StationFleet
 from gcs.stations.space_without_control import WithoutControl
@@ -192,7 +192,7 @@ def test_follower_knows_the_formation_of_the_lead_only() -> None:
 
 def test_highest_term_leads_and_the_name_decides_within_one() -> None:
     names = ("north", "south", "west")
-    leads = {name: Lead(name, names) for name in names}
+    leads = {name: SiteLead(name, names) for name in names}
     assert [leads[name].leads for name in names] == [True, False, False]
     leads["south"].take()
     leads["west"].take()  # both operators at once
@@ -209,7 +209,7 @@ def test_highest_term_leads_and_the_name_decides_within_one() -> None:
 
 
 def test_first_term_is_the_first_stations() -> None:
-    lead = Lead("north", ("north", "south"))
+    lead = SiteLead("north", ("north", "south"))
     assert not lead.observe(1, 1)
     assert not lead.observe(9, 7)  # no such station
     assert lead.leads
