@@ -87,6 +87,7 @@ def test_killed_station_ends_no_show(victim: str, after_s: float) -> None:
     fly_assembled(story, site_config(4, 4), **BUS)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("victim", "after_s", "closed"),
     [
@@ -135,6 +136,7 @@ def test_cut_bus_holds_both_halves_until_it_heals() -> None:
     fly_assembled(story, site_config(4, 4), **BUS)
 
 
+@pytest.mark.soak
 def test_all_hold_for_each_of_two_stations_that_are_cut_off() -> None:
     """The second is cut off while all hold for the first: its bus may heal as well."""
 

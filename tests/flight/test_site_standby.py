@@ -68,6 +68,7 @@ def test_show_goes_on_when_the_owner_is_killed(after_s: float) -> None:
     fly_assembled(story, two_hosts(4), **BUS)
 
 
+@pytest.mark.soak
 def test_show_goes_on_by_itself_where_configured() -> None:
     async def story(show: SiteShow) -> None:
         await show["north"].kill()
@@ -83,6 +84,7 @@ def test_show_goes_on_by_itself_where_configured() -> None:
     fly_assembled(story, two_hosts(4, rejoins=True), **BUS)
 
 
+@pytest.mark.soak
 def test_owner_that_is_cut_off_holds_and_obeys_the_standby() -> None:
     async def story(show: SiteShow) -> None:
         show.network.cut({"north"}, {"south"})
@@ -103,6 +105,7 @@ def test_owner_that_is_cut_off_holds_and_obeys_the_standby() -> None:
     fly_assembled(story, two_hosts(4, rejoins=True), **BUS)
 
 
+@pytest.mark.soak
 def test_any_station_has_the_standby_go_on() -> None:
     async def story(show: SiteShow) -> None:
         await show.start("west")
@@ -130,6 +133,7 @@ def test_any_station_has_the_standby_go_on() -> None:
     fly_site(story, two_hosts(2, west=True), **BUS)
 
 
+@pytest.mark.soak
 def test_owner_not_received_by_its_standby_gives_vehicles_up() -> None:
     """A cut of one direction: the standby ends the connection, as a process that ends does."""
 
@@ -148,6 +152,7 @@ def flies_on(show: SiteShow, name: str) -> bool:
     return show[name].view.show is ShowPhase.RUNNING and show.in_phase(name, Phase.FORMATION) == 4
 
 
+@pytest.mark.keeps("0.4")
 @pytest.mark.parametrize("cut_s", [0.0, 0.4, 1.5])
 def test_owner_that_stood_still_sends_nothing_once_taken_over(cut_s: float) -> None:
     """It wakes when the standby flies its vehicles, and the bus connects the two at once or later."""
@@ -171,6 +176,7 @@ def test_owner_that_stood_still_sends_nothing_once_taken_over(cut_s: float) -> N
     fly_assembled(story, two_hosts(4, rejoins=True), **QUIET)
 
 
+@pytest.mark.soak
 def test_owner_that_stood_still_briefly_goes_on_once_answered() -> None:
     """Too briefly for its standby to take over, which it cannot know."""
 
@@ -191,6 +197,7 @@ def test_owner_that_stood_still_briefly_goes_on_once_answered() -> None:
     fly_assembled(story, two_hosts(4, rejoins=True), **QUIET)
 
 
+@pytest.mark.soak
 def test_owner_without_a_standby_left_goes_on_after_a_pause() -> None:
     async def story(show: SiteShow) -> None:
         await show["south"].kill()

@@ -1,11 +1,14 @@
 """A formation of several stations in virtual time, over a late bus that loses messages."""
 
+import pytest
+
 from gcs.simulation import scenario as scenarios
 from gcs.simulation.flight import fly
 from gcs.simulation.metrics import report
 from gcs.simulation.scenario import Scenario
 
 
+@pytest.mark.soak
 def test_crowd_of_many_stations_keeps_apart_as_that_of_one() -> None:
     """A vehicle between two of other stations has nowhere to go, and those behind it have to know."""
     scenario = scenarios.load(scenarios.find("stations-scale"))
