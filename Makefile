@@ -7,7 +7,7 @@ NPM := PATH="$(CURDIR)/.venv-node/bin:$$PATH" npm --prefix api/console
 # Python's bytecode is always kept: pytest's rewriting of modules takes longer than many tests.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: sitl ready demo quick test soak checked computed flown console console-test schema tested-with check compiled bench mutate flight-quality screenshots docs format lock clean
+.PHONY: sitl ready demo quick units test soak checked computed flown console console-test schema tested-with check compiled bench mutate flight-quality screenshots docs format lock clean
 
 # Two environments are made in parallel: one for flying, one for building the console.
 ready:
@@ -16,9 +16,9 @@ ready:
 demo: ready  ## fly the whole story with the fake fleet; ARGS="--vehicles 8 --seconds 240 --json"
 	@$(BIN)/gcs demo $(ARGS)
 
-# Computing tests are nice, so that real-time flights are not late. At idle priority they would stop beside any
-# other busy process.
-NICE := nice -n 10
+# What computes is a little nice, so that real-time flights are not late. With 10 it would get a tenth of a core beside
+# two other busy processes, and nothing at idle priority.
+NICE := nice -n 2
 
 test: ready  ## lint, types, import contracts, every test: what computes beside what flies in real time
 	@$(MAKE) --no-print-directory compiled
@@ -30,13 +30,13 @@ checked: .venv/ready console
 
 # Folders without a test that computes are not collected (conftest.py refuses one there), nor is a plugin loaded
 # that only the API's tests need. In the order of the folders, flights first, the short tests fill what is left.
-COMPUTING := -m "not realtime and not soak" -p no:schemathesis --no-loadscope-reorder \
+COMPUTING = -m "not realtime and $(if $(SOAK),,not) soak" -p no:schemathesis --no-loadscope-reorder \
   $(addprefix --ignore=tests/,browser integration unit/api unit/recording)
 
 computed: .venv/ready console
 	$(NICE) $(BIN)/pytest $(COMPUTING) --timeout 1800  # it may wait long for its turn
 
-# Long files first; the many short ones fill what is left at the end.
+# Long files first; the many short ones fill what is left at the end. Three at once: most of the time they wait.
 FLOWN := -o cache_dir=.pytest_cache/flown -m "realtime and not soak" \
   $(addprefix tests/,system browser integration unit/api unit/recording)
 
@@ -44,16 +44,19 @@ FLOWN := -o cache_dir=.pytest_cache/flown -m "realtime and not soak" \
 # the second run at once. docs/testing.md
 flown: .venv/ready console
 	@rm -rf .pytest_cache/flown
-	$(BIN)/pytest $(FLOWN) -n 2 --no-loadscope-reorder || { [ $$? = 1 ] && echo "Again, one by one:" && \
+	$(BIN)/pytest $(FLOWN) -n 3 --no-loadscope-reorder || { [ $$? = 1 ] && echo "Again, one by one:" && \
 	  $(BIN)/pytest $(FLOWN) -n 0 --again --exitfirst; }
 
-soak: ready compiled  ## what only endurance shows: twenty kills, long floods, the whole demo, ten times the examples
-	$(BIN)/pytest -m soak -n 0 --timeout 1800 tests
+soak: ready compiled  ## what a week needs: all variants, twenty kills, long floods, the whole demo, ten times the examples
+	$(MAKE) --no-print-directory computed SOAK=1
+	$(BIN)/pytest -m "realtime and soak" -n 0 --timeout 1800 tests
 	$(BIN)/pytest -m hypothesis --hypothesis-profile=soak -n 0 --timeout 1800 tests
 
 quick: .venv/ready compiled  ## between edits: linters, types, contracts, units, properties, two virtual flights
-	@$(MAKE) --no-print-directory check
-	$(BIN)/pytest -m "not realtime" tests/unit tests/properties tests/flight/test_show_flight.py tests/flight/test_group_commands.py
+	@$(MAKE) --no-print-directory -j2 --output-sync=target check units
+
+units: .venv/ready
+	$(BIN)/pytest $(COMPUTING) $(addprefix tests/,unit properties flight/test_show_flight.py flight/test_group_commands.py)
 
 console: api/console/dist/index.html  ## the operator's page, built by Node from a wheel of its own
 

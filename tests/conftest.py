@@ -57,6 +57,10 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line(
         "markers", "alternates(start): every second combination of the parameters is run by `make soak` only"
     )
+    config.addinivalue_line(
+        "markers",
+        "keeps(*names): all but these tests or combinations of parameters are run by `make soak` only",
+    )
     config.addinivalue_line("markers", "computes: not a real-time test, whatever its folder")
     config.addinivalue_line(
         "markers",
@@ -65,6 +69,22 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    _deselect(config, items)
+    by_name = config.getoption("again") or any("::" in asked for asked in config.args)
+    _move_to_soak(items, checks_names=not by_name)
+    for item in items:
+        computes = item.get_closest_marker("computes") is not None
+        if computes and _is_in(NOT_COMPUTED, item.path):
+            raise pytest.UsageError(f"{item.nodeid}: `make computed` does not collect its folder")
+        if _is_in(REAL_TIME, item.path) and not computes:
+            item.add_marker(pytest.mark.realtime)
+        elif item.get_closest_marker("realtime"):
+            folders = ", ".join(str(each.relative_to(HERE)) for each in REAL_TIME)
+            raise pytest.UsageError(f"{item.nodeid}: what keeps time is in {folders} of tests")
+
+
+def _deselect(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out what this machine cannot run, and with `--again` what has not failed."""
     if chromium() is None:
         unseen = [item for item in items if BROWSER in item.path.parents]
         config.hook.pytest_deselected(items=unseen)
@@ -79,20 +99,30 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         failed = config.cache.get("cache/lastfailed", {})
         config.hook.pytest_deselected(items=[item for item in items if item.nodeid not in failed])
         items[:] = [item for item in items if item.nodeid in failed]
+
+
+def _move_to_soak(items: list[pytest.Item], *, checks_names: bool) -> None:
+    """Mark what `alternates` and `keeps` leave to `make soak`.
+
+    Raises: UsageError with `checks_names`, where a test that is kept does not exist.
+    """
+    unknown: set[tuple[Path, str]] = set()
+    known: set[tuple[Path, str]] = set()
     for item in items:
-        alternates = item.get_closest_marker("alternates")
+        alternates, keeps = item.get_closest_marker("alternates"), item.get_closest_marker("keeps")
         if alternates is not None:
             assert isinstance(item, pytest.Function)
             if (sum(item.callspec.indices.values()) + alternates.args[0]) % 2:
                 item.add_marker(pytest.mark.soak)
-        computes = item.get_closest_marker("computes") is not None
-        if computes and _is_in(NOT_COMPUTED, item.path):
-            raise pytest.UsageError(f"{item.nodeid}: `make computed` does not collect its folder")
-        if _is_in(REAL_TIME, item.path) and not computes:
-            item.add_marker(pytest.mark.realtime)
-        elif item.get_closest_marker("realtime"):
-            folders = ", ".join(str(each.relative_to(HERE)) for each in REAL_TIME)
-            raise pytest.UsageError(f"{item.nodeid}: what keeps time is in {folders} of tests")
+        if keeps is not None:
+            assert isinstance(item, pytest.Function)
+            names = {item.name, item.originalname, item.name.partition("[")[2].removesuffix("]")}
+            unknown |= {(item.path, kept) for kept in keeps.args}
+            known |= {(item.path, name) for name in names}
+            if names.isdisjoint(keeps.args):
+                item.add_marker(pytest.mark.soak)
+    if checks_names and not unknown <= known:
+        raise pytest.UsageError(f"marker keeps: there are no tests {sorted(unknown - known)}")
 
 
 @cache

@@ -24,6 +24,7 @@ Mask: TypeAlias = NDArray[np.bool_]
 
 GRAVITY_M_S2 = 9.80665
 FALL_M_S2 = np.array((0.0, 0.0, GRAVITY_M_S2))
+LONGEST_STEP_S = 0.02
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,12 +91,14 @@ class PointMasses(Mass):
     ) -> None:
         """Start at position_m (n, 3), at rest or cruising at velocity_m_s (n, 3) in still air.
 
-        step_s is at most 0.02 s: larger steps distort the lag.
+        A step_s above LONGEST_STEP_S, which would distort the lag, is divided.
         """
         super().__init__(position_m)
         if velocity_m_s is not None:
             self.velocity_m_s = velocity_m_s
         self.acceleration_m_s2 = self.integral_m_s2 = response.drag_per_s * self.velocity_m_s
+        self._parts = max(1, math.ceil(step_s / LONGEST_STEP_S - 1e-9))
+        step_s /= self._parts
         self._step_s, self._response = step_s, response
         self._blend = -math.expm1(-step_s / response.lag_s)  # share of the way to the desired acceleration
         self._gains, self._integral_gains, self._limits = (
@@ -128,6 +131,16 @@ class PointMasses(Mass):
             velocity_error_m_s: (n, 3), error of the vehicle's own velocity estimate.
             powered: (n,), False where the motors stand still and the vehicle falls; all powered without it.
         """
+        for _ in range(self._parts):
+            self._advance(command_m_s, wind_m_s, velocity_error_m_s, powered)
+
+    def _advance(
+        self,
+        command_m_s: Array,
+        wind_m_s: Array | float,
+        velocity_error_m_s: Array | float,
+        powered: Mask | None,
+    ) -> None:
         self._commands_m_s.appendleft(np.array(command_m_s))
         kept, oldest = self._commands_m_s, len(self._commands_m_s) - 1
         newer, older = kept[min(self._late, oldest)], kept[min(self._late + 1, oldest)]  # `delay_s` ago

@@ -60,6 +60,7 @@ PANELS = [
 ]
 
 
+@pytest.mark.keeps("preflight-fleet")
 @pytest.mark.parametrize(("left", "right"), PANELS)
 def test_keyboard_reaches_every_control_and_axe_finds_nothing(
     chrome: Browser, ground: Station, left: str, right: str

@@ -211,6 +211,7 @@ def test_twelve_alarms_three_at_once_are_visible_by_severity(
         assert ui.wrong == []
 
 
+@pytest.mark.soak
 def test_after_a_stall_alarms_table_and_recovery_are_visible(chrome: Browser, tmp_path: Path) -> None:
     control = free_ports()
     with (

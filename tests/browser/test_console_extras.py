@@ -4,6 +4,7 @@ import socket
 from pathlib import Path
 from typing import Final
 
+import pytest
 from playwright.sync_api import Browser, expect
 
 from tests.support.console_bench import console, station
@@ -35,6 +36,7 @@ def test_a_vehicle_is_found_by_its_lights(chrome: Browser, tmp_path: Path) -> No
         assert ui.wrong == []
 
 
+@pytest.mark.soak
 def test_without_lights_the_page_says_why_nothing_blinks(chrome: Browser, tmp_path: Path) -> None:
     with station(tmp_path, 1) as running, console(chrome, running.url) as ui:
         wait_passes(running.client)

@@ -12,6 +12,7 @@ from threading import Thread
 from typing import Any, Final
 
 import numpy as np
+import pytest
 from PIL import Image
 from playwright.sync_api import Browser, expect
 
@@ -167,6 +168,7 @@ def map_server() -> Iterator[tuple[str, type[Tiles]]]:
         server.server_close()
 
 
+@pytest.mark.soak
 def test_another_server_is_fetched_only_for_tiles(chrome: Browser, tmp_path: Path) -> None:
     tokens = tmp_path / "tokens.json"
     token = create_token(tokens, "guest", Role.WATCH)

@@ -6,6 +6,7 @@ from math import dist
 from pathlib import Path
 from typing import Final
 
+import pytest
 from playwright.sync_api import Browser, expect
 
 from gcs.client import Client
@@ -52,6 +53,7 @@ def commanded(ui: Console, client: Client, button: str, action: str) -> None:
     ui.until(lambda: ui.press(button), received)
 
 
+@pytest.mark.soak
 def test_box_dragged_in_the_scene_selects_its_vehicles(chrome: Browser, tmp_path: Path) -> None:
     with station(tmp_path, 6) as ground, console(chrome, ground.url, width=1440, height=900) as ui:
         ui.says("connection", "Live")

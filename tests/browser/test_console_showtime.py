@@ -146,6 +146,7 @@ def freezes(ui: Console) -> None:
     assert ui.serious() == []
 
 
+@pytest.mark.soak
 def test_timecode_is_seen_running_frozen_and_running_again(chrome: Browser, tmp_path: Path) -> None:
     port = free_ports(2)
     section = {"source": f"rtp-midi://127.0.0.1:{port}", "starts_at": "01:00:00:00"}

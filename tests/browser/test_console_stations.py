@@ -4,6 +4,7 @@ import asyncio
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+import pytest
 from playwright.sync_api import Browser, expect
 from starlette.types import Receive, Scope, Send
 
@@ -83,6 +84,7 @@ def test_stations_panel_shows_a_lost_one_and_takes_the_lead(chrome: Browser) -> 
         assert ui.wrong == []
 
 
+@pytest.mark.soak
 def test_one_station_has_no_panel_of_stations(chrome: Browser) -> None:
     service = FakeService(3)
     with (

@@ -170,6 +170,7 @@ def test_twelve_alarms_are_listed_within_a_second_by_severity(seed: int) -> None
     fly(story, config, heart=supervisor, grid_columns=4, spacing_m=6.0)
 
 
+@pytest.mark.soak
 def test_lost_vehicle_alarm_names_its_cause_until_it_is_back() -> None:
     async def story(show: Show) -> None:
         assert alarm_texts(show) == []
@@ -217,6 +218,7 @@ def test_kill_is_an_emergency_until_seen_on_the_ground() -> None:
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=running)
 
 
+@pytest.mark.soak
 def test_radius_too_small_for_a_falling_accuracy_is_an_alarm() -> None:
     async def story(show: Show) -> None:
         await show.start()
@@ -240,6 +242,7 @@ def test_radius_too_small_for_a_falling_accuracy_is_an_alarm() -> None:
     fly(story, show_config(8, formation=formation, positioning={"share": 1.0}), ideal=True)
 
 
+@pytest.mark.soak
 def test_wind_beyond_the_thrust_is_an_alarm() -> None:
     async def story(show: Show) -> None:
         await show.start()
@@ -261,6 +264,7 @@ def test_wind_beyond_the_thrust_is_an_alarm() -> None:
     fly(story, show_config(6, failsafes={"wind": {"action": "ignore"}}))
 
 
+@pytest.mark.soak
 def test_slow_vehicle_is_named_until_it_answers() -> None:
     async def story(show: Show) -> None:
         await show.start()

@@ -91,6 +91,7 @@ def flight() -> Flight:
     return fly(story, show_config(4, control=FENCE))
 
 
+@pytest.mark.soak
 def test_no_vehicle_enters_a_box_or_comes_too_close(flight: Flight) -> None:
     assert depth_m(flight.ring, (*U, LID)) < 0.0
     assert depth_m(flight.out, U) < 0.0
@@ -98,17 +99,20 @@ def test_no_vehicle_enters_a_box_or_comes_too_close(flight: Flight) -> None:
     assert flight.violations == 0
 
 
+@pytest.mark.soak
 def test_in_a_closed_ring_it_stands_and_names_a_wall(flight: Flight) -> None:
     moved_m = centre_m(flight.ring, -1) - centre_m(flight.ring, -40)
     assert np.hypot(*moved_m) < 0.1
     assert any("No headway past obstacle" in text for text in flight.reported)
 
 
+@pytest.mark.soak
 def test_out_of_the_u_it_reaches_the_target_behind(flight: Flight) -> None:
     assert centre_m(flight.out, -1) == pytest.approx((BEHIND.x_m, BEHIND.y_m), abs=1.0)
     assert not any("No headway" in text for text in flight.reported_later)
 
 
+@pytest.mark.soak
 def test_boxes_from_both_sides_are_left_and_it_returns(flight: Flight) -> None:
     places_m = np.array(
         [centre_m(flight.driven_at, at) for at in range(0, len(flight.driven_at.samples), 20)]

@@ -22,6 +22,7 @@ SOAKED: Final = [(count, seed) for count in (8, 20, 50) for seed in range(8100, 
 """`gcs simulate boxes-surround-random --judged` flies 201 others."""
 
 
+@pytest.mark.keeps("8-102")
 @pytest.mark.parametrize(
     ("count", "seed"), [*BROKEN, *(pytest.param(*case, marks=pytest.mark.soak) for case in SOAKED)]
 )
@@ -32,6 +33,7 @@ def test_no_vehicle_is_inside_a_box(count: int, seed: int) -> None:
     assert figure(figures, "separation.violations") == 0
 
 
+@pytest.mark.keeps("1")
 @pytest.mark.parametrize("seed", [1, 2])
 def test_those_that_are_left_come_home_beside_the_lost(seed: int) -> None:
     """Vehicles are lost while all return: where they may come down, no other does."""

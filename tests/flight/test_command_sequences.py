@@ -20,6 +20,7 @@ from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show
 NEW = Obstacle("new", 70.0, 60.0, 1.0, 1.0, 5.0)
 
 
+@pytest.mark.keeps("0.0-stop")
 @pytest.mark.parametrize(
     ("after_s", "action"),
     [
@@ -43,6 +44,7 @@ def test_stop_after_take_control_brings_that_vehicle_down(after_s: float, action
     fly(story, show_config(3, operation=HOLDS_WHEN_LOST), after=running)
 
 
+@pytest.mark.keeps("0.2")
 @pytest.mark.parametrize("after_s", [0.0, 0.2, 1.0])
 def test_pause_during_recovery_ends_paused_with_all_vehicles(after_s: float) -> None:
     async def story(show: Show) -> None:
@@ -78,6 +80,7 @@ def test_a_show_is_resumed_only_with_a_vehicle_in_formation() -> None:
     fly(story, show_config(3, operation=HOLDS_WHEN_LOST), after=running)
 
 
+@pytest.mark.soak
 def test_plan_set_before_recovery_stands_beside_the_recorded(
     tmp_path: Path,
 ) -> None:
@@ -102,6 +105,7 @@ def test_plan_set_before_recovery_stands_beside_the_recorded(
     after_interruption(tmp_path / "moved", (four(), move))
 
 
+@pytest.mark.keeps("stop")
 @pytest.mark.parametrize("command", ["bring-home", "stop", "abort"])
 def test_recorded_obstacles_stand_on_the_way_down(tmp_path: Path, command: str) -> None:
     async def go_on(show: Show) -> None:

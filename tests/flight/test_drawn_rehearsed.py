@@ -89,6 +89,7 @@ def test_vehicles_land_on_the_pads_below_where_a_drawing_ends(rings: LoadedShow)
     assert to_pads_m.min(axis=1).max() < 1.5
 
 
+@pytest.mark.soak
 def test_losses_wind_and_an_unknown_crane_are_rehearsed(rings: LoadedShow) -> None:
     """One of eight vehicles is lost, and a crane stands where the rings lead vehicles through."""
     crane = ScenarioBox(x_m=15.0, y_m=2.5, half_length_x_m=1.0, half_length_y_m=1.0, height_m=40.0)
@@ -122,6 +123,7 @@ def lost_at(show: LoadedShow, at_s: float, share: float = 0.125, action: str = "
     return flight
 
 
+@pytest.mark.soak
 def test_a_spare_takes_the_place_of_a_lost_vehicle(spared: LoadedShow) -> None:
     flight = lost_at(spared, 12.0)
     verdict = judge(flight)
@@ -138,6 +140,7 @@ def test_a_spare_takes_the_place_of_a_lost_vehicle(spared: LoadedShow) -> None:
     assert f"9 takes the place of {lost}" in table(verdict)
 
 
+@pytest.mark.soak
 def test_a_vehicle_lost_after_the_cue_is_not_replaced(spared: LoadedShow) -> None:
     (cue_s,) = [one.at_s for one in spared.timeline.played if one.cue.cue == "2 back"]
     flight = lost_at(spared, cue_s + 10.0)

@@ -72,6 +72,7 @@ def test_a_drawn_show_is_flown_from_pad_to_pad(folder: Path) -> None:
     assert not any(track.samples[-1].armed)
 
 
+@pytest.mark.soak
 def test_a_lost_vehicle_does_not_end_a_drawn_show(folder: Path) -> None:
     async def story(show: Show) -> tuple[Track, float, int]:
         await start(show, folder)
@@ -89,6 +90,7 @@ def test_a_lost_vehicle_does_not_end_a_drawn_show(folder: Path) -> None:
     assert {seen.phase for name in ("d1", "d8") for seen in flown.of(name)} >= {Phase.FORMATION}
 
 
+@pytest.mark.soak
 def test_a_spare_takes_the_place_of_a_lost_vehicle(folder: Path) -> None:
     async def story(show: Show) -> tuple[list[tuple[str, ...]], float, Track, int]:
         await start(show, folder, SPARE)
@@ -112,6 +114,7 @@ def test_a_spare_takes_the_place_of_a_lost_vehicle(folder: Path) -> None:
     assert {Phase.TAKEOFF, Phase.FORMATION, Phase.RETURN} <= set(track.phases("d9"))
 
 
+@pytest.mark.soak
 def test_the_drawings_yaw_is_flown_where_the_show_asks_for_it(folder: Path) -> None:
     """The drawing turns every vehicle by half a turn, from its beginning to its end."""
 
@@ -161,6 +164,7 @@ def off_m(show: Show, vehicle_id: str = "d1") -> float:
     return float(flight.show_run.off_m[flight.vehicles[vehicle_id].row])
 
 
+@pytest.mark.soak
 def test_a_late_vehicle_catches_up_and_the_clock_runs_on(folder: Path) -> None:
     late = blown_off(folder, "catch-up")
     assert late.farthest_m > 3.0
@@ -170,6 +174,7 @@ def test_a_late_vehicle_catches_up_and_the_clock_runs_on(folder: Path) -> None:
     assert late.shown.track_max_m > 3.0
 
 
+@pytest.mark.soak
 def test_the_clock_of_a_waiting_show_waits_for_a_late_one(folder: Path) -> None:
     late = blown_off(folder, "wait")
     assert late.farthest_m > 3.0
@@ -177,6 +182,7 @@ def test_the_clock_of_a_waiting_show_waits_for_a_late_one(folder: Path) -> None:
     assert 1.0 < late.waited_s < 15.0
 
 
+@pytest.mark.soak
 def test_a_drawn_show_begins_at_its_time_and_keeps_it(folder: Path) -> None:
     """The vehicles wait where the drawing begins, then are where it has them for the time since then."""
 

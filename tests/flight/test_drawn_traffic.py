@@ -18,7 +18,7 @@ SPACING_M = 3.0
 RMS_M, MOST_M = 0.3, 1.5
 
 SEEDS = range(100)
-FEW = 2 * len(KINDS)
+FEW = len(KINDS)
 
 
 def loaded(folder: Path, seed: int) -> LoadedShow:

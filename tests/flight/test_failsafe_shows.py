@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from gcs.failsafe.policy import Cause
 from gcs.model.lifecycle import Phase, ShowPhase
@@ -52,6 +53,7 @@ def test_strong_wind_pauses_the_show_until_an_operator_resumes() -> None:
     fly(story, FOUR, after=running)
 
 
+@pytest.mark.soak
 def test_too_much_wind_for_a_pause_brings_the_show_home() -> None:
     async def story(show: Show) -> None:
         storm(show, STORM_M_S)
@@ -70,6 +72,7 @@ def test_too_much_wind_for_a_pause_brings_the_show_home() -> None:
     fly(story, FOUR, after=running)
 
 
+@pytest.mark.soak
 def test_flyable_wind_triggers_nothing() -> None:
     async def story(show: Show) -> None:
         storm(show, 6.0)
@@ -104,6 +107,7 @@ def test_too_many_vehicles_lost_brings_the_show_home() -> None:
     fly(story, show_config(6, operation=HOLDS_WHEN_LOST, formation={"radius_m": 7.0}))
 
 
+@pytest.mark.soak
 def test_losses_of_an_earlier_show_do_not_count() -> None:
     async def story(show: Show) -> None:
         await show.start()
@@ -125,6 +129,7 @@ def test_losses_of_an_earlier_show_do_not_count() -> None:
     fly(story, show_config(3, operation=HOLDS_WHEN_LOST, failsafes=failsafes))
 
 
+@pytest.mark.soak
 def test_stale_target_is_held_until_reported_again(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         show_hash = written_show.select(show)
@@ -154,6 +159,7 @@ def test_stale_target_is_held_until_reported_again(tmp_path: Path) -> None:
     written_show.fly(story, written_show.config(tmp_path, failsafes={"clear_s": 1.0}))
 
 
+@pytest.mark.soak
 def test_target_reported_once_without_a_show_goes_on() -> None:
     async def story(show: Show) -> None:
         show.service.plan.set_target(Target(3.0, 1.0, 0.3, 0.0))
@@ -182,6 +188,7 @@ def test_service_late_pauses_the_show_then_brings_it_home() -> None:
     fly(story, FOUR, after=running)
 
 
+@pytest.mark.soak
 def test_service_late_once_changes_nothing() -> None:
     async def story(show: Show) -> None:
         show.link.takes_s = 2.0

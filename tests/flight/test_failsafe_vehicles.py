@@ -29,6 +29,7 @@ async def lands_all(show: Show) -> None:
     assert show.floor_violations() == 0
 
 
+@pytest.mark.soak
 def test_vehicle_lost_the_rest_re_form() -> None:
     async def story(show: Show) -> None:
         await show.wait(6.0)
@@ -54,6 +55,7 @@ def test_vehicle_lost_the_rest_re_form() -> None:
     fly(story, FIVE, after=running)
 
 
+@pytest.mark.soak
 def test_low_battery_is_ignored_and_a_loss_pauses_where_set() -> None:
     """An ignored battery is left to the autopilot; a lost vehicle pauses the show until it is resumed."""
 
@@ -120,6 +122,7 @@ def test_critical_battery_lands_it_where_it_is_safe() -> None:
     fly(story, FIVE, after=running)
 
 
+@pytest.mark.soak
 def test_low_battery_overruled_acts_again_only_when_critical() -> None:
     async def story(show: Show) -> None:
         show.befall("d2", "battery", remaining=0.18)
@@ -139,6 +142,7 @@ def test_low_battery_overruled_acts_again_only_when_critical() -> None:
     fly(story, FOUR, after=running)
 
 
+@pytest.mark.soak
 def test_low_battery_of_many_returns_the_fleet() -> None:
     async def story(show: Show) -> None:
         for name in ("d1", "d2", "d3"):
@@ -172,6 +176,7 @@ def test_low_battery_under_pilot_control_is_left_to_the_pilot() -> None:
     fly(story, FOUR, after=running)
 
 
+@pytest.mark.soak
 def test_low_battery_during_the_climb_lands_straight_down() -> None:
     async def story(show: Show) -> None:
         await show.standby()
@@ -209,6 +214,7 @@ def test_bad_position_holds_then_lands() -> None:
     fly(story, FIVE, after=running)
 
 
+@pytest.mark.soak
 def test_bad_position_that_recovers_holds_until_commanded() -> None:
     async def story(show: Show) -> None:
         show.befall("d2", "accuracy", eph_m=9.0, epv_m=20.0)
@@ -223,6 +229,7 @@ def test_bad_position_that_recovers_holds_until_commanded() -> None:
     fly(story, FOUR, after=running)
 
 
+@pytest.mark.soak
 def test_bad_position_by_jumping_again_and_again() -> None:
     async def story(show: Show) -> None:
         for east_m in (0.4, -0.4):
@@ -239,6 +246,7 @@ def test_bad_position_by_jumping_again_and_again() -> None:
     fly(story, FOUR, after=running)
 
 
+@pytest.mark.soak
 def test_bad_position_kilometres_away_is_held_then_landed() -> None:
     async def story(show: Show) -> None:
         show.befall("d2", "gps-jump", north_m=5000.0)
@@ -253,6 +261,7 @@ def test_bad_position_kilometres_away_is_held_then_landed() -> None:
     fly(story, FOUR, after=running)
 
 
+@pytest.mark.keeps("return")
 @pytest.mark.parametrize("action", ["return", "hold"])
 def test_fence_about_to_be_crossed_brings_it_back(action: str) -> None:
     async def story(show: Show) -> None:

@@ -111,11 +111,18 @@ def flown(kind: str, count: int, share: float, seed: int) -> Reported:
     return fly(story, config(count), after=running, **wide)
 
 
+SHORT: Final = ("repeats", "late", "jump")
+"""Kinds of lies of `make test`."""
+
+
 def soaked(kind: str) -> list[object]:
-    """The one of `make test`, and those of `make soak`."""
+    """The one of `make test`, if any, and those of `make soak`."""
     sizes = [(8, 0.13), (8, 0.2), (20, 0.2), (50, 0.02), (50, 0.2)]
     cases = [(kind, count, share, seed) for count, share in sizes for seed in range(5)]
-    return [pytest.param(*case, marks=pytest.mark.soak if at else ()) for at, case in enumerate(cases)]
+    return [
+        pytest.param(*case, marks=pytest.mark.soak if at or kind not in SHORT else ())
+        for at, case in enumerate(cases)
+    ]
 
 
 @pytest.mark.parametrize(("kind", "count", "share", "seed"), [case for kind in LIES for case in soaked(kind)])

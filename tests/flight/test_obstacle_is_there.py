@@ -3,6 +3,8 @@
 import random
 from typing import NamedTuple
 
+import pytest
+
 from gcs.control import ellipses_of
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Obstacle
@@ -137,6 +139,7 @@ async def boxes_everywhere(show: Show) -> tuple[set[str], int, set[Outcome]]:
     return standing, show.floor_violations(), outcomes
 
 
+@pytest.mark.soak
 def test_no_obstacle_of_a_thousand_is_refused_in_flight() -> None:
     standing, violations, outcomes = fly(boxes_everywhere, show_config(4), after=running)
     assert standing == {"box0", "box1", "box2", "box3"}
@@ -163,6 +166,7 @@ async def box_under_the_whole_field(show: Show) -> Waited:
     return Waited(reason, Landed(outcomes, 0.0, show.floor_violations()))
 
 
+@pytest.mark.soak
 def test_vehicles_wait_in_the_air_while_no_place_is_free() -> None:
     waited = fly(box_under_the_whole_field, show_config(2), after=running)
     assert waited.reason == "waits in the air: no place to land is free of obstacles"

@@ -114,6 +114,7 @@ def test_random_commands_keep_state_true_and_stop_lands_all(seed: int) -> None:
     fly(flight, show_config(COUNT, operation=HOLDS_WHEN_LOST), after=running)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", [0, in_soak(1)])
 def test_random_commands_after_a_restart(tmp_path: Path, seed: int) -> None:
     chance, story = random.Random(100 + seed), list[str]()

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+import pytest
 
 from gcs.model.lifecycle import Phase
 from gcs.model.plan import Obstacle
@@ -50,6 +51,7 @@ def test_rehearsed_vehicles_land_where_the_flight_lands_them() -> None:
     assert run.finished()
 
 
+@pytest.mark.soak
 def test_the_rehearsed_plan_avoids_obstacles() -> None:
     """The rehearsal planned its paths through obstacles, which the flight's planner avoids."""
     run = run_of(FLIGHT)
@@ -96,6 +98,7 @@ async def flown_return(show: Show) -> tuple[PathProgress, Array, list[Step]]:
     return progress, np.array([vehicle.home_m for vehicle in vehicles]), steps
 
 
+@pytest.mark.soak
 def test_rehearsal_and_flight_follow_one_plan_alike() -> None:
     """The rehearsal is given the flight's plan and positions: goals and descents are the flight's."""
     progress, home_m, steps = fly(flown_return, show_config(COUNT))

@@ -28,6 +28,7 @@ def failing(show: Show) -> list[str]:
     return [f"{check.name}: {check.problem}" for check in found if not check.passes]
 
 
+@pytest.mark.keeps("px4")
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_two_to_ten_vehicles_are_accepted_on_shipped_pads(autopilot: str) -> None:
     async def story(show: Show) -> None:
@@ -40,6 +41,7 @@ def test_two_to_ten_vehicles_are_accepted_on_shipped_pads(autopilot: str) -> Non
         fly(story, shipped(count, autopilot), grid_columns=3, seed=count)
 
 
+@pytest.mark.soak
 def test_ten_start_beside_neighbours_whose_estimators_reset() -> None:
     """A reset in the air moves no pad: vehicles that still stand are not left behind."""
 

@@ -44,6 +44,7 @@ class WholeShow(NamedTuple):
     outcome: Outcome
 
 
+@pytest.mark.keeps("mixed")
 @FLEETS
 def test_show_of_any_autopilots_keeps_the_floor_and_lands(kinds: tuple[str, str]) -> None:
     async def story(show: Show) -> WholeShow:
@@ -84,6 +85,7 @@ def test_each_autopilot_is_named_in_state_and_preflight() -> None:
     assert fly(story, config_of((PX4, ARDUPILOT), 2)) == (kinds, kinds)
 
 
+@pytest.mark.soak
 @FLEETS
 def test_second_show_flies_after_the_first(kinds: tuple[str, str]) -> None:
     """After a landing ArduCopter stays in LAND, in which it cannot be armed."""
@@ -102,6 +104,7 @@ def test_second_show_flies_after_the_first(kinds: tuple[str, str]) -> None:
     assert modes == [Mode.HOLD if kinds[row % 2] == PX4 else Mode.OFFBOARD for row in range(COUNT)]
 
 
+@pytest.mark.keeps("mixed")
 @FLEETS
 def test_vehicle_that_loses_its_link_is_kept_clear_of(kinds: tuple[str, str]) -> None:
     async def story(show: Show) -> tuple[Phase, Phase, int]:
@@ -120,6 +123,7 @@ def test_vehicle_that_loses_its_link_is_kept_clear_of(kinds: tuple[str, str]) ->
     assert (lost, again, violations) == (Phase.LOST, Phase.FORMATION, 0)
 
 
+@pytest.mark.keeps("mixed")
 @FLEETS
 def test_pilot_takes_an_ardupilot_vehicle_and_gives_it_back(kinds: tuple[str, str]) -> None:
     async def story(show: Show) -> tuple[Phase, str, int, Outcome]:
@@ -140,6 +144,7 @@ def test_pilot_takes_an_ardupilot_vehicle_and_gives_it_back(kinds: tuple[str, st
     assert "did not command" in reason
 
 
+@pytest.mark.keeps("4-hold-holds")
 @pytest.mark.parametrize(
     ("action", "mode", "does"),
     [(4, Mode.HOLD, "holds"), (1, Mode.RETURN, "returns"), (2, Mode.LAND, "lands")],
@@ -210,6 +215,7 @@ def test_fleet_with_different_loss_times_is_refused() -> None:
     assert ("loss times", State.PASS) in fly(checked, config(3.0))
 
 
+@pytest.mark.keeps("mixed")
 @FLEETS
 def test_stalled_service_finds_every_vehicle_and_lands_all(kinds: tuple[str, str]) -> None:
     """For 5 s nothing is sent: PX4 holds by itself, ArduCopter hovers in GUIDED."""
@@ -229,6 +235,7 @@ def test_stalled_service_finds_every_vehicle_and_lands_all(kinds: tuple[str, str
     assert fly(story, config_of(kinds)) == (0, Outcome.DONE)
 
 
+@pytest.mark.keeps("mixed")
 @FLEETS
 def test_all_vehicles_that_lose_the_station_at_once_stay_apart(kinds: tuple[str, str]) -> None:
     """Neither setpoints nor heartbeats reach them: each does what its own autopilot does."""
@@ -252,6 +259,7 @@ def test_all_vehicles_that_lose_the_station_at_once_stay_apart(kinds: tuple[str,
     assert modes <= {Mode.HOLD, Mode.OFFBOARD}
 
 
+@pytest.mark.soak
 def test_lost_station_brings_ardupilot_home() -> None:
     """By its heartbeat failsafe, which is named when the link is back."""
 

@@ -70,6 +70,7 @@ def first_motion_s(show: Show, begins_s: float) -> list[float]:
     return found
 
 
+@pytest.mark.keeps("0.0123")
 @pytest.mark.parametrize("phase_s", [0.0, 0.0123, 0.0249, 0.041])
 def test_the_fleet_begins_within_20_ms_of_the_time(tmp_path: Path, phase_s: float) -> None:
     """Ticks are 50 ms apart: their phase is shifted, so that one falls on the time, whatever that is."""
@@ -116,6 +117,7 @@ def test_a_waiting_show_says_so_and_does_not_move(tmp_path: Path) -> None:
     fly(story, config(tmp_path))
 
 
+@pytest.mark.soak
 def test_a_time_cancelled_in_the_air_holds_until_the_next(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         await take_off(show)
@@ -150,6 +152,7 @@ def test_a_time_cancelled_on_the_ground_is_forgotten(tmp_path: Path) -> None:
     fly(story, config(tmp_path))
 
 
+@pytest.mark.soak
 def test_a_show_that_is_not_ready_begins_late_and_says_so(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         await take_off(show)
@@ -163,6 +166,7 @@ def test_a_show_that_is_not_ready_begins_late_and_says_so(tmp_path: Path) -> Non
     fly(story, config(tmp_path))
 
 
+@pytest.mark.soak
 def test_the_time_is_forgotten_when_the_fleet_comes_home(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         await take_off(show)

@@ -169,6 +169,7 @@ def test_a_greater_height_is_followed(flight: Flight) -> None:
     assert height_m == pytest.approx(HIGHER_M, abs=0.8)
 
 
+@pytest.mark.soak
 def test_a_new_target_is_flown_to(exact_flight: Flight) -> None:
     centroid_m = exact_flight.target.true_m[-20:].mean(axis=(0, 1))
     assert centroid_m[:2] == pytest.approx((31.0, 1.0), abs=1.0)
@@ -233,6 +234,7 @@ async def smallest(show: Show) -> tuple[Refusal, tuple[float, int]]:
     return refusal, (reported_m, show.floor_violations())
 
 
+@pytest.mark.soak
 def test_smallest_named_radius_is_accepted_and_keeps_the_floor() -> None:
     refusal, (reported_m, violations) = fly(smallest, after=running)
     assert refusal.kind is InvalidError

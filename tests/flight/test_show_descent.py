@@ -103,6 +103,7 @@ async def abort_over_a_crate(show: Show) -> Descent:
 AWAY = {"x_m": 25.0, "y_m": 0.0}  # clear of all pads
 
 
+@pytest.mark.soak
 def test_abort_descends_in_clear_columns_away_from_obstacles() -> None:
     """No vehicle descends before those below are in their columns, nor onto an obstacle."""
     descent = fly(abort_over_a_crate, show_config(4, target=AWAY))
@@ -218,6 +219,7 @@ async def stop_while_some_come_down_already(show: Show) -> Mixed:
     return Mixed(show.track, stopped, landing_at_m, str(refusal.value))
 
 
+@pytest.mark.soak
 def test_stop_returns_vehicles_and_lets_landing_ones_land() -> None:
     mixed = fly(stop_while_some_come_down_already, show_config(3), after=running)
     first, last = mixed.track.samples[0], mixed.track.samples[-1]

@@ -59,6 +59,7 @@ async def with_failure(show: Show, fault: Callable[[Show], Any], *, in_the_air: 
     return Failed(show.track, record, reason, len(show.ports.sent["d2"]), show.floor_violations())
 
 
+@pytest.mark.keeps("hangs-True-d2 did not reach 5 m within 8 s")
 @pytest.mark.parametrize(
     ("fault", "in_the_air", "says"),
     [
@@ -100,6 +101,7 @@ async def stuck_in_the_air(show: Show) -> tuple[list[Phase], str, bool]:
     return phases, reason, show.view.show is ShowPhase.RUNNING
 
 
+@pytest.mark.soak
 def test_vehicle_that_refuses_landing_delays_no_other() -> None:
     config = show_config(3, operation={"takeoff_timeout_s": TIMEOUT_S})
     phases, reason, still_running = fly(stuck_in_the_air, config)
@@ -119,6 +121,7 @@ async def hold_refused_by_one_that_climbs(show: Show) -> tuple[Outcome, Phase]:
     return held.outcome, show.vehicle("d1").phase
 
 
+@pytest.mark.soak
 def test_climb_without_a_maneuver_delays_no_other() -> None:
     assert fly(hold_refused_by_one_that_climbs, show_config(3)) == (Outcome.FAILED, Phase.FORMATION)
 
@@ -157,6 +160,7 @@ async def none_can_join(show: Show) -> NoneJoined:
     return NoneJoined(show.track.show_phases(), reason, show.track.samples[-1].armed)
 
 
+@pytest.mark.soak
 def test_show_that_no_vehicle_can_join_pauses_with_its_reason() -> None:
     flight = fly(none_can_join, show_config(2))
     assert flight.shows[-4:] == [ShowPhase.ARMING, ShowPhase.PAUSED, ShowPhase.RETURNING, ShowPhase.LANDED]

@@ -36,6 +36,7 @@ def seen(show: Show, begin_s: float) -> Seen:
     return Seen(phases, alarms, max(age_s for age_s in ages_s if age_s is not None), show.floor_violations())
 
 
+@pytest.mark.keeps("lossy-px4")
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 @pytest.mark.parametrize("fault", [{}, {"loss": 0.1}], ids=["sound", "lossy"])
 def test_a_port_that_changes_in_flight_ends_no_flight(autopilot: str, fault: dict[str, float]) -> None:
@@ -57,6 +58,7 @@ def test_a_port_that_changes_in_flight_ends_no_flight(autopilot: str, fault: dic
     assert found.violations == 0
 
 
+@pytest.mark.soak
 def test_a_router_that_restarts_changes_all_ports_at_once() -> None:
     async def story(show: Show) -> Seen:
         await show.start()

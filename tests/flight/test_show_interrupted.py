@@ -43,6 +43,7 @@ def test_interrupted_flight_is_reported_and_left_alone(tmp_path: Path) -> None:
     after_interruption(tmp_path, (four(), look), (four(), look), (four(), look))
 
 
+@pytest.mark.soak
 def test_excluded_vehicle_stays_out_until_included(tmp_path: Path) -> None:
     why = "Vehicle d2 not flying: taken out of the show by anna: a cracked propeller."
 
@@ -120,6 +121,7 @@ def test_recovered_fleet_returns_to_its_pads_after_two_restarts(tmp_path: Path) 
     sessions(tmp_path, *parts)
 
 
+@pytest.mark.soak
 def test_written_show_resumes_where_it_was_and_as_checked(tmp_path: Path) -> None:
     shows, root = tmp_path / "shows", tmp_path / "runs"
     shows.mkdir()
@@ -242,6 +244,7 @@ def test_vehicle_under_pilot_control_is_left_to_the_pilot(tmp_path: Path) -> Non
     sessions(tmp_path, (four(), fly_and_lose_one), (four(), others_only))
 
 
+@pytest.mark.soak
 def test_vehicle_under_taken_control_returns_to_its_start(tmp_path: Path) -> None:
     async def one_by_one(show: Show) -> None:
         await found(show)
@@ -275,6 +278,7 @@ FLOWN_THEN = {
 }
 
 
+@pytest.mark.keeps("stop")
 @pytest.mark.parametrize("command", COMMANDS)
 def test_fleet_command_includes_vehicles_received_later(tmp_path: Path, command: str) -> None:
     async def go_on(show: Show) -> None:
@@ -300,6 +304,7 @@ def test_fleet_command_includes_vehicles_received_later(tmp_path: Path, command:
     after_interruption(tmp_path, (four(), go_on), late=LATE)
 
 
+@pytest.mark.soak
 def test_late_vehicles_are_named_and_newer_changes_stay(
     tmp_path: Path,
 ) -> None:
@@ -323,6 +328,7 @@ def test_late_vehicles_are_named_and_newer_changes_stay(
     after_interruption(tmp_path, (four(), go_on), late=LATE)
 
 
+@pytest.mark.soak
 def test_a_later_command_replaces_one_that_still_awaits_vehicles(tmp_path: Path) -> None:
     async def go_on(show: Show) -> None:
         await received_first(show)

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+import pytest
 
 from gcs.links import Verb
 from gcs.model.errors import RefusedError
@@ -42,6 +43,7 @@ async def hold_that_comes_late(show: Show) -> tuple[list[Phase], int]:
     return show.track.phases("d1"), sum(setpoint.time_s > began_s for setpoint in show.ports.sent["d1"])
 
 
+@pytest.mark.soak
 def test_hold_that_seemed_to_fail_is_noticed_when_it_succeeds() -> None:
     phases, setpoints_after = fly(hold_that_comes_late, show_config(2), after=running)
     assert phases[-2:] == [Phase.FORMATION, Phase.HOLD]
@@ -83,6 +85,7 @@ async def offboard_refused_after_the_climb(show: Show) -> CommandRecord:
     return await show.settled(record)
 
 
+@pytest.mark.soak
 def test_vehicle_that_cannot_join_after_climb_fails_the_start() -> None:
     record = fly(offboard_refused_after_the_climb, show_config(3))
     assert record.outcomes["d1"].outcome is Outcome.DONE
@@ -120,6 +123,7 @@ async def all_taken_over_then_control_taken(show: Show) -> ControlTaken:
     )
 
 
+@pytest.mark.soak
 def test_vehicle_taken_after_the_show_can_be_landed() -> None:
     flight = fly(all_taken_over_then_control_taken, show_config(2), after=running)
     assert flight.taken is ShowPhase.UNCONTROLLED, "two are airborne"
@@ -159,6 +163,7 @@ async def refuses_to_hold_when_lost(show: Show) -> tuple[ShowPhase, int, str]:
     return show.view.show, attempts, next_command
 
 
+@pytest.mark.soak
 def test_one_disobedient_vehicle_does_not_keep_the_show_alive() -> None:
     phase, attempts, next_command = fly(
         refuses_to_hold_when_lost, show_config(3, operation=HOLDS_WHEN_LOST), after=running
@@ -186,6 +191,7 @@ async def found_in_the_air(show: Show) -> tuple[str, list[bool]]:
     return turned_down.text, [seen.armed for seen in vehicles_of(show.view)]
 
 
+@pytest.mark.soak
 def test_vehicle_with_unknown_start_lands_where_it_is() -> None:
     text, armed = fly(found_in_the_air, show_config(2), after=running)
     assert text == "d1 cannot return: where it started is not known; use land; accepted instead: land d1"
@@ -203,6 +209,7 @@ async def turn_comes_late(show: Show) -> CommandRecord:
     return await show.settled(record)
 
 
+@pytest.mark.soak
 def test_vehicle_is_checked_again_at_its_turn_to_take_off() -> None:
     record = fly(turn_comes_late, show_config(2))
     assert record.outcomes["d1"].outcome is Outcome.DONE

@@ -166,6 +166,7 @@ async def across_a_lost_one(show: Show) -> Crossing:
     )
 
 
+@pytest.mark.soak
 def test_no_vehicle_flies_below_a_lost_one() -> None:
     crossing = fly(across_a_lost_one, show_config(2, operation=HOLDS_WHEN_LOST))
     assert len(crossing.column_m) > 50
@@ -212,6 +213,7 @@ async def lost_on_its_way_home(show: Show, action: ShowAction) -> tuple[list[Pha
     return show.track.phases("d2"), show.floor_violations()
 
 
+@pytest.mark.keeps("stop-return")
 @pytest.mark.parametrize(
     ("action", "on_its_way"), [(ShowAction.STOP, Phase.RETURN), (ShowAction.ABORT, Phase.LANDING)]
 )
@@ -243,6 +245,7 @@ async def back_when_all_others_are_down(
     return show.track.between(back_s), verbs, show.floor_violations(), off_pad_m
 
 
+@pytest.mark.keeps("abort-aborting-landing")
 @pytest.mark.parametrize(
     ("action", "ends", "flown"),
     [
@@ -280,6 +283,7 @@ async def back_after_each_was_landed(show: Show) -> tuple[ShowPhase, str, Phase]
     return show.view.show, show.view.reason, show.vehicle("d2").phase
 
 
+@pytest.mark.soak
 def test_lost_vehicle_back_without_command_holds_show_paused() -> None:
     show, reason, phase = fly(
         back_after_each_was_landed, show_config(3, operation=HOLDS_WHEN_LOST), after=running

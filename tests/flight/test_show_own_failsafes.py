@@ -2,6 +2,8 @@
 
 from typing import Any
 
+import pytest
+
 from gcs.failsafe.autopilot_failsafe import control_refusal
 from gcs.links import Verb
 from gcs.model.lifecycle import Phase, ShowPhase
@@ -83,6 +85,7 @@ async def deaf(show: Show, seconds: float) -> tuple[list[Phase], str, list[ShowP
     return track.phases("d2"), reason, track.show_phases()
 
 
+@pytest.mark.soak
 def test_hold_from_missed_setpoints_flies_on() -> None:
     phases, reason, shows = fly(lambda show: deaf(show, 8.0), config(), after=running)
     assert phases == [Phase.FORMATION, Phase.PILOT, Phase.HOLD, Phase.FORMATION]

@@ -128,6 +128,7 @@ async def taken_over_while_it_joins(show: Show) -> tuple[CommandRecord, set[Verb
     return joined, {command.verb for command in show.ports.commands["d1"] if command.time_s > began_s}
 
 
+@pytest.mark.soak
 def test_pilot_takeover_ends_the_planned_actions() -> None:
     joined, verbs = fly(taken_over_while_it_joins, show_config(2), after=running)
     assert joined.outcome is Outcome.FAILED
@@ -174,6 +175,7 @@ async def silent_while_a_pilot_has_it(show: Show, action: ShowAction | None) -> 
     return SilentPilot(track, sent, hold, reason, control_taken, show.track.between(given_s).phases("d2"))
 
 
+@pytest.mark.keeps("None")
 @pytest.mark.parametrize("action", [None, ShowAction.PAUSE, ShowAction.STOP, ShowAction.ABORT])
 def test_piloted_vehicle_received_again_in_hold_stays_piloted(
     action: ShowAction | None,
@@ -201,6 +203,7 @@ async def received_again_in_hold(show: Show) -> tuple[list[Phase], list[Verb]]:
     return show.track.between(back_s).phases("d2"), verbs
 
 
+@pytest.mark.soak
 def test_hold_after_silence_is_piloted_with_another_failsafe() -> None:
     phases, verbs = fly(received_again_in_hold, show_config(2), after=running)
     assert (phases, verbs) == ([Phase.LOST, Phase.PILOT], [])

@@ -76,6 +76,7 @@ def test_the_floor_is_kept_over_poor_links(review: Poor) -> None:
     assert review.violations == 0
 
 
+@pytest.mark.soak
 def test_lost_vehicle_over_poor_links_rejoins_by_itself() -> None:
     poor = fly(lambda show: poor_links(show, 0.67), config(), after=running, grid_columns=5, seed=5)
     left = {phase for phases in poor.phases.values() for phase in phases}
@@ -98,6 +99,7 @@ async def without_heartbeats(show: Show, beats_lack_s: float) -> tuple[list[Phas
     return show.track.between(began_s).phases("d2"), texts, sent_per_s
 
 
+@pytest.mark.soak
 def test_without_heartbeats_it_flies_and_the_operator_is_warned() -> None:
     phases, texts, sent_per_s = fly(
         lambda show: without_heartbeats(show, 6.0), show_config(4, operation=HOLDS_WHEN_LOST), after=running
@@ -162,6 +164,7 @@ async def taken_while_beatless(show: Show) -> tuple[list[Phase], list[Verb]]:
     return show.track.between(began_s).phases("d2"), commands
 
 
+@pytest.mark.soak
 def test_pilot_takes_over_while_heartbeats_are_missing() -> None:
     phases, commands = fly(taken_while_beatless, show_config(4, operation=HOLDS_WHEN_LOST), after=running)
     assert phases == [Phase.FORMATION, Phase.PILOT]

@@ -63,6 +63,7 @@ def test_item_6_failsafe_vehicle_flies_on_only_through_hold() -> None:
     assert verbs[-2:] == [Verb.HOLD, Verb.OFFBOARD]
 
 
+@pytest.mark.soak
 def test_item_7_show_restarts_after_landing_from_offboard() -> None:
     async def story(show: Show) -> ShowPhase:
         await show.start()
@@ -92,6 +93,7 @@ def test_item_11_no_takeoff_disarmed_no_disarming_airborne() -> None:
     assert 'it reports "Disarming denied: not landed"' in disarm
 
 
+@pytest.mark.soak
 def test_item_12_boot_clock_jump_changes_nothing_in_flight() -> None:
     async def story(show: Show) -> tuple[list[Phase], float, int]:
         await show.wait(3.0)
@@ -107,6 +109,7 @@ def test_item_12_boot_clock_jump_changes_nothing_in_flight() -> None:
     assert violations == 0
 
 
+@pytest.mark.soak
 def test_item_13_a_gap_of_less_than_half_a_second_is_no_loss() -> None:
     async def story(show: Show) -> list[Phase]:
         gap_s = show.now_s

@@ -71,6 +71,7 @@ def test_vehicles_stop_before_they_return(flight: Return) -> None:
     assert max(speeds_m_s) < 0.5
 
 
+@pytest.mark.soak
 def test_holding_and_stopped_vehicles_during_the_return() -> None:
     async def story(show: Show) -> None:
         await show.command("d1", VehicleAction.HOLD)
@@ -99,6 +100,7 @@ class Slowly(AtOnce):
         return reported
 
 
+@pytest.mark.soak
 def test_all_are_commanded_to_stand_while_paths_are_planned() -> None:
     async def story(show: Show) -> tuple[Track, int]:
         show.planning.instead = Slowly()
@@ -116,6 +118,7 @@ def test_all_are_commanded_to_stand_while_paths_are_planned() -> None:
     assert violations == 0
 
 
+@pytest.mark.soak
 def test_vehicle_stopped_during_planning_is_not_waited_for() -> None:
     async def story(show: Show) -> int:
         show.planning.instead = Slowly()

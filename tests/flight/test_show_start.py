@@ -160,6 +160,7 @@ def falls_silent(show: Show) -> None:
     show.ports.silence("d2")
 
 
+@pytest.mark.keeps("falls_silent-d2: no position for 2.")
 @pytest.mark.parametrize(
     ("fault", "says"),
     [

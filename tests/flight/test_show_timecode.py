@@ -107,6 +107,7 @@ def alarms(show: Show) -> list[str]:
     return [one.text for one in show.view.alarms if one.cause is AlarmCause.TIMECODE and one.lasts]
 
 
+@pytest.mark.keeps("Rate.FPS_29_97_DROP-0.999")
 @pytest.mark.parametrize(("rate", "speed"), [(Rate.FPS_25, 1.001), (Rate.FPS_29_97_DROP, 0.999)])
 def test_a_flying_show_is_within_20_ms_of_its_timecode(tmp_path: Path, rate: Rate, speed: float) -> None:
     """Delays of 3 ms with a long tail, drop-outs of 0.3 s, 0.1 % of drift; its beginning is in time too."""
@@ -164,6 +165,7 @@ def test_a_show_freezes_with_its_timecode_and_goes_on(tmp_path: Path) -> None:
     fly(story, settings(tmp_path), ideal=True)  # errors of estimates move vehicles that stand still
 
 
+@pytest.mark.soak
 def test_a_large_jump_is_refused_told_and_taken_back(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         await take_off(show)
@@ -185,6 +187,7 @@ def test_a_large_jump_is_refused_told_and_taken_back(tmp_path: Path) -> None:
     fly(story, settings(tmp_path))
 
 
+@pytest.mark.soak
 def test_a_show_waits_for_its_timecode_and_is_let_go_by_hand(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         await take_off(show)
@@ -205,6 +208,7 @@ def test_a_show_waits_for_its_timecode_and_is_let_go_by_hand(tmp_path: Path) -> 
     fly(story, settings(tmp_path))
 
 
+@pytest.mark.soak
 def test_a_show_frozen_without_timecode_goes_on_by_the_clock(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         await take_off(show)
@@ -220,6 +224,7 @@ def test_a_show_frozen_without_timecode_goes_on_by_the_clock(tmp_path: Path) -> 
     fly(story, settings(tmp_path))
 
 
+@pytest.mark.soak
 def test_a_paused_show_goes_on_once_the_timecode_is_there(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         await take_off(show)

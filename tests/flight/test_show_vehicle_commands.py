@@ -177,6 +177,7 @@ async def no_room(show: Show) -> tuple[Refusal, CommandRecord]:
     return refusal, await show.command("d4", JOIN)
 
 
+@pytest.mark.soak
 def test_joining_a_too_small_sphere_names_the_radius_that_fits() -> None:
     refusal, joined = fly(no_room, show_config(4, operation=HOLDS_WHEN_LOST), after=running)
     assert refusal.kind is RefusedError
@@ -192,6 +193,7 @@ async def join_without_a_show(show: Show) -> Refusal:
     return await refused(show, lambda: show.service.commands.command_vehicle("d1", JOIN))
 
 
+@pytest.mark.soak
 def test_joining_is_refused_while_the_show_returns() -> None:
     refusal = fly(join_without_a_show, show_config(3), after=running)
     assert refusal.kind is RefusedError

@@ -46,6 +46,7 @@ async def ups(show: Show) -> tuple[float, int]:
     return float(apart_m.min()), show.floor_violations()
 
 
+@pytest.mark.keeps("4.0-True")
 @pytest.mark.parametrize(("spacing_m", "ideal"), [(4.0, True), (5.0, False)])  # pads of 4 m need RTK
 def test_drifting_estimates_on_accepted_pads_keep_the_floor(spacing_m: float, *, ideal: bool) -> None:
     least_m, violations = fly(ups, config(6), spacing_m=spacing_m, grid_columns=3, ideal=ideal)

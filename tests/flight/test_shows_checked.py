@@ -49,6 +49,7 @@ def checked(capsys: pytest.CaptureFixture[str], file: Path) -> tuple[int, dict[s
     return code, json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.keeps("lighthouse", "drawn-30")
 @pytest.mark.parametrize("path", shipped(), ids=lambda path: path.stem)
 def test_a_shipped_show_is_good_to_fly(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, verdict = checked(capsys, path)
@@ -79,6 +80,7 @@ def test_check_progress_covers_the_whole_flight() -> None:
     assert max(np.diff(shares)) < 0.2
 
 
+@pytest.mark.keeps("tower-in-the-sphere")
 @pytest.mark.parametrize("name", FLOWN)
 def test_problem_found_in_flight_is_reported_with_line_and_cue(
     name: str, capsys: pytest.CaptureFixture[str]

@@ -26,6 +26,7 @@ def around_a_box() -> FlightRecord:
     return flown("article-obstacle", 7)
 
 
+@pytest.mark.keeps("article-tracking")
 @pytest.mark.parametrize("name", ["article-assembly", "article-tracking"])
 def test_four_drones_form_a_tetrahedron_round_the_target(name: str) -> None:
     record = flown(name, 7)

@@ -81,17 +81,20 @@ def test_beliefs_agree_on_what_all_see_together() -> None:
     assert np.abs(belief.center_m.mean(axis=0) - (1.0, 2.0, -30.0)).max() < 1.0
 
 
+@pytest.mark.keeps("consensus")
 @pytest.mark.parametrize("name", ["neighbours-only", "consensus"])
 def test_twenty_with_a_dozen_neighbours_become_an_even_sphere(name: str) -> None:
     record = fly(scenarios.load(scenarios.find(name)), 20, 7)
     assert not broken(report(record), record.scenario.judged.must)
 
 
+@pytest.mark.soak
 def test_fifty_close_together_over_late_links_come_to_rest() -> None:
     record = fly(scenarios.load(scenarios.find("law-article")), 50, 5)
     assert not broken(report(record), record.scenario.judged.must)
 
 
+@pytest.mark.keeps("mixed-article")
 @pytest.mark.parametrize("name", ["mixed-article", "mixed-neighbours"])
 def test_slow_ramps_beside_px4_do_not_swing_through_the_sphere(name: str) -> None:
     """ArduPilot vehicles with 1 m/s^2 swung by 0.5 and 0.7 m as they arrived."""

@@ -22,6 +22,7 @@ async def call(show: SiteShow, station: str, method: str, path: str, **options: 
     return answer.json()
 
 
+@pytest.mark.soak
 def test_api_of_a_follower_shows_and_commands_every_vehicle() -> None:
     async def story(show: SiteShow) -> None:
         await show.start()

@@ -71,6 +71,7 @@ def first_motion_s(show: SiteShow, begins_s: float) -> list[float]:
     return found
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("off_s", [0.0, 30.0])
 def test_stations_begin_a_show_of_the_law_together(tmp_path: Path, off_s: float) -> None:
     """Also with a host whose clock is 30 s ahead: then the lead's message says how long it is until then."""
@@ -129,6 +130,7 @@ def test_stations_begin_a_drawing_together(tmp_path: Path) -> None:
     assert began_after_s == pytest.approx([0.0, 0.0], abs=0.002)
 
 
+@pytest.mark.soak
 def test_a_time_is_kept_by_the_next_lead_and_cancelled_anywhere(tmp_path: Path) -> None:
     async def story(show: SiteShow) -> None:
         await ready(show)

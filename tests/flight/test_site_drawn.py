@@ -108,6 +108,7 @@ def alone_rms_m(folder: Path) -> float:
     return fly(story, plan, **on_pads(folder), ideal=True)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("stations", [2, 4])
 def test_stations_fly_a_drawing_as_one_does(folder: Path, stations: int) -> None:
     async def story(show: SiteShow) -> tuple[SelectedShow, float]:
@@ -132,6 +133,7 @@ def test_stations_fly_a_drawing_as_one_does(folder: Path, stations: int) -> None
     assert farthest_m < 1.0
 
 
+@pytest.mark.soak
 def test_the_next_lead_goes_on_with_the_drawing(folder: Path) -> None:
     async def story(show: SiteShow) -> None:
         await start(show, folder, "north")
@@ -161,6 +163,7 @@ def test_the_next_lead_goes_on_with_the_drawing(folder: Path) -> None:
     fly_on_pads(story, config(folder, 4), on_pads(folder), **BUS)
 
 
+@pytest.mark.soak
 def test_a_cut_bus_holds_both_sides_which_go_on_when_it_heals(folder: Path) -> None:
     async def story(show: SiteShow) -> None:
         await start(show, folder, "north")
@@ -186,6 +189,7 @@ def own_folders(folder: Path, *stations: str) -> None:
         copyfile(folder / DRAWING, folder / name / DRAWING)
 
 
+@pytest.mark.soak
 def test_a_start_names_the_station_without_the_drawing(tmp_path: Path) -> None:
     write_show(tmp_path)
     own_folders(tmp_path, "north", "south", "west")

@@ -11,7 +11,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Orbit
 from gcs.service import Outcome, ShowAction
 from gcs.service.alarms import AlarmCause
-from tests.support.virtual_site import SiteShow, fly_site, site_config
+from tests.support.virtual_site import SiteShow, fly_assembled, fly_site, site_config
 
 BUS = {"delay_s": 0.02, "spread_s": 0.01, "loss": 0.01}
 
@@ -57,7 +57,6 @@ def settled_again(show: SiteShow, names: list[str]) -> bool:
 )
 def test_killed_station_ends_no_show(victim: str, after_s: float) -> None:
     async def story(show: SiteShow) -> None:
-        await show.start()
         show["north"].service.plan.set_orbit(Orbit(10.0, 2.0))
         await show.wait(after_s)
         await show[victim].kill()
@@ -85,9 +84,10 @@ def test_killed_station_ends_no_show(victim: str, after_s: float) -> None:
         await show.until(lambda: min(map(landed, rest)) == 4, 120.0)
         assert show.violations == 0
 
-    fly_site(story, site_config(4, 4), **BUS)
+    fly_assembled(story, site_config(4, 4), **BUS)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("victim", "after_s", "closed"),
     [
@@ -121,7 +121,6 @@ def test_pads_closed_on_the_way_home_are_left_for_open_places(
 
 def test_cut_bus_holds_both_halves_until_it_heals() -> None:
     async def story(show: SiteShow) -> None:
-        await show.start()
         show["south"].service.plan.set_orbit(Orbit(10.0, 2.0))
         await show.wait(6.0)
         show.network.cut({"north", "south"}, {"west", "east"})
@@ -134,14 +133,14 @@ def test_cut_bus_holds_both_halves_until_it_heals() -> None:
         assert sum(show.in_phase(name, Phase.FORMATION) for name in show.stations) == 16
         assert show.violations == 0
 
-    fly_site(story, site_config(4, 4), **BUS)
+    fly_assembled(story, site_config(4, 4), **BUS)
 
 
+@pytest.mark.soak
 def test_all_hold_for_each_of_two_stations_that_are_cut_off() -> None:
     """The second is cut off while all hold for the first: its bus may heal as well."""
 
     async def story(show: SiteShow) -> None:
-        await show.start()
         show.network.cut({"north", "west", "east"}, {"south"})
         await show.wait(4.0)
         show.network.cut({"north", "east"}, {"west"}, {"south"})
@@ -150,4 +149,4 @@ def test_all_hold_for_each_of_two_stations_that_are_cut_off() -> None:
         await show.reach(ShowPhase.RUNNING, "north", "east", limit_s=20.0)
         assert show.violations == 0
 
-    fly_site(story, site_config(4, 4), **BUS)
+    fly_assembled(story, site_config(4, 4), **BUS)

@@ -4,6 +4,8 @@ import asyncio
 import itertools
 import random
 
+import pytest
+
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Orbit
 from gcs.service import ShowAction
@@ -26,6 +28,7 @@ async def flood(show: SiteShow) -> None:
         await show.wait(1.0 / 200.0)
 
 
+@pytest.mark.soak
 def test_junk_takes_the_place_of_no_valid_message() -> None:
     async def story(show: SiteShow) -> None:
         stations = show["south"].service.stations

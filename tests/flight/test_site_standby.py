@@ -11,7 +11,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Orbit
 from gcs.model.state import Array
 from gcs.service import Outcome, ShowAction
-from tests.support.virtual_site import SiteShow, fly_site, two_hosts
+from tests.support.virtual_site import SiteShow, fly_assembled, fly_site, two_hosts
 
 BUS = {"delay_s": 0.01, "spread_s": 0.005, "loss": 0.01}
 QUIET: dict[str, Any] = {"delay_s": 0.01, "tells_arrival": False}
@@ -43,7 +43,6 @@ def both_never_at_once(show: SiteShow, least_s: float = 0.5) -> bool:
 @pytest.mark.parametrize("after_s", [2.0, pytest.param(5.7, marks=pytest.mark.soak)])
 def test_show_goes_on_when_the_owner_is_killed(after_s: float) -> None:
     async def story(show: SiteShow) -> None:
-        await show.start()
         show["north"].service.plan.set_orbit(Orbit(8.0, 2.0))
         await show.wait(after_s)
         assert owned(show) == 0
@@ -66,12 +65,12 @@ def test_show_goes_on_when_the_owner_is_killed(after_s: float) -> None:
         assert both_never_at_once(show)
         assert show.violations == 0
 
-    fly_site(story, two_hosts(4), **BUS)
+    fly_assembled(story, two_hosts(4), **BUS)
 
 
+@pytest.mark.soak
 def test_show_goes_on_by_itself_where_configured() -> None:
     async def story(show: SiteShow) -> None:
-        await show.start()
         await show["north"].kill()
         await show.until(
             lambda: (
@@ -82,12 +81,12 @@ def test_show_goes_on_by_itself_where_configured() -> None:
         assert both_never_at_once(show)
         assert show.violations == 0
 
-    fly_site(story, two_hosts(4, rejoins=True), **BUS)
+    fly_assembled(story, two_hosts(4, rejoins=True), **BUS)
 
 
+@pytest.mark.soak
 def test_owner_that_is_cut_off_holds_and_obeys_the_standby() -> None:
     async def story(show: SiteShow) -> None:
-        await show.start()
         show.network.cut({"north"}, {"south"})
         await show.until(lambda: show.in_phase("south", Phase.HOLD) == 4, 6.0)
         await show.until(
@@ -103,9 +102,10 @@ def test_owner_that_is_cut_off_holds_and_obeys_the_standby() -> None:
         assert both_never_at_once(show)
         assert show.violations == 0
 
-    fly_site(story, two_hosts(4, rejoins=True), **BUS)
+    fly_assembled(story, two_hosts(4, rejoins=True), **BUS)
 
 
+@pytest.mark.soak
 def test_any_station_has_the_standby_go_on() -> None:
     async def story(show: SiteShow) -> None:
         await show.start("west")
@@ -133,18 +133,18 @@ def test_any_station_has_the_standby_go_on() -> None:
     fly_site(story, two_hosts(2, west=True), **BUS)
 
 
+@pytest.mark.soak
 def test_owner_not_received_by_its_standby_gives_vehicles_up() -> None:
     """A cut of one direction: the standby ends the connection, as a process that ends does."""
 
     async def story(show: SiteShow) -> None:
-        await show.start()
         show.network.cut_one_way("north", "south")
         await show.until(lambda: show.in_phase("south", Phase.HOLD) == 4, 6.0)
         await show.until(lambda: flies_on(show, "south"), 20.0)
         assert both_never_at_once(show)
         assert show.violations == 0
 
-    fly_site(story, two_hosts(4, rejoins=True), **BUS)
+    fly_assembled(story, two_hosts(4, rejoins=True), **BUS)
 
 
 def flies_on(show: SiteShow, name: str) -> bool:
@@ -152,12 +152,12 @@ def flies_on(show: SiteShow, name: str) -> bool:
     return show[name].view.show is ShowPhase.RUNNING and show.in_phase(name, Phase.FORMATION) == 4
 
 
+@pytest.mark.keeps("0.4")
 @pytest.mark.parametrize("cut_s", [0.0, 0.4, 1.5])
 def test_owner_that_stood_still_sends_nothing_once_taken_over(cut_s: float) -> None:
     """It wakes when the standby flies its vehicles, and the bus connects the two at once or later."""
 
     async def story(show: SiteShow) -> None:
-        await show.start()
         show["north"].stop()
         show.network.cut({"north"}, {"south"})  # its connections are closed when their lease ends
         stopped_s = asyncio.get_running_loop().time()
@@ -173,14 +173,14 @@ def test_owner_that_stood_still_sends_nothing_once_taken_over(cut_s: float) -> N
         assert list(show["north"].view.rows.stations).count("south") == 4
         assert show.violations == 0
 
-    fly_site(story, two_hosts(4, rejoins=True), **QUIET)
+    fly_assembled(story, two_hosts(4, rejoins=True), **QUIET)
 
 
+@pytest.mark.soak
 def test_owner_that_stood_still_briefly_goes_on_once_answered() -> None:
     """Too briefly for its standby to take over, which it cannot know."""
 
     async def story(show: SiteShow) -> None:
-        await show.start()
         show["north"].stop()
         await show.wait(0.43)
         woke_s = asyncio.get_running_loop().time()
@@ -194,12 +194,12 @@ def test_owner_that_stood_still_briefly_goes_on_once_answered() -> None:
         assert flies_on(show, "north")
         assert show.violations == 0
 
-    fly_site(story, two_hosts(4, rejoins=True), **QUIET)
+    fly_assembled(story, two_hosts(4, rejoins=True), **QUIET)
 
 
+@pytest.mark.soak
 def test_owner_without_a_standby_left_goes_on_after_a_pause() -> None:
     async def story(show: SiteShow) -> None:
-        await show.start()
         await show["south"].kill()
         await show.wait(3.0)
         assert flies_on(show, "north")
@@ -213,4 +213,4 @@ def test_owner_without_a_standby_left_goes_on_after_a_pause() -> None:
             assert sent_s[sent_s > woke_s - 0.01][0] < woke_s + 0.1
         assert flies_on(show, "north")
 
-    fly_site(story, two_hosts(4, rejoins=True), **QUIET)
+    fly_assembled(story, two_hosts(4, rejoins=True), **QUIET)

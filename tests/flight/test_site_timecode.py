@@ -83,6 +83,7 @@ def alarms(show: SiteShow, station: str) -> list[str]:
     return [one.text for one in listed if one.cause is AlarmCause.TIMECODE and one.lasts]
 
 
+@pytest.mark.soak
 def test_all_stations_follow_the_timecode_of_the_lead(tmp_path: Path) -> None:
     async def story(show: SiteShow) -> None:
         await take_off(show)
@@ -111,6 +112,7 @@ def test_all_stations_follow_the_timecode_of_the_lead(tmp_path: Path) -> None:
     fly_site(story, config(tmp_path), **BUS)
 
 
+@pytest.mark.soak
 def test_timecode_at_a_follower_alone_is_an_alarm(tmp_path: Path) -> None:
     async def story(show: SiteShow) -> None:
         await take_off(show)

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import Phase, ShowPhase
@@ -71,6 +72,7 @@ def test_recovered_vehicles_re_form_and_resume() -> None:
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=cut_off)
 
 
+@pytest.mark.soak
 def test_vehicle_piloted_around_the_stall_stays_piloted() -> None:
     async def story(show: Show) -> None:
         show.befall("d1", "pilot")
@@ -93,6 +95,7 @@ def test_vehicle_piloted_around_the_stall_stays_piloted() -> None:
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=running)
 
 
+@pytest.mark.soak
 def test_late_pilot_takeover_is_not_explained_by_the_stall() -> None:
     async def story(show: Show) -> None:
         await show.command("d1", VehicleAction.TAKE_CONTROL)
@@ -104,6 +107,7 @@ def test_late_pilot_takeover_is_not_explained_by_the_stall() -> None:
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=cut_off)
 
 
+@pytest.mark.soak
 def test_a_short_pause_of_the_service_explains_nothing() -> None:
     async def story(show: Show) -> None:
         stall(show, 0.4)
@@ -114,6 +118,7 @@ def test_a_short_pause_of_the_service_explains_nothing() -> None:
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=running)
 
 
+@pytest.mark.soak
 def test_pause_on_the_way_home_stands_and_stop_lands() -> None:
     async def story(show: Show) -> None:
         show.service.commands.command_show(ShowAction.STOP)
@@ -131,6 +136,7 @@ def test_pause_on_the_way_home_stands_and_stop_lands() -> None:
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=running)
 
 
+@pytest.mark.soak
 def test_takeoffs_delayed_by_a_stall_follow_one_another() -> None:
     async def story(show: Show) -> list[float]:
         await show.standby()
@@ -147,6 +153,7 @@ def test_takeoffs_delayed_by_a_stall_follow_one_another() -> None:
     assert np.diff(armed_s).min() > 0.5
 
 
+@pytest.mark.soak
 def test_service_ending_after_a_stall_knows_its_vehicles(tmp_path: Path) -> None:
     async def goes_on(show: Show) -> None:
         await show.until(lambda: {seen.phase for seen in vehicles_of(show.view)} == {Phase.PILOT})
@@ -174,6 +181,7 @@ def test_stop_during_recovery_reaches_vehicles_that_hold() -> None:
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=cut_off)
 
 
+@pytest.mark.soak
 def test_repeated_recovery_leaves_nothing_pending() -> None:
     async def story(show: Show) -> None:
         show.ports.silence("d4", up=False)
@@ -187,6 +195,7 @@ def test_repeated_recovery_leaves_nothing_pending() -> None:
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=cut_off)
 
 
+@pytest.mark.soak
 def test_fleet_command_skips_vehicles_without_heartbeats() -> None:
     async def story(show: Show) -> None:
         show.ports.beatless.add("d1")
@@ -213,6 +222,7 @@ def test_fleet_command_skips_vehicles_without_heartbeats() -> None:
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=cut_off)
 
 
+@pytest.mark.soak
 def test_end_of_a_written_show_takes_no_control(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         show_hash = select(show)

@@ -27,7 +27,7 @@ from tests.support.views import vehicles_of
 from tests.support.virtual_link import VirtualLink
 from tests.support.virtual_show import show_config
 
-EXAMPLES = settings().max_examples // 33
+EXAMPLES = max(3, settings().max_examples // 33)
 """Of each operation and of each way to make one wrong: 3, in `make soak` 30."""
 
 BUSY_S = 60.0

@@ -81,7 +81,7 @@ def flown(
 STOPS_S = st.lists(within(0.5, 9.0), min_size=1, max_size=8)
 
 
-@settings(CALM, max_examples=50)
+@settings(CALM, max_examples=settings().max_examples // 2)
 @given(st.integers(0, 10_000), st.integers(2, 8), STOPS_S, st.booleans())
 def test_floor_is_kept_whichever_vehicles_brake(
     seed: int, count: int, stops_s: list[float], together: bool
@@ -98,7 +98,7 @@ def test_floor_is_kept_whichever_vehicles_brake(
     assert least_m >= SAFETY.floor.horizontal_m
 
 
-@settings(CALM, max_examples=50)
+@settings(CALM, max_examples=settings().max_examples // 2)
 @given(st.integers(0, 10_000), st.integers(2, 8), STOPS_S, st.booleans(), within(1.0, 4.0))
 def test_floor_is_kept_between_lanes_that_are_drawn(
     seed: int, count: int, stops_s: list[float], together: bool, fastest_m_s: float

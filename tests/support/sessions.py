@@ -24,13 +24,14 @@ from tests.support.copies import in_a_copy
 from tests.support.views import vehicles_of
 from tests.support.virtual_link import STREAMS_HZ, VirtualLink
 from tests.support.virtual_show import (
-    FLEET_STEP_S,
     HOLDS_WHEN_LOST,
     READY_AT_ONCE,
     SOON_DISARMED,
+    TICK_STEP_S,
     Show,
     Story,
     T,
+    begin_of,
     load_machine_code,
     show_config,
 )
@@ -85,7 +86,7 @@ class Vehicles:
             **on_pads(),
         )
         now_s = asyncio.get_running_loop().time()
-        return Fleet(settings, start_s=now_s, unix_at_start_s=self._unix(), step_s=FLEET_STEP_S)
+        return Fleet(settings, **begin_of(now_s, self._unix()), step_s=TICK_STEP_S)
 
     async def _session(self, config: Config, root: Path, story: Story[T], late: Sequence[VehicleId]) -> T:
         vehicles = {name: (row + 1, "loop") for row, name in enumerate(config.ids)}

@@ -1,8 +1,10 @@
 """Flies several stations in virtual time: real orchestrators and links, fake fleets, a bus in memory."""
 
 import asyncio
+import atexit
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import closing
+from functools import partial
 from typing import Any, TypeVar
 
 import numpy as np
@@ -23,13 +25,15 @@ from gcs.sim.settings import PAD_SPACING_M, Settings
 from gcs.site import arrivals
 from gcs.site.member import Membership
 from gcs.site.service import SiteService
+from tests.support.copies import in_a_copy
 from tests.support.virtual_link import STREAMS_HZ, VirtualLink, VirtualPorts
 from tests.support.virtual_show import (
-    FLEET_STEP_S,
     ORIGIN,
     POSITIONING,
     READY_AT_ONCE,
     SOON_DISARMED,
+    TICK_STEP_S,
+    begin_of,
     load_machine_code,
 )
 from tests.support.virtual_time import AtOnce, Loop, ProcessLoop, UnixClock, as_process
@@ -153,7 +157,7 @@ class Station:
         self.radios: list[tuple[Fleet, MirroredPorts, VirtualLink]] = []  # none of a pure standby
         if count:
             own_ids, clock = self.config.ids[:count], asyncio.get_running_loop().time
-            fleet = Fleet(settings, start_s=now_s, unix_at_start_s=self.unix(), step_s=FLEET_STEP_S)
+            fleet = Fleet(settings, **begin_of(now_s, self.unix()), step_s=TICK_STEP_S)
             ports = MirroredPorts(own_ids, fleet, clock)
             self.radios = [(fleet, ports, VirtualLink(self.config, fleet, ids=own_ids, ports=ports))]
 
@@ -223,7 +227,7 @@ class Station:
             for fleet, ports, _ in self.radios:
                 while fleet.time_s + fleet.step_s / 2 < loop.time():
                     ports.step()
-            await asyncio.sleep(FLEET_STEP_S)
+            await asyncio.sleep(TICK_STEP_S)
 
 
 class SiteShow:
@@ -318,6 +322,57 @@ class SiteShow:
 Story = Callable[[SiteShow], Awaitable[T]]
 
 
+class SiteFlight:
+    """Running stations, for one story after another. See `fly_on_pads`."""
+
+    def __init__(self, site: Config, pads: Mapping[str, Any], **bus: Any) -> None:
+        load_machine_code()
+        self._loop = Loop()
+        self._show = self._loop.play(self._begin(site, pads, bus))
+
+    def play(self, story: Story[T]) -> T:
+        """Play the next story."""
+        return self._loop.play(self._play(story))
+
+    def close(self) -> None:
+        """Cancel everything that runs."""
+        self._loop.close()
+
+    async def _begin(self, site: Config, pads: Mapping[str, Any], bus: Mapping[str, Any]) -> SiteShow:
+        names = [station.name for station in site.stations]
+        return SiteShow(site, network(names, asyncio.get_running_loop().time, **bus), pads)
+
+    async def _play(self, story: Story[T]) -> T:
+        reported = asyncio.ensure_future(story(self._show))
+        tasks = {each.task for each in self._show.stations.values()}
+        while not reported.done():
+            await asyncio.wait({reported, *tasks}, return_when=asyncio.FIRST_COMPLETED)
+            for task in [one for one in tasks if one.done()]:
+                tasks.discard(task)
+                if not task.cancelled():
+                    task.result()  # raises what ended it
+        return await reported
+
+
+_assembled: dict[str, SiteFlight] = {}
+"""Sites that stand still in formation, by what made them."""
+
+
+def fly_assembled(story: Story[T], site: Config, **bus: Any) -> T:
+    """As `fly_site`, with a story that begins when all vehicles fly in formation.
+
+    This part is flown once for all stories of the same site and bus. Each goes on in a copy of the process,
+    from which only the result comes back.
+    """
+    made_of = f"{site.model_dump_json()} {bus}"
+    if made_of not in _assembled:
+        flight = SiteFlight(site, {}, **bus)
+        atexit.register(flight.close)
+        flight.play(SiteShow.start)
+        _assembled[made_of] = flight
+    return in_a_copy(partial(_assembled[made_of].play, story))
+
+
 def fly_site(story: Story[T], site: Config, **bus: Any) -> T:
     """Play `story` with running stations, their vehicles on a grid; as `fly_on_pads`."""
     return fly_on_pads(story, site, {}, **bus)
@@ -332,21 +387,5 @@ def fly_on_pads(story: Story[T], site: Config, pads: Mapping[str, Any], **bus: A
         pads: of the fake fleets' settings: how the vehicles stand.
         bus: of `memory_bus.network`: delay_s, spread_s, loss, seed, tells_arrival.
     """
-    load_machine_code()
-
-    async def play() -> T:
-        now_s = asyncio.get_running_loop().time
-        names = [station.name for station in site.stations]
-        show = SiteShow(site, network(names, now_s, **bus), pads)
-        reported = asyncio.ensure_future(story(show))
-        tasks = {each.task for each in show.stations.values()}
-        while not reported.done():
-            await asyncio.wait({reported, *tasks}, return_when=asyncio.FIRST_COMPLETED)
-            for task in [one for one in tasks if one.done()]:
-                tasks.discard(task)
-                if not task.cancelled():
-                    task.result()  # raises what ended it
-        return await reported
-
-    with closing(Loop()) as loop:
-        return loop.play(play())
+    with closing(SiteFlight(site, pads, **bus)) as flight:
+        return flight.play(story)

@@ -8,6 +8,8 @@ from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
+import pytest
+
 from gcs.client import Client
 from gcs.links.batch_link import Link
 from gcs.model.errors import LinkError
@@ -60,6 +62,7 @@ async def fly_and_flood(folder: Path, ticks: TickTimes) -> tuple[Mapping[str, Li
         return flight.links, began_s, ended_s, answered
 
 
+@pytest.mark.soak
 def test_api_flooded(tmp_path: Path) -> None:
     ticks = TickTimes()
     with Pauses() as machine:

@@ -30,9 +30,6 @@ FLOOD_S = 10.0
 NAMED_S = 2.0
 TRANSPORTS = ("native", "mavsdk")
 COUNTS = (6, 50)
-SHORT = ("native", 6, "rtk-preambles")
-"""Flight and row of `make test`; all others are for `make soak`."""
-
 NAMES = {
     "rtk": "rtk",
     "timecode": "timecode",
@@ -101,10 +98,10 @@ def rows() -> Iterator[object]:
     for transport in TRANSPORTS:
         for count in COUNTS:
             for row in ROWS:
-                marks = () if (transport, count, row) == SHORT else pytest.mark.soak
-                yield pytest.param((transport, count), row, marks=marks, id=f"{transport}-{count}-{row}")
+                yield pytest.param((transport, count), row, id=f"{transport}-{count}-{row}")
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(("flying", "row"), list(rows()), indirect=["flying"])
 def test_flooded_input_makes_no_tick_late(flying: Flying, row: str) -> None:
     name = row.partition("-")[0]

@@ -126,6 +126,7 @@ def home(client: Client) -> bool:
     return all(vehicle.phase == "standby" for vehicle in shown.vehicles)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("kills", [KILLS[0], pytest.param(KILLS[1], marks=pytest.mark.soak)])
 def test_repeated_kills_in_flight_recover_and_return_all(tmp_path: Path, kills: int) -> None:
     base = free_ports(len(IDS))

@@ -2,12 +2,15 @@
 
 from pathlib import Path
 
+import pytest
+
 from gcs.client import Client
 from tests.support.processes import SOON_S, last_truths, session_of, wait_until
 
 COUNT = 20
 
 
+@pytest.mark.soak
 def test_twenty_behind_one_radio_are_set_up_flown_and_landed(tmp_path: Path) -> None:
     session = session_of("radio", tmp_path, "--count", str(COUNT), "--shared-port", height_m=23.0)
     with session as (address, _), Client(address, timeout_s=30.0) as client:

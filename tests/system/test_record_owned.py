@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import pytest
 import yaml
 
 from gcs.recording.audit_reader import rows
@@ -10,6 +11,7 @@ from tests.support.processes import SOON_S, flying_config, service
 from tests.support.started import run
 
 
+@pytest.mark.soak
 def test_second_service_on_a_record_is_refused(tmp_path: Path) -> None:
     first, second = (flying_config(1, free_ports(1), silence_s=2.0) for _ in range(2))
     record = tmp_path / "runs"

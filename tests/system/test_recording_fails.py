@@ -4,6 +4,7 @@ import resource
 from contextlib import closing
 from pathlib import Path
 
+import pytest
 from pymavlink import mavutil
 
 from gcs.client import Client
@@ -56,6 +57,7 @@ def fly_on_a_full_disk(client: Client, process: Started, folder: Path) -> None:
     wait_until("setpoints are recorded", SOON_S, lambda: setpoints(path) == {1, 2})
 
 
+@pytest.mark.soak
 def test_disk_full_in_flight_is_reported_and_changes_nothing(tmp_path: Path) -> None:
     base = free_ports(len(IDS))
     config = flying_config(len(IDS), base, silence_s=20.0)

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+import pytest
 import yaml
 
 from gcs.client import Client
@@ -95,6 +96,7 @@ def test_one_signal_ends_every_station(tmp_path: Path) -> None:
         assert site.is_closed()
 
 
+@pytest.mark.soak
 def test_a_supervised_station_is_restarted_alone(tmp_path: Path) -> None:
     with running(tmp_path, "--supervised") as site:
         wait_until("ready", SOON_S, lambda: len(site.printed("err", "service_ready")) == 2)
@@ -107,6 +109,7 @@ def test_a_supervised_station_is_restarted_alone(tmp_path: Path) -> None:
         assert site.is_closed()
 
 
+@pytest.mark.soak
 def test_a_station_that_fails_is_named_and_others_go_on(tmp_path: Path) -> None:
     with running(tmp_path) as site, socket.socket() as taken:
         taken.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)

@@ -94,6 +94,7 @@ async def fly(config: Config) -> None:
         await asyncio.wait(tasks)
 
 
+@pytest.mark.soak
 @pytest.mark.usefixtures("prompt_checks")
 def test_show_is_uploaded_checked_flown_paused_and_returned(tmp_path: Path) -> None:
     base = free_ports(3)

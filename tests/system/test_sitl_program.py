@@ -133,6 +133,7 @@ def test_the_long_story_names_what_is_not_flown(tmp_path: Path) -> None:
     assert (figures["landed"], figures["lost"]) == (6, [])
 
 
+@pytest.mark.soak
 def test_a_refused_start_is_the_verdict_in_words(tmp_path: Path) -> None:
     """Pads too near, with a stand-in for PX4: exit 1, and the refusal's own text."""
     given: dict[str, str] = {}

@@ -23,6 +23,7 @@ def config_of(port_base: int) -> Config:
     return flying_config(COUNT, port_base, silence_s=20.0, setpoint_loss_s=LOSS_S)
 
 
+@pytest.mark.soak
 def test_stopped_service_reports_losses_and_one_command_returns(tmp_path: Path) -> None:
     base = free_ports(COUNT)
     config = config_of(base)

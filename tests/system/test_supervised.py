@@ -4,6 +4,8 @@ import os
 import signal
 from pathlib import Path
 
+import pytest
+
 from gcs.client import Client
 from gcs.config.schema import Config
 from tests.support.machine import free_ports
@@ -43,6 +45,7 @@ def test_hung_service_is_restarted_and_ends_on_request(tmp_path: Path) -> None:
         ]
 
 
+@pytest.mark.soak
 def test_service_without_its_supervisor_goes_on_and_reports_it(tmp_path: Path) -> None:
     with supervised(config_of(), tmp_path / "station") as station, Client(station.url) as client:
         wait_until("ready", SOON_S, lambda: len(station.logged("service_ready")) == 1)

@@ -47,6 +47,7 @@ def ended(pid: int) -> int | None:
     return os.waitstatus_to_exitcode(status) if done else None
 
 
+@pytest.mark.keeps("options0")
 @pytest.mark.parametrize("options", [(), ("--supervised",)])
 def test_closed_terminal_brings_the_fleet_home(tmp_path: Path, options: tuple[str, ...]) -> None:
     base, record = free_ports(COUNT), tmp_path / "runs"

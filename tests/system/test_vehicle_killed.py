@@ -103,6 +103,7 @@ def flight(tmp_path_factory: pytest.TempPathFactory) -> Seen:
         return asyncio.run(fly_and_kill(tmp_path_factory.mktemp("truth"), machine))
 
 
+@pytest.mark.soak
 def test_the_others_keep_their_setpoint_rate(flight: Seen) -> None:
     machine, killed_s = flight.machine, flight.killed_s
     ticks = flight.ticks.count(killed_s, killed_s + WATCHED_S)
@@ -119,14 +120,17 @@ def test_the_others_keep_their_setpoint_rate(flight: Seen) -> None:
         assert max(waits_s) < 0.5, vehicle_id
 
 
+@pytest.mark.soak
 def test_the_others_re_form(flight: Seen) -> None:
     assert flight.ratio < FORMED
 
 
+@pytest.mark.soak
 def test_api_names_the_lost_vehicle(flight: Seen) -> None:
     assert flight.phases == {"d5": "lost"} | dict.fromkeys(SURVIVORS, "formation")
 
 
+@pytest.mark.soak
 def test_the_lost_vehicle_gets_no_more_setpoints(flight: Seen) -> None:
     last_s = flight.link.setpoint_times_s("d5")[-1]
     assert (

@@ -12,6 +12,7 @@ BLIND, READY = 165, 831
 PREARM = 0x10000000
 
 
+@pytest.mark.soak
 def test_the_start_takes_40_s_in_the_recorded_stages() -> None:
     bench = ArduBench(late=True)
     at_s: dict[str, float] = {}
@@ -33,6 +34,7 @@ def test_the_start_takes_40_s_in_the_recorded_stages() -> None:
     assert times_s["LOCAL_POSITION_NED"] == pytest.approx(39.5, abs=0.3)
 
 
+@pytest.mark.soak
 def test_ekf_flags_go_from_165_to_831_with_the_position() -> None:
     bench = ArduBench(late=True).run(30.0)
     assert bench.last("EKF_STATUS_REPORT").flags == BLIND
@@ -48,6 +50,7 @@ def test_the_prearm_bit_depends_on_the_mode() -> None:
     assert bench.now_s == pytest.approx(40.0, abs=1.6)
 
 
+@pytest.mark.soak
 def test_reasons_are_sent_at_arming_and_every_30_s() -> None:
     bench = ArduBench(late=True).run(6.0)
     bench.order(Mode.GUIDED)
@@ -164,6 +167,7 @@ def test_upward_setpoints_do_nothing_on_the_ground() -> None:
     assert bench.armed
 
 
+@pytest.mark.keeps("4-True")
 @pytest.mark.parametrize(("delay_s", "disarms"), [(10, True), (4, True), (0, False)])
 def test_it_disarms_disarm_delay_after_arming(delay_s: int, disarms: bool) -> None:
     bench = grounded(parameters={"DISARM_DELAY": delay_s})
@@ -174,6 +178,7 @@ def test_it_disarms_disarm_delay_after_arming(delay_s: int, disarms: bool) -> No
     assert ("Disarming motors" in bench.texts) == disarms
 
 
+@pytest.mark.keeps("10.0-7.0")
 @pytest.mark.parametrize(("height_m", "after_s"), [(10.0, 7.0), (15.0, 9.1), (20.0, 11.1)])
 def test_takeoff_reaches_its_height_in_the_recorded_time(height_m: float, after_s: float) -> None:
     bench = grounded()
@@ -183,6 +188,7 @@ def test_takeoff_reaches_its_height_in_the_recorded_time(height_m: float, after_
     assert bench.run(5.0).height_m == pytest.approx(height_m, abs=0.2)
 
 
+@pytest.mark.soak
 def test_landed_state_is_3_at_once_and_2_five_seconds_later() -> None:
     bench = grounded(step_s=0.01)
     bench.arm()
@@ -212,6 +218,7 @@ def test_a_velocity_setpoint_cancels_the_takeoff_on_the_ground() -> None:
     assert not bench.run(4.0).armed
 
 
+@pytest.mark.soak
 def test_a_velocity_setpoint_cancels_the_climb() -> None:
     bench = grounded()
     bench.arm()

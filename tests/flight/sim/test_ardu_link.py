@@ -87,6 +87,7 @@ def test_unasked_it_sends_heartbeats_timesync_and_little_else() -> None:
     assert bench.count("TIMESYNC") in {4, 5}
 
 
+@pytest.mark.soak
 def test_a_stream_comes_at_exactly_the_rate_asked() -> None:
     bench = hovering(step_s=STEP_S, asked=False)
     for message_id, hz in [(LOCAL, 20.0), (GLOBAL_POSITION, 10.0), (193, 2.0), (245, 5.0)]:
@@ -233,6 +234,7 @@ def test_three_vehicles_obey_their_own_commands_only() -> None:
     assert all(vehicle.commander.armed for vehicle in bench.fleet.autopilots)
 
 
+@pytest.mark.soak
 def test_three_on_one_port_fly_alike_to_a_centimetre() -> None:
     """Habit 10: each is addressed by its own system id."""
     bench = hovering(count=3, grid_columns=3)
@@ -254,6 +256,7 @@ def test_three_on_one_port_fly_alike_to_a_centimetre() -> None:
     assert np.ptp(flown_m, axis=0).max() < 0.01
 
 
+@pytest.mark.alternates(0)
 @pytest.mark.parametrize("number", [11, 16, 17, 20, 21, 22, 115, 176, 179, 185, 400, 510, 511, 512, 520])
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), float("-inf"), 3e38])
 def test_commands_full_of_nonsense_change_nothing_bad(number: int, value: float) -> None:

@@ -154,6 +154,7 @@ def test_a_position_that_jumps_is_flown_back() -> None:
     assert bench.run(10.0).truth[0] == pytest.approx(-4.0, abs=0.3)
 
 
+@pytest.mark.soak
 def test_noise_and_wind_move_it_little() -> None:
     bench = hovering(noise_scale=0.25, wind_m_s=(0.0, 4.0, 0.0))
     bench.stream(0.0, 0.0, 0.0)
@@ -169,6 +170,7 @@ def flown(seed: int) -> list[float]:
     return [*bench.truth, *[message.x for message in bench.all("LOCAL_POSITION_NED")]]
 
 
+@pytest.mark.soak
 def test_the_same_seed_flies_the_same_flight() -> None:
     assert flown(7) == flown(7)
     assert flown(7) != flown(8)

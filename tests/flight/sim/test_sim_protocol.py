@@ -261,6 +261,7 @@ def test_valid_frames_after_garbage_and_in_one_datagram() -> None:
     assert bench.fleet.autopilots[0].parameters["MPC_XY_VEL_MAX"] == 3.0
 
 
+@pytest.mark.alternates(0)
 @pytest.mark.parametrize("number", [20, 21, 22, 176, 185, 400, 510, 511, 512, 520, 31999])
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, 3e38])
 def test_commands_full_of_nonsense_are_answered(number: int, value: float) -> None:

@@ -15,6 +15,7 @@ from tests.support.drawing_files import HOVER, flight, light, skyc, zipped
 MEMORY_MAX_MB = 300
 
 
+@pytest.mark.soak
 def test_two_hundred_broken_files_have_a_clear_error_each(tmp_path: Path) -> None:
     """Each names file and place and says what is wrong; the process that reads them all stays small."""
     command = [sys.executable, "-m", "tests.support.broken_drawings"]

@@ -63,6 +63,15 @@ def test_response_hardly_depends_on_the_step_size(dt_s: float) -> None:
     assert np.abs(coarse - fine[every - 1 :: every]).max() < 0.08
 
 
+def test_a_long_step_is_several_short_ones() -> None:
+    short, long = at(np.zeros((1, 3)), dt_s=0.05 / 3), at(np.zeros((1, 3)), dt_s=0.05)
+    for _ in range(20):
+        for _ in range(3):
+            short.step(np.array([[5.0, 0.0, -2.0]]))
+        long.step(np.array([[5.0, 0.0, -2.0]]))
+    assert np.array_equal(long.position_m, short.position_m)
+
+
 def test_integrator_does_not_wind_up_at_the_limit() -> None:
     weak = Response(acceleration_limit_m_s2=2.0)
     state = at(np.zeros((1, 3)), response=weak)

@@ -56,6 +56,7 @@ def test_too_many_lost_vehicles_end_the_flight_as_in_reality() -> None:
     assert report(record)["failsafes"]
 
 
+@pytest.mark.keeps("pause")
 @pytest.mark.parametrize("action", ["pause", "land"])
 def test_a_lost_vehicle_pauses_or_lands_the_others(action: str) -> None:
     policy = FailsafePolicy(vehicle_lost=VehicleLost.model_validate({"action": action}))
@@ -107,6 +108,7 @@ def test_vehicles_that_wait_to_join_are_never_the_lost_ones() -> None:
         assert not losses.rows[6:].any()
 
 
+@pytest.mark.soak
 def test_all_others_land_although_pads_lie_below_a_lost_one() -> None:
     """A vehicle with such a pad hovered beside the closed space for ever, and no landing was counted."""
     flight = FormationFlight(

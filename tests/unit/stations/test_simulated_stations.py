@@ -10,6 +10,7 @@ from gcs.simulation.scenario import Scenario
 from gcs.site.simulated import SimulatedStations
 
 
+@pytest.mark.soak
 def test_crowd_of_many_stations_keeps_apart_as_that_of_one() -> None:
     """A vehicle between two of other stations has nowhere to go, and those behind it have to know."""
     scenario = scenarios.load(scenarios.find("stations-scale"))
