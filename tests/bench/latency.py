@@ -23,7 +23,7 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.preflight.parameters import settings_of
 from gcs.service import ShowAction, TickView
 from gcs.sim.cli import parameter_options
-from tests.support.views import vehicles_of
+from gcs.testing.views import vehicles_of
 
 FIRST_PORT = 15900
 MEASURED_S = 20.0

@@ -31,11 +31,11 @@ from gcs.shows.formats import read_drawing, write_drawing
 from gcs.shows.importing import show_text
 from gcs.simulation.rehearsal import rehearse
 from gcs.simulation.verdict import judge
+from gcs.testing.views import vehicles_of
 from tests.bench.figures import at_least, at_most
 from tests.support.drawn_shows import drawn_show
 from tests.support.machine import free_ports
 from tests.support.processes import flying_config, last_truths, proper, until, vehicles
-from tests.support.views import vehicles_of
 
 NAME: Final = "bench"
 SECONDS, SPACING_M, RATE_HZ = 60.0, 3.0, 4.0

@@ -24,9 +24,9 @@ from gcs.service import ShowAction
 from gcs.shows import parse
 from gcs.simulation.rehearsal import rehearse
 from gcs.simulation.verdict import judge
+from gcs.testing.views import vehicles_of
 from tests.support.machine import free_ports
 from tests.support.processes import SOON_S, flying_config, proper, until, vehicles
-from tests.support.views import vehicles_of
 
 AHEAD_S = 45.0
 MOVES_M_S = 0.3

@@ -13,11 +13,11 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.recording.session import Record
 from gcs.service import ShowAction
 from gcs.sim.vehicle.px4 import Quirks
+from gcs.testing.virtual_show import SLOWLY_DISARMED, Show, fly, show_config
+from gcs.testing.virtual_time import UnixClock
 from tests.support.console_bench import FLIGHT_MS, SOON_MS, console
 from tests.support.processes import SOON_S, wait_until
 from tests.support.replays import replay
-from tests.support.virtual_show import SLOWLY_DISARMED, Show, fly, show_config
-from tests.support.virtual_time import UnixClock
 
 CONFIG = show_config(4)
 

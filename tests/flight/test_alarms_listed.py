@@ -14,9 +14,9 @@ from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase
 from gcs.service import VehicleAction
 from gcs.service.alarms import RANK, Alarm, AlarmCause, AlarmSeverity
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, fly, show_config
 from tests.support.failsafe_flights import failsafe
 from tests.support.show_phases import running
-from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, fly, show_config
 
 WITHIN_S: Final = 1.0
 FAILSAFES: Final = {

@@ -10,12 +10,12 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Obstacle
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.vehicle.px4 import Mode as PilotMode
+from gcs.testing.views import vehicles_of
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 from tests.flight.test_show_interrupted import COMMANDS
 from tests.support.sessions import ALL, BOX, after_interruption, found, four
 from tests.support.show_phases import running
 from tests.support.stalls import stall
-from tests.support.views import vehicles_of
-from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
 NEW = Obstacle("new", 70.0, 60.0, 1.0, 1.0, 5.0)
 

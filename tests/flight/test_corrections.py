@@ -10,8 +10,8 @@ from gcs.links.link import FrameDirection
 from gcs.model.errors import RefusedError
 from gcs.service import ShowAction
 from gcs.service.alarms import AlarmCause
+from gcs.testing.virtual_show import Show, fly, refused, show_config
 from tests.support.rtcm import BASE, rtcm
-from tests.support.virtual_show import Show, fly, refused, show_config
 
 SETPOINT = common.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
 LED_CONTROL = 186

@@ -10,8 +10,8 @@ from gcs.config.schema import Config
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import SelectedShow, ShowAction
 from gcs.shows.formats import read_drawing
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, Track, fly, show_config
 from tests.support.drawn_flight import COUNT, FRAME, NAME, checked, on_pads, write_show
-from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, Track, fly, show_config
 
 
 @pytest.fixture(scope="module")

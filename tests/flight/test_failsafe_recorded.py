@@ -4,9 +4,9 @@ from pathlib import Path
 
 from gcs.failsafe.policy import Cause
 from gcs.recording.session import Record
+from gcs.testing.virtual_show import Show, fly, show_config
 from tests.support.audit_rows import commands, events
 from tests.support.failsafe_flights import carried_out, failsafe, reacts
-from tests.support.virtual_show import Show, fly, show_config
 
 
 async def low_battery(show: Show) -> None:

@@ -9,10 +9,10 @@ from gcs.failsafe.policy import Cause
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Target
 from gcs.service import Outcome, ShowAction
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 from tests.support import written_show
 from tests.support.failsafe_flights import by_itself, carried_out, failsafe, off_pad_m, off_sphere_m, reacts
 from tests.support.show_phases import running
-from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 FOUR = show_config(4, operation=HOLDS_WHEN_LOST)
 STORM_M_S = 12.0

@@ -6,6 +6,7 @@ import pytest
 from gcs.failsafe.policy import Cause
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import Outcome, ShowAction, VehicleAction
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, fly, show_config
 from tests.support.failsafe_flights import (
     by_itself,
     carried_out,
@@ -16,7 +17,6 @@ from tests.support.failsafe_flights import (
     reacts,
 )
 from tests.support.show_phases import running
-from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, fly, show_config
 
 OTHERS = ("d1", "d2", "d4", "d5")
 FOUR, FIVE = (show_config(count, operation=HOLDS_WHEN_LOST) for count in (4, 5))

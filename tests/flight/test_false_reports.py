@@ -12,8 +12,8 @@ from gcs.model.lifecycle import Phase
 from gcs.model.state import Array
 from gcs.planning.feasibility import smallest_formation_radius_m
 from gcs.safety.floor import minimum_separation
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 from tests.support.show_phases import running
-from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 SECONDS: Final = 30.0
 NAMED_S, ON_A_LIE_M = 2.0, 5.0

@@ -6,8 +6,8 @@ from gcs.model.errors import InvalidError, RefusedError, UnknownError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import Outcome, VehicleAction
 from gcs.sim.vehicle.px4 import Mode as PilotMode
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 from tests.support.show_phases import running
-from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
 
 def test_group_command_names_vehicles_it_does_not_reach() -> None:

@@ -10,8 +10,8 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.model.state import Array
 from gcs.service import ShowAction
 from gcs.service.alarms import AlarmCause
+from gcs.testing.virtual_show import Show, fly
 from tests.flight.test_show_autopilots import ARDUPILOT, PX4, config_of
-from tests.support.virtual_show import Show, fly
 
 DRIFT_M, STEPS, STEP_S = 3.0, 30, 0.4
 LOW_M = 0.3

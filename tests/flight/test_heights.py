@@ -6,8 +6,8 @@ import numpy as np
 
 from gcs.model.state import Array
 from gcs.service.alarms import AlarmCause
+from gcs.testing.virtual_show import Show, alarm_texts, fly
 from tests.flight.test_mixed_stalls import config
-from tests.support.virtual_show import Show, alarm_texts, fly
 
 HEIGHT_M = 25.0
 NAMED_WITHIN_S = 30.0

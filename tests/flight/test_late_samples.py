@@ -7,8 +7,8 @@ import pytest
 
 from gcs.config.schema import Config
 from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, fly, show_config
 from tests.support.show_phases import running
-from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, fly, show_config
 
 LATE_SHARE, LATE_S = 0.1, (0.1, 10.0)
 

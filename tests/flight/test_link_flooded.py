@@ -10,8 +10,8 @@ from gcs.links.intake import TURN_S
 from gcs.mavlink.kernels import LONGEST_FRAME
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service.alarms import AlarmCause
+from gcs.testing.virtual_show import Show, fly, show_config
 from tests.support.floods import FLOODS
-from tests.support.virtual_show import Show, fly, show_config
 
 COUNT, PER_S, FLOOD_S, NAMED_S = 6, 3000, 2.5, 2.0
 KINDS = ("heartbeats", "texts", "beginnings", "cut")

@@ -14,9 +14,9 @@ from gcs.config.schema import Config
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Formation, Orbit, Target
 from gcs.service import Outcome, ShowAction
+from gcs.testing.virtual_show import HEIGHT_M, TARGET_M, Show, fly, show_config
 from tests.support.show_phases import aborting, arming, assembling, on_the_pads, paused, returning, running
 from tests.support.stalls import floor_violations, stall
-from tests.support.virtual_show import HEIGHT_M, TARGET_M, Show, fly, show_config
 
 Into = Callable[[Show], Awaitable[None]]
 

@@ -11,9 +11,9 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import LawName, Orbit
 from gcs.service import Outcome, ShowAction
 from gcs.service.alarms import AlarmSeverity
+from gcs.testing.views import vehicles_of
+from gcs.testing.virtual_show import READY_AT_ONCE, Show, fly
 from tests.flight.test_show_autopilots import ARDUPILOT, PX4, config_of
-from tests.support.views import vehicles_of
-from tests.support.virtual_show import READY_AT_ONCE, Show, fly
 
 COUNT, RADIUS_M, HEIGHT_M = 5, 9.0, 18.0
 PADS_M = 8.0

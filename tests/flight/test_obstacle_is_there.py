@@ -12,8 +12,8 @@ from gcs.model.state import Array
 from gcs.planning.landing_sites import CLEAR_M
 from gcs.service import CommandRecord, Outcome, ShowAction
 from gcs.service.alarms import AlarmCause
+from gcs.testing.virtual_show import TARGET_M, Show, alarm_texts, fly, show_config
 from tests.support.show_phases import running
-from tests.support.virtual_show import TARGET_M, Show, alarm_texts, fly, show_config
 
 AROUND_M, CALLS, APART_S = 30.0, 1000, 0.05
 

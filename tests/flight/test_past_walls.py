@@ -17,8 +17,8 @@ from gcs.model.lifecycle import Phase
 from gcs.model.plan import Obstacle, Target
 from gcs.model.state import Array
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 from tests.support.show_phases import running
-from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 THERE_M: Final = (70.0, 0.0)
 TALL_M: Final = 60.0

@@ -17,8 +17,8 @@ from gcs.shows.importing import show_text
 from gcs.shows.placement import fence_m, fitted, place_of, placed_text, placement
 from gcs.simulation.rehearsal import rehearse
 from gcs.simulation.verdict import judge
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 from tests.support.drawn_shows import ORIGIN, drawn_show
-from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 COUNT, SPACING_M, TURN_DEG = 8, 6.0, 25.0
 

@@ -12,8 +12,8 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.preflight_report import Check, PreflightReport
 from gcs.recording.session import Record
 from gcs.service import CALLER, Outcome, ShowAction
+from gcs.testing.virtual_show import Show, alarm_texts, fly, refused, show_config
 from tests.support.audit_rows import commands
-from tests.support.virtual_show import Show, alarm_texts, fly, refused, show_config
 from tests.support.written_show import NAME, config, keep, on_pads, select
 from tests.support.written_show import TEXT as SHOW
 from tests.support.written_show import fly as fly_show

@@ -11,12 +11,12 @@ from gcs.flight.state.refusals import A_PERSON_FLIES
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import Outcome, ShowAction, VehicleAction
 from gcs.sim.vehicle.px4 import Mode as PilotMode
+from gcs.testing.views import vehicles_of
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 from tests.flight.test_refusals_in_the_air import commands, refusal_of
 from tests.support.sessions import sessions
 from tests.support.show_phases import running
 from tests.support.stalls import stall
-from tests.support.views import vehicles_of
-from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 COUNT, STEPS = 3, 7
 FLIES_M = 0.6

@@ -11,11 +11,11 @@ from gcs.model.errors import GcsError, RefusedError
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import Phase
 from gcs.service import Outcome, ShowAction, VehicleAction, VehicleOutcome
-from tests.support.copies import in_a_copy
+from gcs.testing.copies import in_a_copy
+from gcs.testing.views import vehicles_of
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 from tests.support.show_phases import aborting, arming, assembling, on_the_pads, paused, returning, running
 from tests.support.stalls import stall
-from tests.support.views import vehicles_of
-from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 Command = Callable[[Show], object]
 

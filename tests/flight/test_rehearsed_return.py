@@ -12,7 +12,7 @@ from gcs.planning.return_paths.paths import WELL_IN_PLACE_M, PathProgress
 from gcs.service import ShowAction
 from gcs.simulation.formation_run import FormationRun
 from gcs.simulation.scenario import FormationFlight, Judged, Scenario
-from tests.support.virtual_show import Show, fly, show_config
+from gcs.testing.virtual_show import Show, fly, show_config
 
 COUNT = 6
 TICK_S, GOAL_M_S = 0.05, 5.0

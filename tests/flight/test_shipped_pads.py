@@ -8,8 +8,8 @@ from gcs.config import schema as configuration
 from gcs.config.schema import Config
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
-from tests.support.views import vehicles_of
-from tests.support.virtual_show import Show, fly
+from gcs.testing.views import vehicles_of
+from gcs.testing.virtual_show import Show, fly
 
 
 def shipped(count: int, autopilot: str = "px4") -> Config:

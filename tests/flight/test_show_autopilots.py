@@ -13,7 +13,7 @@ from gcs.model.preflight_report import State
 from gcs.model.state import Mode
 from gcs.service import Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause
-from tests.support.virtual_show import Refusal, Show, fly, refused, show_config
+from gcs.testing.virtual_show import Refusal, Show, fly, refused, show_config
 
 COUNT, LOITER = 4, 5
 PX4, ARDUPILOT = "px4", "ardupilot"

@@ -11,8 +11,8 @@ from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import BeginState, BeginView, SelectedShow, ShowAction
 from gcs.service.alarms import AlarmCause
-from tests.support.virtual_show import Show, refused
-from tests.support.virtual_time import run_virtual
+from gcs.testing.virtual_show import Show, refused
+from gcs.testing.virtual_time import run_virtual
 from tests.support.written_show import TEXT, config, fly, select
 
 MOVING: Final = TEXT.replace('lights: ["#ff0000", "#0000ff"]}', "orbit: {radius_m: 4, speed_m_s: 1}}")

@@ -10,8 +10,8 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Direction, Formation, Obstacle, Orbit, Plan, Target, Yaw, YawPolicy
 from gcs.model.state import Array
 from gcs.service import ShowAction
+from gcs.testing.virtual_show import HEIGHT_M, JUMP_M_S, RADIUS_M, Refusal, Show, Track, fly, refused
 from tests.support.show_phases import running
-from tests.support.virtual_show import HEIGHT_M, JUMP_M_S, RADIUS_M, Refusal, Show, Track, fly, refused
 
 LARGER_M, HIGHER_M = 8.0, 17.0
 BOX = Obstacle("mast", x_m=17.0, y_m=1.0, half_length_x_m=1.0, half_length_y_m=1.0, height_m=40.0)

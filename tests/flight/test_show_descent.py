@@ -11,8 +11,8 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
+from gcs.testing.virtual_show import Show, Track, fly, show_config
 from tests.support.show_phases import running
-from tests.support.virtual_show import Show, Track, fly, show_config
 
 NARROW = {"radius_m": 3.5, "height_m": 12.0}  # narrower than the spacing on the ground, with RTK
 

@@ -10,7 +10,7 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Orbit
 from gcs.service import ShowAction
 from gcs.sim.vehicle.px4 import Quirks
-from tests.support.virtual_show import SLOWLY_DISARMED, Sample, Show, Track, fly, show_config
+from gcs.testing.virtual_show import SLOWLY_DISARMED, Sample, Show, Track, fly, show_config
 
 ENDURANCE_S = 600.0
 BELOW = 0.2

@@ -10,8 +10,8 @@ from gcs.links import Verb
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode, VehicleId
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
-from tests.support.views import vehicles_of
-from tests.support.virtual_show import Show, Track, fly, show_config
+from gcs.testing.views import vehicles_of
+from gcs.testing.virtual_show import Show, Track, fly, show_config
 
 TIMEOUT_S = 8.0
 

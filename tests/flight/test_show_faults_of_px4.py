@@ -6,8 +6,8 @@ from gcs.failsafe.autopilot_failsafe import FailsafeCause
 from gcs.model.lifecycle import Phase
 from gcs.service import Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause, AlarmSeverity
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 from tests.support.show_phases import running
-from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
 FOUR = show_config(4, operation=HOLDS_WHEN_LOST)
 

@@ -10,8 +10,8 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Orbit
 from gcs.model.state import VehicleId
 from gcs.service import CommandRecord, Outcome, ShowAction
-from tests.support.virtual_link import SentCommand, SentSetpoint
-from tests.support.virtual_show import HEADING_DEG, JUMP_M_S, TAKEOFF_HEIGHT_M, TARGET_M, Show, Track, fly
+from gcs.testing.virtual_link import SentCommand, SentSetpoint
+from gcs.testing.virtual_show import HEADING_DEG, JUMP_M_S, TAKEOFF_HEIGHT_M, TARGET_M, Show, Track, fly
 
 FLIERS = ("d1", "d2", "d3")
 ORBIT_M = 5.0

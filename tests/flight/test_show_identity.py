@@ -13,8 +13,8 @@ from gcs.links.address_book import BOTH_S
 from gcs.model.lifecycle import Phase
 from gcs.model.preflight_report import State
 from gcs.service.alarms import AlarmCause
+from gcs.testing.virtual_show import Show, fly, show_config
 from tests.flight.test_show_autopilots import config_of
-from tests.support.virtual_show import Show, fly, show_config
 
 ELSEWHERE, ITS_PORT = "10.0.9.9", 14550
 COMPANION, GIMBAL, RADIO = 191, 154, 68

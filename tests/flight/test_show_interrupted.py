@@ -15,9 +15,9 @@ from gcs.model.plan import Formation
 from gcs.model.state import Mode
 from gcs.service import CALLER, CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause
+from gcs.testing.views import vehicles_of
+from gcs.testing.virtual_show import JUMP_M_S, Show, alarm_texts, refused
 from tests.support.sessions import ALL, after_interruption, fly_for_a_while, found, four, sessions
-from tests.support.views import vehicles_of
-from tests.support.virtual_show import JUMP_M_S, Show, alarm_texts, refused
 from tests.support.written_show import NAME, TEXT, check, keep
 
 LATE = ("d3", "d4")

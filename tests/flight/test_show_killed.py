@@ -9,8 +9,8 @@ from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Refusal, Show, Track, fly, refused, show_config
 from tests.support.show_phases import running
-from tests.support.virtual_show import HOLDS_WHEN_LOST, Refusal, Show, Track, fly, refused, show_config
 
 
 class Killed(NamedTuple):

@@ -13,7 +13,7 @@ from gcs.simulation import scenario as scenarios
 from gcs.simulation.batch import broken
 from gcs.simulation.flight import fly as simulate
 from gcs.simulation.metrics import report
-from tests.support.virtual_show import HEIGHT_M, RADIUS_M, Show, fly, refused, show_config
+from gcs.testing.virtual_show import HEIGHT_M, RADIUS_M, Show, fly, refused, show_config
 
 
 @pytest.mark.keeps("neighbours")

@@ -7,8 +7,8 @@ from gcs.flight.shows.lights import FOUND, FULL, LOW, OFF
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import ShowAction, VehicleAction
+from gcs.testing.virtual_show import Show, fly, refused, show_config
 from tests.support import written_show
-from tests.support.virtual_show import Show, fly, refused, show_config
 
 LED = {"lights": {"driver": "led-control"}}
 

@@ -11,8 +11,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Target
 from gcs.model.state import Mode
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
-from tests.support.show_phases import running
-from tests.support.virtual_show import (
+from gcs.testing.virtual_show import (
     HOLDS_WHEN_LOST,
     JUMP_M_S,
     SLOWLY_DISARMED,
@@ -23,6 +22,7 @@ from tests.support.virtual_show import (
     refused,
     show_config,
 )
+from tests.support.show_phases import running
 
 OTHERS = ("d1", "d3", "d4")
 

@@ -9,8 +9,8 @@ from gcs.links import Verb
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service.alarms import AlarmCause, AlarmSeverity
 from gcs.sim.vehicle.px4 import Quirks
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 from tests.support.show_phases import running
-from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 
 def config(count: int = 4, **sections: Any) -> Any:

@@ -13,9 +13,9 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation
 from gcs.model.state import VehicleId
 from gcs.service import ShowAction
+from gcs.testing.views import vehicles_of
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Refusal, Show, fly, refused, show_config
 from tests.support.show_phases import running
-from tests.support.views import vehicles_of
-from tests.support.virtual_show import HOLDS_WHEN_LOST, Refusal, Show, fly, refused, show_config
 
 SAFE = {**HOLDS_WHEN_LOST, "require_safe_setpoint_loss": True}
 

@@ -10,8 +10,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode, VehicleId
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.vehicle.px4 import Mode as PilotMode
-from tests.support.show_phases import running
-from tests.support.virtual_show import (
+from gcs.testing.virtual_show import (
     HOLDS_WHEN_LOST,
     JUMP_M_S,
     SLOWLY_DISARMED,
@@ -22,6 +21,7 @@ from tests.support.virtual_show import (
     refused,
     show_config,
 )
+from tests.support.show_phases import running
 
 
 class TakenOver(NamedTuple):

@@ -11,8 +11,8 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
 from gcs.service.alarms import AlarmCause
 from gcs.sim.vehicle.px4 import Mode as PilotMode
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 from tests.support.show_phases import running
-from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
 
 COUNT = 20
 

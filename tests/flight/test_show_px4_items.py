@@ -10,9 +10,9 @@ from gcs.model.errors import CommandError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction, VehicleAction
 from gcs.sim.vehicle.px4 import Quirks
+from gcs.testing.views import vehicles_of
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Refusal, Show, fly, refused, show_config
 from tests.support.show_phases import running
-from tests.support.views import vehicles_of
-from tests.support.virtual_show import HOLDS_WHEN_LOST, Refusal, Show, fly, refused, show_config
 
 
 def test_item_3_acknowledgement_needs_a_matching_heartbeat() -> None:

@@ -13,9 +13,9 @@ from gcs.recording.audit_reader import last_known
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.session import Record
 from gcs.service import ShowAction, VehicleAction
+from gcs.testing.views import vehicles_of
+from gcs.testing.virtual_show import Show, Track, fly, show_config
 from tests.support.audit_rows import commands, events
-from tests.support.views import vehicles_of
-from tests.support.virtual_show import Show, Track, fly, show_config
 
 CONFIG = show_config(4)
 

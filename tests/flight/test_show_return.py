@@ -11,10 +11,10 @@ import pytest
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause
+from gcs.testing.views import vehicles_of
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, Track, fly, show_config
+from gcs.testing.virtual_time import AtOnce
 from tests.support.show_phases import running
-from tests.support.views import vehicles_of
-from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, Track, fly, show_config
-from tests.support.virtual_time import AtOnce
 
 T = TypeVar("T")
 

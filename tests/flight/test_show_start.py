@@ -13,8 +13,8 @@ from gcs.model.state import Array, Mode
 from gcs.planning.landing_sites import column_m, overlapping
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.vehicle.px4 import Quirks
-from tests.support.views import vehicles_of
-from tests.support.virtual_show import (
+from gcs.testing.views import vehicles_of
+from gcs.testing.virtual_show import (
     TAKEOFF_HEIGHT_M,
     Refusal,
     Show,

@@ -12,10 +12,10 @@ from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Array, Setpoints
 from gcs.sim.vehicle.px4 import Quirks
+from gcs.testing.virtual_link import VirtualLink
+from gcs.testing.virtual_show import Show, fly, show_config
+from gcs.testing.virtual_time import run_virtual
 from tests.support.show_phases import running
-from tests.support.virtual_link import VirtualLink
-from tests.support.virtual_show import Show, fly, show_config
-from tests.support.virtual_time import run_virtual
 
 
 async def some_ticks(takes_s: list[float]) -> list[tuple[float, float, int]]:

@@ -18,8 +18,8 @@ from gcs.service.alarms import AlarmCause, AlarmSeverity
 from gcs.shows.timecode import Rate
 from gcs.shows.timecode.midi import MidiTimecode
 from gcs.shows.timecode.smpte import Label, label_at
+from gcs.testing.virtual_show import JUMP_M_S, Show, refused
 from tests.support.timecode import late, running
-from tests.support.virtual_show import JUMP_M_S, Show, refused
 from tests.support.written_show import config, fly, select
 
 START: Final = Label(1, 0, 0, 0)

@@ -10,8 +10,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation
 from gcs.model.state import Array, Mode, VehicleId
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
-from tests.support.show_phases import running
-from tests.support.virtual_show import (
+from gcs.testing.virtual_show import (
     HOLDS_WHEN_LOST,
     JUMP_M_S,
     Refusal,
@@ -21,6 +20,7 @@ from tests.support.virtual_show import (
     refused,
     show_config,
 )
+from tests.support.show_phases import running
 
 HOLD, JOIN, RETURN, LAND, TAKE_CONTROL, CONFIRM_DOWN = (
     VehicleAction.HOLD,

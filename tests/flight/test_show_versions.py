@@ -5,7 +5,7 @@ import pytest
 from gcs.model.errors import RefusedError
 from gcs.model.preflight_report import PreflightReport
 from gcs.service import ShowAction
-from tests.support.virtual_show import Refusal, Show, fly, refused, show_config
+from gcs.testing.virtual_show import Refusal, Show, fly, refused, show_config
 
 HOLDS = {"setpoint_loss_action": "hold"}
 

@@ -9,7 +9,7 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.model.preflight_report import State
 from gcs.service import ShowAction
 from gcs.sim.vehicle.px4 import Quirks
-from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
 
 def config(count: int, **preflight: Any) -> Any:

@@ -8,8 +8,8 @@ from gcs.links import ParameterValue
 from gcs.model.errors import RefusedError
 from gcs.service import ShowAction
 from gcs.service.alarms import Alarm, AlarmCause
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 from tests.support.show_phases import running
-from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
 
 
 class Changed(NamedTuple):

@@ -14,9 +14,9 @@ from gcs.recording.mcap_reader import FlightData
 from gcs.recording.session import Record
 from gcs.service import CommandRecord, Outcome, SelectedShow, ShowAction
 from gcs.shows import Timeline, parse
+from gcs.testing.views import vehicles_of
+from gcs.testing.virtual_show import JUMP_M_S, Show, Track, refused
 from tests.support.audit_rows import events
-from tests.support.views import vehicles_of
-from tests.support.virtual_show import JUMP_M_S, Show, Track, refused
 from tests.support.written_show import NAME, TEXT, config, fly, select
 
 GUEST_M = (12.0, 4.0)

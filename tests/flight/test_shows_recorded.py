@@ -13,7 +13,7 @@ from gcs.recording.audit_reader import last_known
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.session import Record
 from gcs.service import ShowAction
-from tests.support.virtual_show import Show
+from gcs.testing.virtual_show import Show
 from tests.support.written_show import config, fly, select
 
 ALL = ("d1", "d2", "d3", "d4")

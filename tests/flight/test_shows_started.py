@@ -11,7 +11,7 @@ from gcs.model.errors import InvalidError, RefusedError, UnknownError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle
 from gcs.service import Outcome, ShowAction, VehicleAction
-from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, refused
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, refused
 from tests.support.written_show import NAME, TEXT, answer, check, config, fly, keep, select
 
 ALL = ("d1", "d2", "d3", "d4")

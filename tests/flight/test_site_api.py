@@ -8,7 +8,7 @@ import pytest
 from gcs.api.app import create_app
 from gcs.bus.bundles import bundles
 from gcs.model.lifecycle import Phase
-from tests.support.virtual_site import SiteShow, fly_site, site_config
+from gcs.testing.virtual_site import SiteShow, fly_site, site_config
 
 BUS = {"delay_s": 0.02, "spread_s": 0.01, "loss": 0.01}
 

@@ -10,11 +10,11 @@ from gcs.config.schema import Config
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import BeginState, BeginView, ShowAction
+from gcs.testing.virtual_site import SiteShow, fly_on_pads, fly_site, site_config
 from tests.flight.test_site_api import call
 from tests.flight.test_site_drawn import config as drawn_config
 from tests.flight.test_site_drawn import ready, select, selected
 from tests.support.drawn_flight import on_pads, write_show
-from tests.support.virtual_site import SiteShow, fly_on_pads, fly_site, site_config
 from tests.support.written_show import NAME, answer
 from tests.support.written_show import TEXT as AT_30_DEG
 

@@ -14,10 +14,10 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array
 from gcs.service import SelectedShow, ShowAction
 from gcs.shows.formats import write_drawing
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
+from gcs.testing.virtual_site import SiteShow, fly_on_pads, site_config
 from tests.support.drawn_flight import COUNT, DRAWING, FRAME, NAME, SPACING_M, checked, on_pads, write_show
 from tests.support.drawn_shows import drawn_show
-from tests.support.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
-from tests.support.virtual_site import SiteShow, fly_on_pads, site_config
 
 BUS: Final = {"delay_s": 0.02, "spread_s": 0.01, "loss": 0.01}
 

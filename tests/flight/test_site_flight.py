@@ -11,7 +11,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Orbit
 from gcs.service import Outcome, ShowAction
 from gcs.service.alarms import AlarmCause
-from tests.support.virtual_site import SiteShow, fly_assembled, fly_site, site_config
+from gcs.testing.virtual_site import SiteShow, fly_assembled, fly_site, site_config
 
 BUS = {"delay_s": 0.02, "spread_s": 0.01, "loss": 0.01}
 

@@ -9,7 +9,7 @@ import pytest
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Orbit
 from gcs.service import ShowAction
-from tests.support.virtual_site import SiteShow, fly_site, site_config
+from gcs.testing.virtual_site import SiteShow, fly_site, site_config
 
 BUS = {"delay_s": 0.02, "spread_s": 0.01, "loss": 0.01}
 TOPICS = (

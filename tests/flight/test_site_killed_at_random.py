@@ -17,7 +17,7 @@ from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.model.plan import Orbit
 from gcs.service import ShowAction
-from tests.support.virtual_site import NAMES, SiteShow, fly_site, site_config
+from gcs.testing.virtual_site import NAMES, SiteShow, fly_site, site_config
 
 VEHICLES: Final = int(os.environ.get("SITE_VEHICLES", "16"))
 KILLS: Final = int(os.environ.get("SITE_KILLS", "20"))

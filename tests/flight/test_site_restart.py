@@ -9,8 +9,8 @@ from gcs.model.interrupted_flight import Before, Interruption, Offer
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.recording.session import Record
 from gcs.service import Outcome
+from gcs.testing.virtual_site import SiteShow, Station, fly_site, site_config
 from tests.flight.test_site_api import BUS, call
-from tests.support.virtual_site import SiteShow, Station, fly_site, site_config
 
 
 def record_of(station: Station, folder: Path) -> Record:

@@ -7,8 +7,8 @@ import pytest
 from gcs.model.errors import RefusedError
 from gcs.model.plan import YawPolicy
 from gcs.service import ShowAction
+from gcs.testing.virtual_site import SiteShow, fly_site, site_config
 from tests.flight.test_site_api import BUS, call
-from tests.support.virtual_site import SiteShow, fly_site, site_config
 
 
 def test_change_of_some_fields_keeps_the_newer_others() -> None:

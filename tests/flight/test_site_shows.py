@@ -8,8 +8,8 @@ from gcs.config.schema import Config
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import Outcome, SelectedShow, ShowAction
+from gcs.testing.virtual_site import SiteShow, fly_site, site_config
 from tests.flight.test_site_api import BUS, call
-from tests.support.virtual_site import SiteShow, fly_site, site_config
 from tests.support.written_show import NAME, answer
 from tests.support.written_show import TEXT as AT_30_DEG
 

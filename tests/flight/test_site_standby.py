@@ -11,7 +11,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Orbit
 from gcs.model.state import Array
 from gcs.service import Outcome, ShowAction
-from tests.support.virtual_site import SiteShow, fly_assembled, fly_site, two_hosts
+from gcs.testing.virtual_site import SiteShow, fly_assembled, fly_site, two_hosts
 
 BUS = {"delay_s": 0.01, "spread_s": 0.005, "loss": 0.01}
 QUIET: dict[str, Any] = {"delay_s": 0.01, "tells_arrival": False}

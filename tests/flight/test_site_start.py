@@ -3,7 +3,7 @@
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import CommandRecord, ShowAction
-from tests.support.virtual_site import SiteShow, fly_site, site_config
+from gcs.testing.virtual_site import SiteShow, fly_site, site_config
 
 BUS = {"delay_s": 0.02, "spread_s": 0.01, "loss": 0.01}
 

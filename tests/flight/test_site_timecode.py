@@ -17,10 +17,10 @@ from gcs.service.alarms import AlarmCause
 from gcs.shows.timecode import Rate
 from gcs.shows.timecode.midi import MidiTimecode
 from gcs.shows.timecode.smpte import Label, label_at
+from gcs.testing.virtual_site import SiteShow, fly_site
 from tests.flight.test_site_begin import choose, written_config
 from tests.flight.test_site_drawn import ready, selected
 from tests.support.timecode import late, running
-from tests.support.virtual_site import SiteShow, fly_site
 
 BUS: Final = {"delay_s": 0.005}
 START: Final = Label(1, 0, 0, 0)

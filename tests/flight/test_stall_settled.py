@@ -10,11 +10,8 @@ from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
-from tests.support.sessions import four, sessions
-from tests.support.show_phases import running
-from tests.support.stalls import stall
-from tests.support.views import vehicles_of
-from tests.support.virtual_show import (
+from gcs.testing.views import vehicles_of
+from gcs.testing.virtual_show import (
     HOLDS_WHEN_LOST,
     JUMP_M_S,
     Show,
@@ -22,6 +19,9 @@ from tests.support.virtual_show import (
     refused,
     show_config,
 )
+from tests.support.sessions import four, sessions
+from tests.support.show_phases import running
+from tests.support.stalls import stall
 from tests.support.written_show import config, select
 from tests.support.written_show import fly as fly_written
 

@@ -13,10 +13,10 @@ from gcs.model.state import Array, Counts, Mode
 from gcs.service import Outcome, ShowAction
 from gcs.service.alarms import AlarmCause
 from gcs.sim.vehicle.px4 import Mode as PilotMode
+from gcs.testing.views import vehicles_of
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, SLOWLY_DISARMED, Show, fly, show_config
 from tests.support.show_phases import aborting, arming, assembling, on_the_pads, paused, returning, running
 from tests.support.stalls import floor_violations, stall
-from tests.support.views import vehicles_of
-from tests.support.virtual_show import HOLDS_WHEN_LOST, SLOWLY_DISARMED, Show, fly, show_config
 
 Into = Callable[[Show], Awaitable[None]]
 

@@ -9,9 +9,9 @@ from gcs.model.plan import Formation, Orbit, Target
 from gcs.service import Outcome, ShowAction
 from gcs.sim.vehicle import versions
 from gcs.sim.vehicle.px4 import Quirks
+from gcs.testing.views import vehicles_of
+from gcs.testing.virtual_show import Show, alarm_texts, fly
 from tests.flight.test_shipped_pads import shipped
-from tests.support.views import vehicles_of
-from tests.support.virtual_show import Show, alarm_texts, fly
 
 READY_MAX_S = 20.0
 """From when all vehicles can be armed until a start would be accepted."""

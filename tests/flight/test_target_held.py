@@ -7,7 +7,7 @@ import pytest
 
 from gcs.model.plan import Obstacle, Orbit, Target
 from gcs.model.state import Array
-from tests.support.virtual_show import TARGET_M, Show, alarm_texts, fly, show_config
+from gcs.testing.virtual_show import TARGET_M, Show, alarm_texts, fly, show_config
 
 X_M, Y_M = TARGET_M
 HALL = Obstacle("hall", X_M + 45.0, Y_M, 8.0, 12.0, 60.0)

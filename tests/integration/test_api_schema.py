@@ -22,10 +22,10 @@ from gcs.preflight.parameters import settings_of
 from gcs.service.access import Role
 from gcs.sim.fleet import Fleet
 from gcs.sim.settings import Settings
+from gcs.testing.views import vehicles_of
+from gcs.testing.virtual_link import VirtualLink
+from gcs.testing.virtual_show import show_config
 from tests.support.api_fake_service import FakeService
-from tests.support.views import vehicles_of
-from tests.support.virtual_link import VirtualLink
-from tests.support.virtual_show import show_config
 
 EXAMPLES = max(3, settings().max_examples // 33)
 """Of each operation and of each way to make one wrong: 3, in `make soak` 30."""

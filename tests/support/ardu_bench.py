@@ -15,8 +15,8 @@ from pymavlink.dialects.v20 import ardupilotmega as dialect
 from gcs.sim.autopilots.ardupilot.firmware import HEIGHT_SCALE
 from gcs.sim.autopilots.ardupilot.modes import Mode
 from gcs.sim.vehicle.px4 import Quirks
+from gcs.testing.virtual_show import FLEET_STEP_S
 from tests.support.sim_bench import ACCEPTED, Bench
-from tests.support.virtual_show import FLEET_STEP_S
 
 ARDU_DATA = Path(__file__).parents[1] / "data" / "ardupilot" / "fake"
 ON_GROUND, IN_AIR, TAKING_OFF, LANDING = 1, 2, 3, 4

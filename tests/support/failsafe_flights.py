@@ -4,7 +4,7 @@ import numpy as np
 
 from gcs.failsafe.policy import Cause
 from gcs.service import ActiveFailsafe, CommandRecord
-from tests.support.virtual_show import Show
+from gcs.testing.virtual_show import Show
 
 
 def failsafe(show: Show, cause: Cause) -> ActiveFailsafe | None:

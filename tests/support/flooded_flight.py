@@ -13,9 +13,9 @@ from gcs.config.schema import Config
 from gcs.flight.orchestrator import Orchestrator
 from gcs.links.batch_link import Link
 from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.testing.views import vehicles_of
 from tests.support.machine import Pauses, TickTimes, free_ports
 from tests.support.processes import SOON_S, flying_config, proper, served, until, vehicles
-from tests.support.views import vehicles_of
 
 IDS = {"mavsdk": "mavsdk1", "native": "native2"}
 """The vehicle of each transport."""

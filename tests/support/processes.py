@@ -32,9 +32,9 @@ from gcs.preflight.parameters import settings_of
 from gcs.service import ShowAction
 from gcs.sim.cli import parameter_options
 from gcs.sim.settings import PAD_SPACING_M
+from gcs.testing.views import vehicles_of
 from tests.support.machine import free_ports
 from tests.support.started import DEVNULL, PIPE, Started, run
-from tests.support.views import vehicles_of
 
 ORIGIN = "47.397742,8.545594,488.0"
 

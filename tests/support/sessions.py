@@ -20,10 +20,10 @@ from gcs.recording.audit_reader import exclusions, interruption, lost_begin
 from gcs.recording.session import Record
 from gcs.sim.fleet import Fleet
 from gcs.sim.settings import Settings
-from tests.support.copies import in_a_copy
-from tests.support.views import vehicles_of
-from tests.support.virtual_link import STREAMS_HZ, VirtualLink
-from tests.support.virtual_show import (
+from gcs.testing.copies import in_a_copy
+from gcs.testing.views import vehicles_of
+from gcs.testing.virtual_link import STREAMS_HZ, VirtualLink
+from gcs.testing.virtual_show import (
     HOLDS_WHEN_LOST,
     READY_AT_ONCE,
     SOON_DISARMED,
@@ -35,7 +35,7 @@ from tests.support.virtual_show import (
     load_machine_code,
     show_config,
 )
-from tests.support.virtual_time import AtOnce, Loop, UnixClock
+from gcs.testing.virtual_time import AtOnce, Loop, UnixClock
 from tests.support.written_show import on_pads
 
 ALL = ("d1", "d2", "d3", "d4")

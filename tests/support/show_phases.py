@@ -2,7 +2,7 @@
 
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import ShowAction
-from tests.support.virtual_show import Show
+from gcs.testing.virtual_show import Show
 
 
 async def on_the_pads(show: Show) -> None:

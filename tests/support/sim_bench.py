@@ -17,7 +17,7 @@ from pymavlink.dialects.v20 import common
 from gcs.sim.fleet import Fleet
 from gcs.sim.protocol.streams import RECORDED_HZ
 from gcs.sim.settings import Settings
-from tests.support.virtual_show import FLEET_STEP_S
+from gcs.testing.virtual_show import FLEET_STEP_S
 
 PX4_DATA = Path(__file__).parents[1] / "data" / "px4"
 STATION = (245, 190)

@@ -7,7 +7,7 @@ import numpy as np
 
 from gcs.model.state import Array
 from gcs.safety.floor import minimum_separation
-from tests.support.virtual_show import Show
+from gcs.testing.virtual_show import Show
 
 RECEIVED_FIRST: float = 1.0
 """Share of the messages sent meanwhile that is received afterwards: buffers overflow and keep the oldest."""

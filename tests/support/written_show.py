@@ -11,8 +11,8 @@ from gcs.recording.session import Record
 from gcs.shows import parse
 from gcs.simulation.rehearsal import rehearse
 from gcs.simulation.verdict import judge
-from tests.support.virtual_show import HEADING_DEG, Show, Story, T, show_config
-from tests.support.virtual_show import fly as fly_anywhere
+from gcs.testing.virtual_show import HEADING_DEG, Show, Story, T, show_config
+from gcs.testing.virtual_show import fly as fly_anywhere
 
 NAME = "small"
 TEXT = """

@@ -18,9 +18,9 @@ from gcs.config.schema import Config
 from gcs.model.errors import GcsError
 from gcs.model.lifecycle import Phase
 from gcs.service import ShowAction
+from gcs.testing.views import vehicles_of
 from tests.support.machine import Pauses, TickTimes, free_ports
 from tests.support.processes import SOON_S, flying_config, proper, until, vehicles, wait_until
-from tests.support.views import vehicles_of
 
 COUNT = 2
 

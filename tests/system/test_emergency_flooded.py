@@ -16,9 +16,9 @@ from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
 from gcs.service.access import Role
+from gcs.testing.views import vehicles_of
 from tests.support.machine import Pauses, free_ports
 from tests.support.processes import SOON_S, flying_config, proper, until, vehicles
-from tests.support.views import vehicles_of
 
 COUNT = 20
 JUNK_PER_S = 200.0

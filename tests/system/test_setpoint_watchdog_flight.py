@@ -12,9 +12,9 @@ from gcs.flight.orchestrator import Orchestrator
 from gcs.links.mavsdk.link import MavsdkLink
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
+from gcs.testing.views import vehicles_of
 from tests.support.machine import Pauses, free_ports
 from tests.support.processes import SOON_S, flying_config, last_truths, proper, until, vehicles, wait_until
-from tests.support.views import vehicles_of
 
 SETPOINT_TIMEOUT_S = 0.2
 STOPPED_S = 3.0

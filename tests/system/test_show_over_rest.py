@@ -13,9 +13,9 @@ from gcs.config.schema import Config
 from gcs.flight.orchestrator import Orchestrator
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import ShowPhase
+from gcs.testing.views import vehicles_of
 from tests.support.machine import free_ports
 from tests.support.processes import SOON_S, flying_config, last_truths, proper, until, vehicles
-from tests.support.views import vehicles_of
 
 SHOW = """
 about: Three vehicles stand above their pads and turn.

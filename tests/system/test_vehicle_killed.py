@@ -18,9 +18,9 @@ from gcs.formation.repulsion import energy
 from gcs.links.mavsdk.link import MavsdkLink
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import FleetView
+from gcs.testing.views import vehicles_of
 from tests.support.machine import Pauses, TickTimes, free_ports
 from tests.support.processes import SOON_S, flying_config, proper, served, until, vehicles
-from tests.support.views import vehicles_of
 
 SURVIVORS = ("d1", "d2", "d3", "d4", "d6", "d7", "d8")
 

@@ -25,5 +25,5 @@ def test_no_module_lies_flat_in_gcs() -> None:
     assert {path.name for path in (ROOT / "gcs").glob("*.py")} == {"__init__.py", "__main__.py"}
 
 
-def test_at_most_twenty_one_packages() -> None:
-    assert len([path for path in PACKAGES if path.parent.name == "gcs"]) <= 21
+def test_at_most_twenty_two_packages() -> None:
+    assert len([path for path in PACKAGES if path.parent.name == "gcs"]) <= 22

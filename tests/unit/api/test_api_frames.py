@@ -15,9 +15,9 @@ from gcs.estimation.time_estimates import Estimates
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode
 from gcs.service import SelectedShow
+from gcs.testing.views import vehicles_of
 from tests.support.api_fake_service import FRAME, FakeService
 from tests.support.timecode import VIEW
-from tests.support.views import vehicles_of
 
 DOCUMENT = (Path(__file__).parents[3] / "docs" / "stream.md").read_text(encoding="utf-8")
 

@@ -14,8 +14,8 @@ from gcs.cli.params import LACKING, OPEN, ParameterRow, inspect
 from gcs.config.schema import Config
 from gcs.links import ParameterValue
 from gcs.links.autopilots import AUTOPILOTS
+from gcs.testing.virtual_show import show_config
 from tests.support.published import PublishedVehicle, as_shipped, published, released
-from tests.support.virtual_show import show_config
 
 ALL = [(name, str(release)) for name, profile in AUTOPILOTS.items() for release in profile.versions.versions]
 HOLDS = {"setpoint_loss_action": "hold"}

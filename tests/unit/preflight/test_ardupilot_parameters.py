@@ -27,9 +27,9 @@ from gcs.preflight.parameters import (
 )
 from gcs.preflight.requirement import Requirement
 from gcs.sim.autopilots.ardupilot.parameters import defaults
+from gcs.testing.virtual_show import show_config
 from tests.support.silent_link import SilentLink
 from tests.support.tlog_files import frames
-from tests.support.virtual_show import show_config
 
 OPERATION, CONTROL, STATION = OperationSettings(), ControlSettings(), 245
 VERSIONS = AUTOPILOTS["ardupilot"].versions

@@ -16,7 +16,7 @@ from gcs.preflight.requirement import Requirement
 from gcs.sim.cli import parameter, parameter_options
 from gcs.sim.settings import Settings
 from gcs.sim.vehicle.px4 import Parameters, defaults
-from tests.support.virtual_show import show_config
+from gcs.testing.virtual_show import show_config
 
 OPERATION, CONTROL = OperationSettings(), ControlSettings()
 VERSIONS = AUTOPILOTS["px4"].versions

@@ -13,8 +13,8 @@ from gcs.formation.orbit import Center
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.site.member import Membership, SiteMember
 from gcs.stations.site import LOST_S, Site
+from gcs.testing.virtual_site import site_config
 from tests.support.silent_link import SilentLink
-from tests.support.virtual_site import site_config
 from tests.unit.stations.test_messages import HEAD, batch
 
 

@@ -25,9 +25,9 @@ from gcs.sim.settings import PAD_SPACING_M, Settings
 from gcs.site import arrivals
 from gcs.site.member import Membership
 from gcs.site.service import SiteService
-from tests.support.copies import in_a_copy
-from tests.support.virtual_link import STREAMS_HZ, VirtualLink, VirtualPorts
-from tests.support.virtual_show import (
+from gcs.testing.copies import in_a_copy
+from gcs.testing.virtual_link import STREAMS_HZ, VirtualLink, VirtualPorts
+from gcs.testing.virtual_show import (
     ORIGIN,
     POSITIONING,
     READY_AT_ONCE,
@@ -36,7 +36,7 @@ from tests.support.virtual_show import (
     begin_of,
     load_machine_code,
 )
-from tests.support.virtual_time import AtOnce, Loop, ProcessLoop, UnixClock, as_process
+from gcs.testing.virtual_time import AtOnce, Loop, ProcessLoop, UnixClock, as_process
 
 T = TypeVar("T")
 

@@ -34,10 +34,10 @@ from gcs.sim.protocol.autopilot import Autopilot
 from gcs.sim.settings import Settings
 from gcs.sim.vehicle.px4 import Mode as PilotMode
 from gcs.sim.vehicle.px4 import Quirks
-from tests.support.copies import in_a_copy
-from tests.support.views import VehicleView, vehicles_of
-from tests.support.virtual_link import STREAMS_HZ, VirtualLink
-from tests.support.virtual_time import AtOnce, Loop, UnixClock
+from gcs.testing.copies import in_a_copy
+from gcs.testing.views import VehicleView, vehicles_of
+from gcs.testing.virtual_link import STREAMS_HZ, VirtualLink
+from gcs.testing.virtual_time import AtOnce, Loop, UnixClock
 
 T = TypeVar("T")
 

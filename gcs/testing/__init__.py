@@ -1,0 +1,1 @@
+"""Flights in virtual time over fake vehicles, for tests: of this project, and of those who build on it."""
