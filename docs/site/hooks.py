@@ -29,10 +29,19 @@ REPOSITORY: Final = "https://github.com/formation-gcs/formation-gcs/blob/main"
 PYTHON: Final = "reference/python"
 DECISIONS: Final = "decisions"
 
+LISTED_LAST: Final = "---\nsearch: {boost: 0.2}\n---"
+"""For the search: who looks for a key, an alarm or a parameter seldom means a Python attribute."""
+
 CONFIGURATION: Final = """\
+---
+search: {boost: 4}
+---
+
+# Configuration
+
 A configuration is one YAML file; `configs/` has examples. An unknown key is an error. The names of quantities
-end in their unit; `links[n]` is each of a list. [Operate the station](../operations.md) explains the sections
-in use."""
+end in their unit; `links[n]` is each of a list. [Operate the station](../operations.md)
+explains the sections in use."""
 
 SEVERAL: Final = ("anyOf", "oneOf", "allOf")
 
@@ -91,7 +100,7 @@ def python_package(name: str, folder: Path) -> str:
     """One package: its docstring, then its modules."""
     modules = sorted(path.stem for path in folder.glob("*.py") if not path.stem.startswith("_"))
     blocks = [f"::: {name}", *(f"::: {name}.{module}" for module in modules)]
-    return "\n\n".join([f"# {name}", *blocks]) + "\n"
+    return "\n\n".join([LISTED_LAST, f"# {name}", *blocks]) + "\n"
 
 
 def command_line() -> str:
@@ -111,7 +120,7 @@ def configuration() -> str:
     for name, path in paths.items():
         text = text.replace(f'"#/$defs/{name}"', json.dumps(f"#/$defs/{path}"))
     schema = json.loads(text)
-    parts = ["# Configuration", CONFIGURATION, "## Top level", _fields(schema)]
+    parts = [CONFIGURATION, "## Top level", _fields(schema)]
     for name, path in paths.items():
         definition = schema["$defs"][name]
         parts += [f"## {path}", _text(definition["description"]), _fields(definition), _choices(definition)]
