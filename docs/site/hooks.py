@@ -40,7 +40,7 @@ search: {boost: 4}
 # Configuration
 
 A configuration is one YAML file; `configs/` has examples. An unknown key is an error. The names of quantities
-end in their unit; `links[n]` is each of a list. [Operate the station](../operations.md)
+end in their unit; `links[n]` is each of a list. [Set up the station](../operations/administrator.md)
 explains the sections in use."""
 
 SEVERAL: Final = ("anyOf", "oneOf", "allOf")
