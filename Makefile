@@ -120,6 +120,7 @@ sitl: .venv/ready  ## a story with real autopilots: PX4=PATH, PX4_IMAGE=IMAGE, A
 
 docs: .venv/docs  ## the documentation site in build/site, strictly; no network; decision 0032
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet  # the variable hides an announcement of the theme
+	$(BIN)/pytest -n 0 docs/site
 	@echo "build/site/index.html"
 
 format: .venv/ready

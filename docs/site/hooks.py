@@ -5,12 +5,15 @@ REST API and one page for each Python package. The entries `reference/python/` a
 become the pages in those folders.
 """
 
+import json
 import posixpath
 import re
 from collections.abc import Iterator
+from itertools import chain
 from pathlib import Path
 from typing import Any, Final
 
+from markdown.extensions.toc import slugify
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
@@ -26,9 +29,21 @@ REPOSITORY: Final = "https://github.com/formation-gcs/formation-gcs/blob/main"
 PYTHON: Final = "reference/python"
 DECISIONS: Final = "decisions"
 
+LISTED_LAST: Final = "---\nsearch: {boost: 0.2}\n---"
+"""For the search: who looks for a key, an alarm or a parameter seldom means a Python attribute."""
+
 CONFIGURATION: Final = """\
+---
+search: {boost: 4}
+---
+
+# Configuration
+
 A configuration is one YAML file; `configs/` has examples. An unknown key is an error. The names of quantities
-end in their unit. [Operate the station](../operations.md) explains the sections in use."""
+end in their unit; `links[n]` is each of a list. [Set up the station](../operations/administrator.md)
+explains the sections in use."""
+
+SEVERAL: Final = ("anyOf", "oneOf", "allOf")
 
 SUCCESS: Final = ("200", "201", "202", "204", "101")
 
@@ -85,7 +100,7 @@ def python_package(name: str, folder: Path) -> str:
     """One package: its docstring, then its modules."""
     modules = sorted(path.stem for path in folder.glob("*.py") if not path.stem.startswith("_"))
     blocks = [f"::: {name}", *(f"::: {name}.{module}" for module in modules)]
-    return "\n\n".join([f"# {name}", *blocks]) + "\n"
+    return "\n\n".join([LISTED_LAST, f"# {name}", *blocks]) + "\n"
 
 
 def command_line() -> str:
@@ -98,22 +113,35 @@ def command_line() -> str:
 
 
 def configuration() -> str:
-    """Every section and key of a configuration file, with what is allowed and the default."""
+    """Every section of a configuration file under the path of its key: what is allowed, default, meaning."""
     schema = Config.model_json_schema()
-    parts = [
-        "# Configuration",
-        CONFIGURATION,
-        "## Top level",
-        _fields(schema),
-    ]
-    for name, definition in sorted(schema["$defs"].items()):
-        parts += [
-            f"## {name}",
-            _text(definition.get("description", "")),
-            _fields(definition),
-            _choices(definition),
-        ]
+    paths = dict(_sections(schema, schema["$defs"], "", set()))
+    text = json.dumps(schema)
+    for name, path in paths.items():
+        text = text.replace(f'"#/$defs/{name}"', json.dumps(f"#/$defs/{path}"))
+    schema = json.loads(text)
+    parts = [CONFIGURATION, "## Top level", _fields(schema)]
+    for name, path in paths.items():
+        definition = schema["$defs"][name]
+        parts += [f"## {path}", _text(definition["description"]), _fields(definition), _choices(definition)]
     return "\n\n".join(part for part in parts if part) + "\n"
+
+
+def _sections(
+    node: dict[str, Any], definitions: dict[str, Any], path: str, listed: set[str]
+) -> Iterator[tuple[str, str]]:
+    """Name of each definition and the path of the first key that has it, in the order of a file."""
+    name = node.get("$ref", "").rpartition("/")[2]
+    if name and name not in listed:
+        listed.add(name)
+        yield name, path
+        yield from _sections(definitions[name], definitions, path, listed)
+    for each in chain.from_iterable(node.get(several, []) for several in SEVERAL):
+        yield from _sections(each, definitions, path, listed)
+    if "items" in node:
+        yield from _sections(node["items"], definitions, f"{path}[n]", listed)
+    for key, field in node.get("properties", {}).items():
+        yield from _sections(field, definitions, f"{path}.{key}" if path else key, listed)
 
 
 def rest(document: dict[str, Any]) -> str:
@@ -186,7 +214,8 @@ def _default(field: dict[str, Any], required: bool) -> str:
     default = field.get("default")
     if isinstance(default, dict):
         return "as its keys"
-    return f"`{default}`" if "default" in field else ""
+    shown = default if isinstance(default, str) else json.dumps(default)
+    return f"`{shown}`" if "default" in field else ""
 
 
 def _kind(field: dict[str, Any]) -> str:
@@ -195,12 +224,12 @@ def _kind(field: dict[str, Any]) -> str:
 
 
 def _kinds(field: dict[str, Any]) -> Iterator[str]:
-    for several in ("anyOf", "oneOf", "allOf"):
+    for several in SEVERAL:
         for each in field.get(several, []):
             yield from _kinds(each)
     if "$ref" in field:
         name = field["$ref"].rpartition("/")[2]
-        yield f"[{name}](#{name.lower()})"
+        yield f"[{name}](#{slugify(name, '-')})"
     elif "enum" in field:
         yield ", ".join(f"`{value}`" for value in field["enum"])
     elif "const" in field:

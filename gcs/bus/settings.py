@@ -13,19 +13,23 @@ from gcs.service.access import is_loopback
 class BusSettings(Settings):
     """The bus of a site; each station's own endpoint is listed with the station."""
 
-    lease_s: Annotated[float, Field(ge=0.1, le=10.0)] = 0.2  # a standby takes over after it and the watchdog
-    lead_silent_s: Annotated[float, Field(ge=0.5, le=60.0)] = 2.0  # of a silent lead the last plan is flown
-    standby_rejoins: bool = (
-        False  # vehicles that a standby took over go back into formation without a command
-    )
-    keys: Path | None = None  # folder of `gcs key site`; None: without TLS, on loopback only
+    lease_s: Annotated[float, Field(ge=0.1, le=10.0)] = 0.2
+    """Silence of a station, beyond its watchdog's time, after which its standby takes over, in s."""
+    lead_silent_s: Annotated[float, Field(ge=0.5, le=60.0)] = 2.0
+    """For so long the last plan of a silent lead is flown, in s; then all hold."""
+    standby_rejoins: bool = False
+    """Whether vehicles that a standby took over go back into formation without a command."""
+    keys: Path | None = None
+    """Folder of `gcs key site`; null: without TLS, on loopback only."""
 
 
 class Endpoint(Settings):
     """Where a station listens for the others."""
 
     host: str
+    """Address or name under which the other stations reach it."""
     port: Annotated[int, Field(ge=1, le=65535)]
+    """TCP port of the bus."""
 
     @field_validator("host")
     @classmethod

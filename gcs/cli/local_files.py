@@ -107,7 +107,14 @@ NAMES = (
     "formation-gcs.service",
     "grafana/formation.json",
     "invariants.md",
+    "latency.md",
     "operations.md",
+    "operations/administrator.md",
+    "operations/after-the-show.md",
+    "operations/before-the-show.md",
+    "operations/in-flight.md",
+    "operator-card.md",
+    "px4.md",
     "records.md",
     "stream.md",
 )
@@ -133,7 +140,7 @@ def run_files(arguments: argparse.Namespace) -> int:
     if arguments.action == "list":
         paths = {name: str(folder() / name) for name in NAMES}
         document = [{"name": name, "path": path} for name, path in paths.items()]
-        answer(arguments, document, "\n".join(f"{name:<24} {path}" for name, path in paths.items()))
+        answer(arguments, document, "\n".join(f"{name:<30} {path}" for name, path in paths.items()))
         return 0
     if arguments.name not in NAMES:
         raise ConfigError(f"{arguments.name}: there is no such file; there are {', '.join(NAMES)}")

@@ -1,6 +1,6 @@
 """Output of commands: text, or with `--json` one document or one object per line, for errors as well.
 
-An error is one line on standard error, in one shape (docs/operations.md, "JSON and exit codes"):
+An error is one line on standard error, in one shape (docs/operations/administrator.md, Programs):
 
     {"error": {"exit_code": 2, "detail": "...", "problems": [...], "notes": [...]}}
 

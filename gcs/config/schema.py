@@ -43,31 +43,57 @@ class Config(Settings):
     """A whole configuration file."""
 
     show_frame: sections.ShowFrameSettings
+    """Where the show's origin lies on the earth, and where its x axis points."""
     links: tuple[sections.LinkSettings, ...]
+    """The links to the vehicles; their order, and that in each list, is the order of the fleet."""
     formation: sections.FormationSettings
+    """The sphere at the start, and the law that spreads the vehicles over it."""
     orbit: sections.OrbitSettings = sections.OrbitSettings()
+    """The circle of the formation's centre around the target at the start."""
     target: sections.TargetSettings = sections.TargetSettings()
+    """The target at the start, at rest."""
     yaw: sections.YawSettings = sections.YawSettings()
+    """Heading of the vehicles at the start."""
     api: sections.ApiSettings = sections.ApiSettings()
+    """Address and ports of the REST API and the console."""
     access: AccessSettings = AccessSettings()
+    """Tokens, TLS and rates of calls."""
     record: RecordSettings | None = None
-    shows: sections.ShowsSettings | None = None  # None: no shows can be uploaded
-    map: MapSettings | None = None  # None: only a grid, and no requests to a tile server
+    """What is recorded; without it nothing is, and a restart knows nothing of the flight."""
+    shows: sections.ShowsSettings | None = None
+    """Where uploaded shows are kept; without it none can be uploaded."""
+    map: MapSettings | None = None
+    """The map under the console's grid; without it no request goes to a tile server."""
     operation: sections.OperationSettings = sections.OperationSettings()
+    """Take-off, landing, loss of setpoints, and what the autopilots' parameters must be."""
     control: ControlSettings = ControlSettings()
+    """The law, the safety filter and the inner loop."""
     positioning: Positioning = Positioning()
+    """How uncertain the positions of neighbours are towards each other."""
     heights: HeightSettings = HeightSettings()
+    """The difference between heights from which a vehicle is named and kept farther from others."""
     failsafes: FailsafePolicy = FailsafePolicy()
+    """What the service does by itself when something goes wrong in the air."""
     preflight: sections.PreflightSettings = sections.PreflightSettings()
+    """Limits of the checks before a start."""
     lights: LightSettings = LightSettings()
-    rtk: RtkSettings | None = None  # None: no corrections are sent
-    timecode: sections.TimecodeSettings | None = None  # None: shows run by this station's clock
+    """How the vehicles receive colours."""
+    rtk: RtkSettings | None = None
+    """Where corrections for RTK come from; without it none are sent."""
+    timecode: sections.TimecodeSettings | None = None
+    """The timecode that shows follow; without it they run by this station's clock."""
     tick_rate_hz: Annotated[float, Field(ge=5, le=100)] = 20.0
+    """Turns of control a second."""
     setpoint_timeout_s: Annotated[float, Field(gt=0, le=0.2)] = 0.2
-    scheduling: Literal["real-time", "usual"] = "real-time"  # asked of the machine, which may grant less
-    stations: tuple[StationSettings, ...] = ()  # of the whole site; none: one station has all links
-    bus: BusSettings = BusSettings()  # between the stations
-    site_rows: SiteRows | None = None  # of one station's own configuration; `station_config` sets it
+    """No setpoint leaves later than this after its tick, in s."""
+    scheduling: Literal["real-time", "usual"] = "real-time"
+    """`real-time` asks the machine for priority and locked memory, and may get less; `usual` for nothing."""
+    stations: tuple[StationSettings, ...] = ()
+    """The stations of the whole site; without any, one station has all links."""
+    bus: BusSettings = BusSettings()
+    """How the stations of a site exchange messages."""
+    site_rows: SiteRows | None = None
+    """Set by `gcs serve --station` in that station's own configuration; not for files."""
 
     @property
     def frame(self) -> ShowFrame:

@@ -41,22 +41,33 @@ class StartPlace(Settings):
     """Place of a vehicle before the start, in the show frame: x along the show's heading, y to its right."""
 
     x_m: Annotated[float, Field(strict=True, ge=-LENGTH_MAX_M, le=LENGTH_MAX_M)]
+    """Along the show's heading from its origin, in m."""
     y_m: Annotated[float, Field(strict=True, ge=-LENGTH_MAX_M, le=LENGTH_MAX_M)]
+    """To the right of that, in m."""
 
 
 class PreflightSettings(Settings):
     """Limits of the checks. The report names every check that a limit switches off."""
 
-    battery_min: Annotated[float, Field(ge=0.1, le=1)] = 0.25  # a show's own need counts if it is higher
-    require_fix: bool = True  # False: for vehicles with a position source other than GNSS
-    rotation_max_deg: Annotated[float, Field(gt=0, le=45)] = 2.0  # of the start pattern
-    shift_max_m: Positive = 2.0  # of the pattern's centre
-    place_max_m: Positive = 1.5  # of one vehicle from its own place in the pattern
-    height_spread_max_m: Positive = 2.0  # of a pad above or below the median height
+    battery_min: Annotated[float, Field(ge=0.1, le=1)] = 0.25
+    """Least charge at the start, as a share; a show's own need counts if it is higher."""
+    require_fix: bool = True
+    """Whether a 3D fix is needed; false for vehicles with a position source other than GNSS."""
+    rotation_max_deg: Annotated[float, Field(gt=0, le=45)] = 2.0
+    """Most that the start pattern may be turned from the expected one, in degrees."""
+    shift_max_m: Positive = 2.0
+    """Most that the pattern's centre may be off, in m."""
+    place_max_m: Positive = 1.5
+    """Most that one vehicle may be off its own place in the pattern, in m."""
+    height_spread_max_m: Positive = 2.0
+    """Most that a pad may lie above or below the median height, in m."""
     # Recorded: two vehicles on pads 4 m apart came to 2.3 m while their autopilots climbed and held position.
-    wander_m: NotNegative = 0.85  # error of position in PX4's own TAKEOFF and HOLD; 0: not checked
-    clock_max_s: Positive | None = 2.0  # between the clocks of vehicle and station; None: not checked
-    start_places: dict[VehicleId, StartPlace] = Field(default_factory=dict)  # a written show has its own
+    wander_m: NotNegative = 0.85
+    """How far off its place PX4's own TAKEOFF and HOLD let a vehicle be, in m; 0: not checked."""
+    clock_max_s: Positive | None = 2.0
+    """Most that the clocks of vehicle and station may differ, in s; null: not checked."""
+    start_places: dict[VehicleId, StartPlace] = Field(default_factory=dict)
+    """Where each vehicle stands, by id, without a written show; a written show has its own."""
 
     @model_validator(mode="after")
     def _check(self) -> "PreflightSettings":
@@ -107,9 +118,13 @@ class ShowFrameSettings(Settings):
     """Origin of the show frame, and heading of its x axis."""
 
     latitude_deg: Annotated[float, Field(ge=-90, le=90)]
+    """Latitude of the origin, in degrees."""
     longitude_deg: Annotated[float, Field(ge=-180, le=180)]
+    """Longitude of the origin, in degrees."""
     altitude_amsl_m: float
+    """Altitude of the origin above mean sea level, in m."""
     heading_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
+    """Direction of the show's x axis, in degrees clockwise from north."""
 
     @property
     def frame(self) -> ShowFrame:
@@ -129,18 +144,26 @@ class VehicleSettings(Settings):
     """One vehicle of a link."""
 
     id: Annotated[str, AfterValidator(_vehicle_id)]
+    """Name of the vehicle everywhere in this station: 1 to 32 letters, digits or `_ . -`."""
     system_id: SystemId
-    autopilot: AutopilotName | None = None  # None: the link's
+    """MAVLink system id that the vehicle has, unique within its link."""
+    autopilot: AutopilotName | None = None
+    """`px4` or `ardupilot`; null: that of the link."""
     charge: Positive = 1.0
-    speed_max_m_s: Positive | None = None  # in any direction; None: the limits of `control.safety`
+    """Weight in the repulsion: a vehicle with a greater one gets more room on the sphere."""
+    speed_max_m_s: Positive | None = None
+    """Most that it can fly in any direction, in m/s; null: the limits of `control.safety`."""
 
 
 class RangeSettings(Settings):
     """Consecutive system ids, named by a pattern."""
 
     first_system_id: SystemId = 1
+    """System id of the first vehicle."""
     count: Annotated[int, Field(ge=1, le=SYSTEM_ID_MAX)]
-    id_pattern: str = "d{system_id}"  # may also use {link}, because links may share system ids
+    """Number of vehicles, with consecutive system ids."""
+    id_pattern: str = "d{system_id}"
+    """Name of each; `{system_id}` and `{link}` are filled in, because links may share system ids."""
 
     @model_validator(mode="after")
     def _check(self) -> "RangeSettings":
@@ -171,16 +194,27 @@ class LinkSettings(Settings):
     """One link: its endpoints and vehicles. `ports` consecutive UDP ports start with the one in `listen`."""
 
     name: Annotated[str, Field(min_length=1)]
+    """Name of the link in alarms, the log and records."""
     transport: Literal["mavsdk", "native"] = "mavsdk"
-    autopilot: AutopilotName = DEFAULT.name  # of its vehicles, but those with an autopilot of their own
+    """`mavsdk` through the MAVSDK library, or `native`: this project's own MAVLink, for large fleets."""
+    autopilot: AutopilotName = DEFAULT.name
+    """`px4` or `ardupilot`, of its vehicles without an `autopilot` of their own."""
     listen: Urls
+    """One or several endpoints: `udpin://`, `udpout://`, `tcpin://`, `tcpout://` or `serial://`."""
     ports: Annotated[int, Field(ge=1, le=1000)] = 1
+    """Consecutive UDP ports from the one in `listen`: one per vehicle, or 1 for a radio or router."""
     vehicles: Fleet
+    """A list of vehicles, or a range of system ids."""
     streams: StreamSettings = StreamSettings()
+    """Rates at which the vehicles are asked to report."""
     forward: Forwards = ()
+    """Further ground stations that receive the vehicles' messages; a URL alone is read-only."""
     signing: SigningSettings | None = None
-    extra_bytes_per_s: Positive | None = None  # for lights and corrections; None: `extra_bytes_per_s()`
-    heartbeat_hold_s: Positive = 3.0  # heartbeats stop after control has stopped for this long
+    """Key of signed MAVLink 2; without it frames are not signed, and not checked."""
+    extra_bytes_per_s: Positive | None = None
+    """Lights and corrections together, in bytes/s; null: 100,000, on serial ports a quarter."""
+    heartbeat_hold_s: Positive = 3.0
+    """The station's heartbeats end when control has stopped for this long, in s."""
 
     @cached_property
     def fleet(self) -> tuple[VehicleSettings, ...]:
@@ -233,8 +267,11 @@ class ApiSettings(Settings):
     """Address and ports of the REST API."""
 
     host: str = "127.0.0.1"
+    """IP address to listen on; beyond 127.0.0.1 tokens are needed (`access.tokens_file`)."""
     port: Annotated[int, Field(ge=0, le=65535)] = 8000
-    emergency_port: Annotated[int, Field(ge=0, le=65535)] | None = None  # None: the next after `port`
+    """TCP port of the API and the console; 0: any free one."""
+    emergency_port: Annotated[int, Field(ge=0, le=65535)] | None = None
+    """TCP port that answers emergency calls only; null: the next after `port`."""
 
     @property
     def lane_port(self) -> int:
@@ -254,55 +291,80 @@ class OperationSettings(Settings):
     """Take-off, assembly and landing."""
 
     takeoff_height_m: Positive = 5.0
+    """Height above its pad to which a vehicle climbs before it joins, in m."""
     takeoff_stagger_s: NotNegative = 1.0
+    """Time between the take-offs of two vehicles, in s."""
     takeoff_timeout_s: Positive = 30.0
-    handover_height_m: Positive = 1.5  # below this height over the landing site PX4's LAND touches down
-    landing_site_spacing_m: Positive = 4.0  # between the landing sites of a filtered descent
-    silence_s: Positive = 2.0  # without a heartbeat and a position: offline, or lost if airborne
-    setpoint_loss_action: Literal["descend", "hold", "land", "return"] = "hold"  # COM_OBL_RC_ACT
-    setpoint_loss_s: Annotated[float, Field(ge=0.5, le=10)] = 1.0  # COM_OF_LOSS_T
-    return_height_m: Positive = 30.0  # lowest RTL_RETURN_ALT, for vehicles that return when lost
-    return_layer_m: NotNegative = 4.0  # by so much higher the next in the list returns, up to the fence
-    pads_within_m: Positive = 50.0  # of the show's origin: the autopilots' fences are around their own pads
-    pilot_takes_over: bool = True  # moving a stick gives the pilot control: COM_RC_OVERRIDE, COM_RC_IN_MODE
-    require_parameters: bool = True  # refuse vehicles whose parameters make the loss of this station unsafe
-    require_safe_setpoint_loss: bool = True  # refuse a setpoint-loss action that brings vehicles together
+    """A vehicle that is not up after this time is landed by its autopilot, in s."""
+    handover_height_m: Positive = 1.5
+    """Height over the landing site below which the autopilot's LAND touches down, in m."""
+    landing_site_spacing_m: Positive = 4.0
+    """Least distance between the landing sites of a filtered descent, in m."""
+    silence_s: Positive = 2.0
+    """Without telemetry or a position for this long: offline, or lost if airborne, in s."""
+    setpoint_loss_action: Literal["descend", "hold", "land", "return"] = "hold"
+    """What the autopilot must do without setpoints (PX4: COM_OBL_RC_ACT)."""
+    setpoint_loss_s: Annotated[float, Field(ge=0.5, le=10)] = 1.0
+    """How long it may fly on without setpoints before that (PX4: COM_OF_LOSS_T), in s."""
+    return_height_m: Positive = 30.0
+    """Height above home at which the first vehicle returns by itself (RTL_RETURN_ALT), in m."""
+    return_layer_m: NotNegative = 4.0
+    """So much higher the next in the list returns, up to the fence, in m; 0: all alike."""
+    pads_within_m: Positive = 50.0
+    """All pads lie within this of the origin, in m; the autopilots' own fences allow for it."""
+    pilot_takes_over: bool = True
+    """Whether moving a stick must give the pilot control (COM_RC_OVERRIDE, COM_RC_IN_MODE)."""
+    require_parameters: bool = True
+    """Whether vehicles are refused whose parameters make the loss of this station unsafe."""
+    require_safe_setpoint_loss: bool = True
+    """Whether a start is refused where `setpoint_loss_action` brings vehicles together."""
 
 
 class FormationSettings(Settings):
     """Initial sphere of the show, and the law that spreads the vehicles over it (docs/decisions/0040)."""
 
     radius_m: Annotated[float, Field(gt=0, le=LENGTH_MAX_M)]
+    """Radius of the sphere, in m."""
     height_m: Annotated[float, Field(gt=0, le=LENGTH_MAX_M)]
+    """Height of the sphere's centre above the origin, in m."""
     law: LawName = LawName.SLOTS
+    """How vehicles spread: by kept slots, by the article's forces, or by their neighbours."""
 
 
 class OrbitSettings(Settings):
     """Initial orbit of the show."""
 
     radius_m: Annotated[float, Field(ge=0, le=LENGTH_MAX_M)] = 0.0
+    """Radius of the circle around the target, in m; 0: the centre stays above the target."""
     speed_m_s: Positive = 2.0
+    """Speed of the centre along the circle, in m/s."""
     direction: Direction = Direction.COUNTERCLOCKWISE
+    """Sense of the circle, seen from above."""
 
 
 class TargetSettings(Settings):
     """Initial target of the show, at rest."""
 
     x_m: float = 0.0
+    """Along the show's heading from its origin, in m."""
     y_m: float = 0.0
+    """To the right of that, in m."""
 
 
 class YawSettings(Settings):
     """Initial yaw policy; `heading_deg`, clockwise from north, applies to the policy "fixed"."""
 
     policy: YawPolicy = YawPolicy.HELD
+    """`held`: as when it joined; `fixed`: `heading_deg`; `target`: towards the target."""
     heading_deg: Annotated[float, Field(ge=-360, le=360)] = 0.0
+    """For `fixed`: degrees clockwise from north."""
 
 
 class ShowsSettings(Settings):
     """Folder of uploaded shows."""
 
     folder: Path
+    """Folder of uploaded shows."""
 
 
 _MIDI_AT: Final = re.compile(
@@ -319,11 +381,17 @@ class TimecodeSettings(Settings):
     """Timecode that written shows follow (docs/how-to/timecode.md)."""
 
     source: str
-    starts_at: Annotated[str, Field(pattern=_LABEL)] = "00:00:00:00"  # the timecode of a show's beginning
-    delay_s: Annotated[float, Field(ge=-10, le=10)] = 0.0  # the show runs so much later than the timecode
-    freewheel_s: Annotated[float, Field(ge=0.1, le=10)] = 1.0  # drop-outs up to so long are flown through
+    """Where it arrives: `rtp-midi://`, `udp-midi://`, `midi://` a device, or `ltc://` a pipe of sound."""
+    starts_at: Annotated[str, Field(pattern=_LABEL)] = "00:00:00:00"
+    """The timecode at which a show begins, as HH:MM:SS or HH:MM:SS:FF."""
+    delay_s: Annotated[float, Field(ge=-10, le=10)] = 0.0
+    """The show runs so much later than the timecode, in s."""
+    freewheel_s: Annotated[float, Field(ge=0.1, le=10)] = 1.0
+    """A drop-out of up to this long is flown through, in s."""
     jump_max_s: Annotated[float, Field(ge=0.2, le=60)] = 5.0
-    catch_up: Annotated[float, Field(ge=0.02, le=0.25)] = 0.1  # share by which a show may run faster
+    """The show follows a jump of the timecode up to this, and stands at a wider one, in s."""
+    catch_up: Annotated[float, Field(ge=0.02, le=0.25)] = 0.1
+    """Share by which a show may run faster or slower to reach its timecode."""
 
     @property
     def scheme(self) -> str:

@@ -22,18 +22,26 @@ class StandbySettings(Settings):
     """Another station's link that a station receives as well, and takes over when that one is lost."""
 
     link: str
-    listen: Urls  # of its own: a mirrored port, or its radio of the same network
+    """Name of the other station's link."""
+    listen: Urls
+    """Endpoints of its own for that link: a mirrored port, or its radio of the same network."""
 
 
 class StationSettings(Settings):
     """One station: the links that it owns, and where other stations and clients reach it."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,32}$")]
+    """Name of the station: `gcs serve --station NAME`."""
     links: tuple[str, ...] = ()
+    """Names of the links that it owns."""
     endpoint: Endpoint
-    api: ApiSettings | None = None  # None: as the whole site's
-    timecode: TimecodeSettings | None = None  # None: as the whole site's
+    """Where it listens for the other stations."""
+    api: ApiSettings | None = None
+    """Its own API; null: as the whole site's."""
+    timecode: TimecodeSettings | None = None
+    """Its own source of timecode; null: as the whole site's."""
     standby: tuple[StandbySettings, ...] = ()
+    """Links of other stations that it takes over when those are lost."""
 
     @property
     def machine(self) -> str:
@@ -45,10 +53,15 @@ class SiteRows(Settings):
     """Which of the site's vehicles are those of one station."""
 
     station: str
-    count: Annotated[int, Field(ge=1)]  # vehicles of the site
-    rows: tuple[Annotated[int, Field(ge=0)], ...]  # of the station's vehicles among them
-    standby: int = 0  # so many at the end are another station's
-    mixed: bool = False  # whether the site has several autopilots
+    """Name of the station."""
+    count: Annotated[int, Field(ge=1)]
+    """Number of vehicles of the site."""
+    rows: tuple[Annotated[int, Field(ge=0)], ...]
+    """Rows of the station's vehicles among them."""
+    standby: int = 0
+    """So many at the end are another station's."""
+    mixed: bool = False
+    """Whether the site has several autopilots."""
 
 
 def check_stations(

@@ -112,18 +112,31 @@ class ControlSettings(Settings):
     """Settings of law, safety filter and inner loop."""
 
     law: LawSettings = LawSettings()
+    """Rates and limits of the law."""
     safety: SafetySettings = SafetySettings()
+    """The safety filter, the last step before a setpoint leaves."""
     loop_gain: NotNegative = 1.5
-    vertical_loop_gain: NotNegative = 0.0  # PX4's vertical response is fast; 1.5 oscillates at 1.4 Hz
+    """Gain on the velocity error sideways: the setpoint is v + g (v - v_measured)."""
+    vertical_loop_gain: NotNegative = 0.0
+    """Gain on the velocity error up and down; PX4 responds fast there: 1.5 oscillates at 1.4 Hz."""
     lead_s: NotNegative = 0.5
+    """So much of the centre's acceleration is added, in s: vehicles respond late."""
     trim_rate_per_s: NotNegative = 1.0
+    """Rate at which a lasting error sideways (wind, drag) is learned, in 1/s."""
     vertical_trim_rate_per_s: NotNegative = 0.5
+    """Rate at which a lasting error up and down is learned, in 1/s."""
     trim_max_m_s: NotNegative = 4.0
-    response_s: Positive = 0.4  # time constant of a vehicle's response within the inner loop
-    acceleration_max_m_s2: Positive = 3.0  # of the desired velocity
+    """Most that is learned, in m/s."""
+    response_s: Positive = 0.4
+    """Time constant of a vehicle's response within the inner loop, in s."""
+    acceleration_max_m_s2: Positive = 3.0
+    """Greatest change of the desired velocity, in m/s^2."""
     radius_rate_m_s: Positive = 1.0
+    """How fast the sphere grows or shrinks to a new radius, in m/s."""
     yaw_rate_max_deg_s: Positive = 45.0
+    """How fast a vehicle turns to its heading, in degrees a second."""
     telemetry_age_max_s: Positive = 0.5
+    """A vehicle whose position is older gets no setpoint, in s."""
 
 
 LONGEST_STEP_S = 0.2

@@ -51,8 +51,11 @@ class HeightSettings(Settings):
     """The difference of heights above which a vehicle is named, and kept farther from others."""
 
     bias_max_m: Positive = 1.0
-    scale_max: Positive = 0.03  # of the height, where that is half of `bias_max_m` or more
-    deviations: Positive = 4.0  # and of its standard error
+    """Difference of the reported height from the receiver's, less the others', that is named, in m."""
+    scale_max: Positive = 0.03
+    """The difference that is named as a share of the height, where it is half of `bias_max_m` or more."""
+    deviations: Positive = 4.0
+    """A difference is named only beyond so many of its standard errors."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

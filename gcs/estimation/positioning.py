@@ -23,23 +23,30 @@ class Positioning(Settings):
     """How uncertain the positions of neighbours are towards each other (decisions 0036 and 0054).
 
     A vehicle's standard deviation is its own share of what its receiver reports, but no less than its kind of
-    fix can mean.
+    fix can mean: sideways as here, up as the floor has it. A kind that is not configured counts as no more
+    than a worse kind that is, and as no less than a better one.
     """
 
-    # Least standard deviation sideways of each kind of fix; up as the floor has it. What is configured holds.
-    # None: as LEAST_M, but no more than a worse kind as configured, and no less than a better one.
     rtk_fixed_m: Positive | None = None
+    """Least standard deviation of a position with an RTK fix, in m; null: 0.05."""
     rtk_float_m: Positive | None = None
+    """Least standard deviation of a position with RTK float, in m; null: 0.2."""
     dgps_m: Positive | None = None
+    """Least standard deviation of a position with differential corrections, in m; null: 0.5."""
     fix_3d_m: Positive | None = None
-    # Of the reported accuracy, what neighbours do not have in common. None: SHARE_3D where no receiver of the
-    # fleet has corrections, else all.
+    """Least standard deviation of a position with a 3D fix alone, in m; null: 1."""
     share: Positive | None = None
-    poor_m: Positive = 1.0  # what is reported beyond this counts twice
-    uncertainty_max_m: Positive = 3.0  # if wider, the vehicles of a fleet could only flee from each other
-    reset_uncertainty_m: NotNegative = 0.2  # added after a position jumped, or more after a wide jump
+    """Share of the reported accuracy that is each one's own; null: 0.7 where none has corrections, else 1."""
+    poor_m: Positive = 1.0
+    """The part of a reported accuracy beyond this counts twice, in m."""
+    uncertainty_max_m: Positive = 3.0
+    """No position counts as more than this, in m: beyond it vehicles could only flee."""
+    reset_uncertainty_m: NotNegative = 0.2
+    """Added to the deviation after a position jumped, or more after a wide jump, in m."""
     reset_margin_s: NotNegative = 30.0
-    freeze_s: NotNegative = 3.0  # a vehicle whose position jumped first stands still for this time
+    """So long after a jump a position counts as less certain, in s."""
+    freeze_s: NotNegative = 3.0
+    """A vehicle whose position jumped first stands still for this time, in s."""
 
     @model_validator(mode="after")
     def _consistent(self) -> "Positioning":

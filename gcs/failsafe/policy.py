@@ -60,16 +60,22 @@ class VehicleLost(Settings):
     """A vehicle is silent for `operation.silence_s`. The remaining vehicles always close the gap."""
 
     action: Literal["re-form", "pause", "return", "land"] = "re-form"
+    """What the others do; they close the gap in any case."""
 
 
 class LowBattery(Settings):
     """A battery is low: its vehicle leaves the formation. The autopilot's own failsafe should act later."""
 
     action: Literal["ignore", "hold", "return", "land"] = "return"
+    """What a vehicle with a low battery does."""
     below: Share = 0.2
+    """Charge below which a battery is low, as a share."""
     critical_action: Literal["return", "land"] = "land"
+    """What a vehicle with a critical battery does."""
     critical_below: Share = 0.1
+    """Charge below which it is critical, as a share."""
     for_s: NotNegative = 2.0
+    """For so long the charge must be below, in s."""
 
     @model_validator(mode="after")
     def _check(self) -> "LowBattery":
@@ -82,79 +88,121 @@ class BadPosition(Settings):
     """A reported accuracy is too low, or a position jumps repeatedly, or is not plausible."""
 
     action: Literal["hold", "return", "land"] = "hold"
-    then_land_after_s: Positive | None = 10.0  # if that did not help; None: it keeps holding
-    horizontal_max_m: Positive = 4.0  # about where preflight refuses it
+    """What the vehicle does."""
+    then_land_after_s: Positive | None = 10.0
+    """It lands if that did not help for so long, in s; null: it keeps holding."""
+    horizontal_max_m: Positive = 4.0
+    """Worst reported accuracy sideways, in m; preflight refuses about the same."""
     vertical_max_m: Positive = 8.0
+    """Worst reported accuracy up and down, in m."""
     for_s: NotNegative = 3.0
+    """For so long the accuracy must be worse, in s."""
     jumps: Annotated[int, Field(ge=1, le=20)] = 3
+    """So many jumps of the position count as bad."""
     jumps_within_s: Positive = 30.0
+    """The time within which `jumps` count, in s."""
 
 
 class FenceAhead(Settings):
     """A vehicle will be outside the fence soon, although the filter steers against it: wind, or a jump."""
 
     action: Literal["hold", "return", "land"] = "return"
-    within_s: Positive = 1.0  # at its present velocity; what the filter allows never gets out within 1 s
+    """What the vehicle does."""
+    within_s: Positive = 1.0
+    """How far ahead its present velocity is followed, in s; the filter allows none that gets out in 1 s."""
     beyond_m: NotNegative = 0.5
+    """So far outside the fence it would be, in m."""
     for_s: NotNegative = 0.3
+    """For so long the condition must hold before it counts, in s."""
 
 
 class TooMuchWind(Settings):
     """For some time most vehicles have not followed their commanded velocities."""
 
     action: Literal["ignore", "pause", "return", "land"] = "pause"
-    then_return_after_s: Positive | None = 10.0  # if vehicles cannot hold either; None: it keeps waiting
-    speed_error_m_s: Positive = 1.5  # between commanded and actual velocity, sideways
-    share: Share = 0.5  # of the vehicles under control
+    """What the show does."""
+    then_return_after_s: Positive | None = 10.0
+    """It comes home if a pause did not help for so long, in s; null: it keeps waiting."""
+    speed_error_m_s: Positive = 1.5
+    """Least difference between commanded and actual velocity, sideways, in m/s."""
+    share: Share = 0.5
+    """Share of the vehicles under control that must be off by so much."""
     for_s: NotNegative = 5.0
+    """For so long the condition must hold before it counts, in s."""
 
 
 class LinksLate(Settings):
     """Telemetry of many vehicles arrives late or not at all: they cannot follow setpoints in time."""
 
     action: Literal["ignore", "pause", "return", "land"] = "pause"
-    then_return_after_s: Positive | None = None  # a return over late links is no safer than holding
-    late_s: Positive = 0.2  # on average, compared with the soonest that telemetry ever arrived
-    arrive_min: Share = 0.5  # of the requested position messages
-    share: Share = 0.5  # of the vehicles under control
+    """What the show does."""
+    then_return_after_s: Positive | None = None
+    """It comes home after so long, in s; null: it waits, a return over late links is no safer."""
+    late_s: Positive = 0.2
+    """Telemetry is late beyond this, averaged, over the soonest that it ever arrived, in s."""
+    arrive_min: Share = 0.5
+    """Least share of the requested position messages that must arrive."""
+    share: Share = 0.5
+    """Share of the vehicles under control with such a link."""
     for_s: NotNegative = 3.0
+    """For so long the condition must hold before it counts, in s."""
 
 
 class VehiclesLost(Settings):
     """Too many vehicles are lost or killed to continue the show: both numbers must be reached."""
 
     action: Literal["ignore", "pause", "return", "land"] = "return"
+    """What the show does when both numbers are reached."""
     count: Annotated[int, Field(ge=1)] = 2
-    share: Share = 0.25  # of all in the air, the lost included
+    """Least number of vehicles that are lost or killed."""
+    share: Share = 0.25
+    """Least share of all in the air, the lost included."""
 
 
 class TargetStale(Settings):
     """The target of a show's live cue has not been updated."""
 
     action: Literal["ignore", "hold-target", "pause", "return"] = "hold-target"
+    """What the show does."""
     after_s: Positive = 5.0
+    """Time since the last update of a live target, in s."""
 
 
 class ServiceLate(Settings):
     """Ticks come late for some time, on average of about a second."""
 
     action: Literal["ignore", "pause", "return"] = "pause"
+    """What the show does."""
     then_return_after_s: Positive | None = 10.0
+    """It comes home if a pause did not help for so long, in s; null: it keeps waiting."""
     late_s: Positive = 0.05
+    """Ticks are late beyond this, averaged over about a second, in s."""
     for_s: NotNegative = 3.0
+    """For so long the condition must hold before it counts, in s."""
 
 
 class FailsafePolicy(Settings):
     """The settings of every failsafe, and those that all share."""
 
     vehicle_lost: VehicleLost = VehicleLost()
+    """A vehicle in the air is not received."""
     low_battery: LowBattery = LowBattery()
+    """A battery is low, or critical."""
     bad_position: BadPosition = BadPosition()
+    """A position is inaccurate, jumps, or is not plausible."""
     fence: FenceAhead = FenceAhead()
+    """A vehicle is about to leave the fence."""
     wind: TooMuchWind = TooMuchWind()
+    """Most vehicles do not follow their setpoints."""
     links_late: LinksLate = LinksLate()
+    """Telemetry of many vehicles is late, or lacking."""
     vehicles_lost: VehiclesLost = VehiclesLost()
+    """Too many vehicles are lost to continue the show."""
     target_stale: TargetStale = TargetStale()
+    """The target of a live cue is not renewed."""
     service_late: ServiceLate = ServiceLate()
-    clear_s: Positive = 5.0  # a cause that has been absent for this time may act again
-    together_share: Share = 0.5  # if this share must return, all vehicles return together
+    """Ticks come late."""
+    clear_s: Positive = 5.0
+    """A cause that was absent for this time may act again, in s."""
+    together_share: Share = 0.5
+    """If this share of those in the air must return, all vehicles return together."""

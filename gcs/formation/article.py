@@ -80,13 +80,20 @@ def sphere_force(position_m: Array, center_m: Array, *, radius_m: float, gain: f
 class ForceSettings(Settings):
     """Rates of a law of forces as flown; docs/decisions/0040 says how they were found."""
 
-    sphere_rate_per_s: Positive = 0.8  # at which a small distance from the sphere decays
-    spreading_rate_per_s: Positive = 0.8  # at which the stiffest mode of the repulsion decays
-    momentum_s: Positive = 16.0  # virtual mass over damping
-    ahead_s: Positive = 4.0  # by which the virtual velocity is predicted: this damps the motion
-    momentum_max_m_s: NotNegative = 0.5  # of the virtual velocity
-    symmetry_speed_m_s: NotNegative = 0.3  # of the offset that breaks symmetries when a vehicle joins
-    symmetry_decay_s: Positive = 4.0  # after which a third of it is left
+    sphere_rate_per_s: Positive = 0.8
+    """Rate at which a small distance from the sphere decays, in 1/s."""
+    spreading_rate_per_s: Positive = 0.8
+    """Rate at which the stiffest mode of the repulsion decays, in 1/s."""
+    momentum_s: Positive = 16.0
+    """Virtual mass over damping, in s."""
+    ahead_s: Positive = 4.0
+    """Time by which the virtual velocity is predicted, in s: this damps the motion."""
+    momentum_max_m_s: NotNegative = 0.5
+    """Most of the virtual velocity, in m/s."""
+    symmetry_speed_m_s: NotNegative = 0.3
+    """Offset that breaks symmetries when a vehicle joins, in m/s."""
+    symmetry_decay_s: Positive = 4.0
+    """Time after which a third of it is left, in s."""
 
 
 def scheduled(count: int, charge: Array, radius_m: float, settings: ForceSettings) -> ArticleParameters:

@@ -32,19 +32,32 @@ KEPT_OFFSETS = 32_768
 class LawSettings(Settings):
     """Rates and limits of the law; docs/decisions/0001 says how they were found."""
 
-    speed_m_s: Positive = 4.0  # limit of the velocity towards the slot
-    slot_rate_per_s: Positive = 1.0  # at which a vehicle's distance from its slot decays
-    sweeps: Annotated[int, Field(ge=1, le=100)] = 4  # of the slots' descent, every tick
-    pull: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0005  # of the slots to the vehicles, each sweep
-    symmetry_rad: NotNegative = 0.03  # largest angle between a new vehicle's slot and its own direction
+    speed_m_s: Positive = 4.0
+    """Limit of the velocity towards the slot, in m/s."""
+    slot_rate_per_s: Positive = 1.0
+    """Rate at which a vehicle's distance from its slot decays, in 1/s."""
+    sweeps: Annotated[int, Field(ge=1, le=100)] = 4
+    """Steps of the slots' descent in every tick."""
+    pull: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0005
+    """Share of the way from the slots to their vehicles that each step takes."""
+    symmetry_rad: NotNegative = 0.03
+    """Largest angle between a new vehicle's slot and its own direction, in rad."""
     goal_rate_per_s: Positive = 0.8
-    center_speed_max_m_s: Positive = 4.0  # over the ground
+    """Rate at which the distance from a goal, or from the height, decays, in 1/s."""
+    center_speed_max_m_s: Positive = 4.0
+    """Fastest that the centre flies over the ground, in m/s."""
     center_acceleration_max_m_s2: Positive = 1.0
-    climb_max_m_s: Positive = 1.0  # of the centre, up and down
-    spin_acceleration_max_m_s2: Positive = 1.0  # along the sphere's equator, while the spin changes
+    """Greatest acceleration of the centre, in m/s^2."""
+    climb_max_m_s: Positive = 1.0
+    """Fastest that the centre climbs or sinks, in m/s."""
+    spin_acceleration_max_m_s2: Positive = 1.0
+    """Along the sphere's equator while the spin changes, in m/s^2."""
     avoidance: AvoidanceSettings = AvoidanceSettings()
+    """How vehicles and the centre fly around obstacles."""
     article: ForceSettings = ForceSettings()
+    """Rates of the law `article`."""
     neighbours: NeighboursSettings = NeighboursSettings()
+    """Rates of the law `neighbours`."""
 
 
 @lru_cache(maxsize=KEPT_OFFSETS)

@@ -21,9 +21,12 @@ from gcs.model.state import TINY, Array, Mask, freeze
 class NeighboursSettings(ForceSettings):
     """Rates of vehicles that know only their neighbours."""
 
-    spreading_rate_per_s: Positive = 0.45  # at which a vehicle goes to its place among neighbours at rest
-    neighbours: Annotated[int, Field(ge=1)] = 12  # about this many are in range on the finished sphere
-    sighting_rate_per_s: Positive = 5.0  # pull of the own sighting of the centre; the neighbours' is about 3
+    spreading_rate_per_s: Positive = 0.45
+    """Rate at which a vehicle goes to its place among neighbours at rest, in 1/s."""
+    neighbours: Annotated[int, Field(ge=1)] = 12
+    """About so many are in range on the finished sphere."""
+    sighting_rate_per_s: Positive = 5.0
+    """Pull of the own sighting of the centre, in 1/s; the neighbours' is about 3."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

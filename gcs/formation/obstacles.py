@@ -22,18 +22,26 @@ from gcs.model.state import TINY, Array, Mask
 class AvoidanceSettings(Settings):
     """Distances and rates of flying around obstacles."""
 
-    margin_m: Positive = 2.0  # added to every side of the box: vehicle, position error, tracking error
-    headroom_m: NotNegative = 3.0  # vehicles this far above the top need not avoid the box
-    lookahead_m: Positive = 12.0  # from this distance the tangent begins to count
-    near_m: Positive = 3.0  # from this distance only the tangent counts, and the ellipse pushes
-    push_rate_per_s: Positive = 0.5  # of the outward push, per metre inside near_m
-    lead_out_m_s: Positive = 1.5  # limit of the push; speed at which a vehicle inside is led out
-    center_lookahead_m: Positive = (
-        60.0  # distance from which the formation's centre goes around, in a wide arc
-    )
-    no_headway_s: Annotated[float, Field(ge=1.0, le=60.0)] = 6.0  # without gaining on its goal: an alarm
-    climbs: bool = True  # where no way leads round, the centre flies over, if the fence is high enough
-    center_clearance: NotNegative = 1.0  # share of the sphere that its centre leads past; 0: the centre only
+    margin_m: Positive = 2.0
+    """Added to every side of the box for vehicle, position and tracking error, in m."""
+    headroom_m: NotNegative = 3.0
+    """Vehicles this far above the top need not avoid the box, in m."""
+    lookahead_m: Positive = 12.0
+    """From this distance the tangent begins to count, in m."""
+    near_m: Positive = 3.0
+    """From this distance only the tangent counts, and the ellipse pushes, in m."""
+    push_rate_per_s: Positive = 0.5
+    """Outward push per metre inside `near_m`, in 1/s."""
+    lead_out_m_s: Positive = 1.5
+    """Limit of the push, and speed at which a vehicle inside is led out, in m/s."""
+    center_lookahead_m: Positive = 60.0
+    """From this distance the formation's centre goes around, in a wide arc, in m."""
+    no_headway_s: Annotated[float, Field(ge=1.0, le=60.0)] = 6.0
+    """Without gaining on its goal for so long there is an alarm, in s."""
+    climbs: bool = True
+    """Whether the centre flies over where no way leads round, if the fence is high enough."""
+    center_clearance: NotNegative = 1.0
+    """Share of the sphere that its centre leads past; 0: the centre only."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -180,33 +180,46 @@ class RecordSettings(Settings):
     """
 
     folder: Path
-    flight: bool = True  # flight data at the tick's rate, MCAP
-    frames: bool = True  # every frame, .tlog
+    """Folder of the records; one service at a time writes there."""
+    flight: bool = True
+    """Whether flight data are recorded at the tick's rate (MCAP)."""
+    frames: bool = True
+    """Whether every frame of each link is recorded (.tlog)."""
 
 
 class SigningSettings(Settings):
     """MAVLink 2 signing. `link_id` distinguishes links that share a key."""
 
     key_file: Path
+    """File of `gcs key create`: 32 bytes, raw, hex or base64; its folder must be writable."""
     link_id: Annotated[int, Field(ge=0, le=255)] = 0
+    """Distinguishes links that share a key."""
 
 
 class StreamSettings(Settings):
     """Rates of the vehicles' reports; `others_hz` is for messages that only further stations use."""
 
-    position_hz: Positive = 10.0  # the tick brings positions forward with their velocities
+    position_hz: Positive = 10.0
+    """Positions a second; the tick brings them forward with their velocities."""
     state_hz: Positive = 5.0
+    """Reports of battery, fix, mode and the like a second."""
     others_hz: NotNegative = 0.0
+    """Messages a second that only further stations use; 0: none."""
 
 
 class LightSettings(Settings):
     """How vehicles receive the colours of a show, of their battery and of `find` (docs/how-to/lights.md)."""
 
     driver: LightDriver = LightDriver.NONE
-    rate_hz: Annotated[float, Field(ge=0.1, le=20)] = 4.0  # of one vehicle's changing colour
-    refresh_s: Positive = 2.0  # an unchanged colour is repeated so often
-    battery: bool = True  # on the ground: green, amber or red, as the battery is
-    find_s: Positive = 30.0  # `find` blinks for so long
+    """The message that sets a colour; `none`: no colours are sent."""
+    rate_hz: Annotated[float, Field(ge=0.1, le=20)] = 4.0
+    """Messages a second to one vehicle while its colour changes."""
+    refresh_s: Positive = 2.0
+    """An unchanged colour is repeated so often, in s."""
+    battery: bool = True
+    """Whether vehicles on the ground show green, amber or red, as their battery is."""
+    find_s: Positive = 30.0
+    """`find` blinks for so long, in s."""
 
 
 _NTRIP: Final = re.compile(r"^ntrips?://[A-Za-z0-9.-]{1,253}:(?P<port>\d{1,5})/[\x21-\x7e]{1,100}$")
@@ -217,10 +230,15 @@ class RtkSettings(Settings):
     """Corrections from a base (docs/how-to/rtk.md)."""
 
     source: str
+    """Base or caster: `ntrip://HOST:PORT/MOUNT`, `ntrips://`, `serial://DEVICE:BAUD`, `tcp://` or `udp://`."""
     user: str = ""
-    password_file: Path | None = None  # its first line
-    required: bool = False  # no start without recent corrections
+    """User name at the caster."""
+    password_file: Path | None = None
+    """File whose first line is the password."""
+    required: bool = False
+    """Whether a start is refused without recent corrections."""
     age_max_s: Annotated[float, Field(ge=1, le=600)] = 10.0
+    """Corrections that are older count as stopped, in s."""
 
     @property
     def device(self) -> tuple[str, int]:
@@ -255,7 +273,9 @@ class Forward(Settings):
     """A further ground station. What one that is not read-only may do: docs/decisions/0009."""
 
     url: Annotated[str, Field(pattern=_FORWARD.pattern)]
+    """`udp://IP:PORT` of the station that receives."""
     read_only: bool = True
+    """Whether what it sends is dropped."""
 
     @property
     def address(self) -> tuple[str, int]:

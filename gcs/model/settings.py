@@ -27,7 +27,12 @@ PUBLISHED: Final = ConfigDict(json_schema_serialization_defaults_required=True)
 class Settings(BaseModel):
     """Base of every group; `gcs.config` reads them from YAML, tests and tools construct them directly."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        extra="forbid",
+        frozen=True,
+        allow_inf_nan=False,
+        use_attribute_docstrings=True,  # what the reference says of each key
+    )
 
     @model_validator(mode="before")
     @classmethod

@@ -51,14 +51,22 @@ WALL_SHARE = 0.2
 class AuthoritySettings(Settings):
     """When vehicles count as short of authority, and what follows."""
 
-    answer_s: Positive = 1.0  # for about this time a vehicle in order may still fly what was allowed before
-    free_m_s: NotNegative = 0.3  # wander that the margins cover anyway
-    horizon_s: NotNegative = 1.0  # wander times this is a standard deviation of a position; 0: none
-    wander_max_m: NotNegative = 1.5  # most of that
-    lack_s: Positive = 0.7  # averaging time
-    lack_m_s: Positive = 0.5  # a greater lack is yielded to
-    reserve_m_s: NotNegative = 0.5  # as much more than what it reaches is still asked of such a vehicle
-    slow_s: Positive = 3.0  # a lack along its own way for this time: a lower speed limit
+    answer_s: Positive = 1.0
+    """For about this time a vehicle in order may still fly what was allowed before, in s."""
+    free_m_s: NotNegative = 0.3
+    """Unexpected velocity that the margins cover anyway, in m/s."""
+    horizon_s: NotNegative = 1.0
+    """Unexpected velocity times this is a standard deviation of the position, in s; 0: none."""
+    wander_max_m: NotNegative = 1.5
+    """Most that the standard deviation of `horizon_s` may be, in m."""
+    lack_s: Positive = 0.7
+    """Averaging time of the velocity that a vehicle lacks, in s."""
+    lack_m_s: Positive = 0.5
+    """A vehicle that lacks more is yielded to, in m/s."""
+    reserve_m_s: NotNegative = 0.5
+    """So much more than it reaches is still asked of a vehicle that lacks velocity, in m/s."""
+    slow_s: Positive = 3.0
+    """A lack along its own way for this time lowers its speed limit, in s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

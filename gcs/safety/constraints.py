@@ -108,10 +108,14 @@ class Constraints:
 class Braking(Settings):
     """A vehicle's ability to stop, from the recorded response (docs/decisions/0004)."""
 
-    reaction_s: Positive = 0.8  # delay and build-up of the response, as if nothing happened meanwhile
-    lead_s: NotNegative = 0.6  # between vehicles: the measured closing speed continues for this time
-    deceleration_m_s2: Positive = 2.0  # after that, on the average of the stop
-    escape_rate_per_s: Positive = 1.5  # speed away from something already too close, per metre
+    reaction_s: Positive = 0.8
+    """Delay and build-up of the response, as if nothing happened meanwhile, in s."""
+    lead_s: NotNegative = 0.6
+    """Between vehicles, the measured closing speed continues for this time, in s."""
+    deceleration_m_s2: Positive = 2.0
+    """After that, on the average of the stop, in m/s^2."""
+    escape_rate_per_s: Positive = 1.5
+    """Speed away from something already too close, per metre, in 1/s."""
 
     def over_link(self, delay_s: float) -> "Braking":
         """The same when telemetry and setpoints each take `delay_s`: the reaction begins a round trip later.

@@ -39,8 +39,11 @@ class Limits(Settings):
     """Limits of every setpoint. A longer vector is scaled; its direction is kept."""
 
     horizontal_m_s: Positive = 8.0
+    """Fastest setpoint sideways, in m/s."""
     up_m_s: Positive = 2.5
+    """Fastest setpoint upwards, in m/s."""
     down_m_s: Positive = 1.4
+    """Fastest setpoint downwards, in m/s."""
 
     @property
     def fastest_m_s(self) -> float:
@@ -52,12 +55,19 @@ class SafetySettings(Settings):
     """All settings of the safety filter."""
 
     limits: Limits = Limits()
+    """Limits of every setpoint."""
     floor: Floor = Floor()
+    """The space around each vehicle that no other may enter, and its margins."""
     fence: Fence = Fence()
+    """The volume that no vehicle may leave."""
     braking: Braking = Braking()
+    """How a vehicle stops."""
     traffic: Traffic = Traffic()
+    """How vehicles on their way to a goal pass each other."""
     authority: AuthoritySettings = AuthoritySettings()
-    link_delay_s: NotNegative = 0.0  # one way, of telemetry and of setpoints alike, as far as it is known
+    """When a vehicle counts as not reaching its velocity, and what follows."""
+    link_delay_s: NotNegative = 0.0
+    """Known delay of the links, one way, in s; where a longer one is measured, that one counts."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

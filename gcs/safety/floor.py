@@ -12,14 +12,19 @@ class Floor(Settings):
     """The minimum-separation ellipsoid (semi-axes, centre to centre) that no pair may enter, and margins."""
 
     horizontal_m: Positive = 2.0
+    """Least distance of two vehicles sideways, centre to centre, in m."""
     vertical_m: Positive = 3.0
-    margin_m: NotNegative = (
-        0.3  # added horizontally, in proportion vertically: half of it for each vehicle's tracking
-    )
-    uncertainty_m: NotNegative = 0.05  # standard deviation of each position, sideways, where none is reported
-    vertical_uncertainty: Positive = 2.0  # factor for up and down (recorded: 0.41 m against 0.19 m)
-    deviations: Positive = 6.0  # of a pair's relative position that its margin covers (decision 0036)
-    pad_height_m: NotNegative = 2.0  # pairs that are both below this height on their pads are exempt
+    """Least distance one above the other, in m; more, because of downwash."""
+    margin_m: NotNegative = 0.3
+    """Added sideways, in proportion up: half of it for each vehicle's tracking, in m."""
+    uncertainty_m: NotNegative = 0.05
+    """Standard deviation of a position, sideways, where none is reported, in m."""
+    vertical_uncertainty: Positive = 2.0
+    """Factor of it for up and down (recorded: 0.41 m against 0.19 m)."""
+    deviations: Positive = 6.0
+    """So many standard deviations of a pair's relative position its margin covers."""
+    pad_height_m: NotNegative = 2.0
+    """Two vehicles that are both below this height on their pads are exempt, in m."""
 
     @property
     def scale(self) -> Array:

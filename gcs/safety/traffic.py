@@ -25,14 +25,18 @@ MUCH_NEARER = 0.5
 class Traffic(Settings):
     """How far vehicles keep to the right of their straight path, and from which distance they give way."""
 
-    angle_max_deg: Annotated[float, Field(ge=0.0, le=60.0)] = 45.0  # 0: always straight on
-    passing_m: Positive = 8.0  # a closer approach, sideways, is a meeting
-    crowd: Positive = 4.0  # this many meetings produce two thirds of the greatest angle
-    horizon_s: NotNegative = 10.0  # for how long vehicles without a goal are expected to go on
-    give_way_m: NotNegative = (
-        10.0  # giving way begins at this distance and is complete at `give_way_fully_m`; 0: never
-    )
+    angle_max_deg: Annotated[float, Field(ge=0.0, le=60.0)] = 45.0
+    """Most that a vehicle turns to the right of its path, in degrees; 0: always straight on."""
+    passing_m: Positive = 8.0
+    """A closer approach, sideways, is a meeting, in m."""
+    crowd: Positive = 4.0
+    """So many meetings produce two thirds of the greatest angle."""
+    horizon_s: NotNegative = 10.0
+    """For how long vehicles without a goal are expected to go on, in s."""
+    give_way_m: NotNegative = 10.0
+    """Distance at which giving way begins, in m; 0: never."""
     give_way_fully_m: NotNegative = 6.0
+    """Distance at which it is complete, in m."""
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:

@@ -29,8 +29,11 @@ class Fence(Settings):
     """The volume that no vehicle may leave: heights above the show's origin, and distance over the ground."""
 
     height_min_m: Positive = 3.0
+    """Least height above the origin, unless a vehicle lands, in m."""
     height_max_m: Positive = 100.0
+    """Greatest height above the origin, in m."""
     distance_max_m: Positive = 300.0
+    """Greatest distance from the origin over the ground, in m."""
 
 
 def fence_constraints(

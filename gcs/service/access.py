@@ -69,16 +69,22 @@ class TlsSettings(Settings):
     """Certificate chain and key, PEM."""
 
     certificate_file: Path
+    """Certificate chain, PEM."""
     key_file: Path
+    """Its private key, PEM."""
 
 
 class AccessSettings(Settings):
     """Access control of the API."""
 
-    tokens_file: Path | None = None  # from `gcs token create`; None: access control is off, on loopback only
+    tokens_file: Path | None = None
+    """File of `gcs token create`; null: no token is needed, and the API is on loopback only."""
     tls: TlsSettings | None = None
-    calls_per_s: Positive = 100.0  # of each token; emergency calls are counted separately
-    burst: Positive = 200.0  # calls that may come at once
+    """Certificate and key of the API; without it the API speaks plain HTTP."""
+    calls_per_s: Positive = 100.0
+    """Calls a second of each token; emergency calls are counted separately."""
+    burst: Positive = 200.0
+    """Calls of one token that may come at once."""
 
     @model_validator(mode="after")
     def _check(self) -> "AccessSettings":

@@ -3,7 +3,7 @@
 Sources report regularly which `Condition`s hold; the `AlarmBook` turns them into `Alarm`s. To add a cause:
 
 1. add a member to `AlarmCause` and its row to `CAUSES` (severity, headline, advice);
-2. add its row to the table in docs/operations.md (a test compares the two);
+2. add its row to the table in docs/operations/in-flight.md (a test compares the two);
 3. yield a `Condition` while the cause holds, from `gcs.flight.monitors.alarm_monitor` or from one of its
    sources. Pass a value at a limit through `beyond` first, so that it does not flicker.
 """
@@ -350,7 +350,9 @@ class Alarm:
     ]
     cause: Annotated[
         AlarmCause,
-        Field(description="For programs; docs/operations.md lists them.", examples=["vehicle-lost"]),
+        Field(
+            description="For programs; docs/operations/in-flight.md lists them.", examples=["vehicle-lost"]
+        ),
     ]
     text: Annotated[
         str,

@@ -30,8 +30,11 @@ class MapSettings(Settings):
     """The map below the show."""
 
     tiles: Annotated[str, Field(max_length=1000)]
-    attribution: Annotated[str, Field(max_length=200)] = ""  # shown with it; empty: that of the file
+    """Path of an `.mbtiles` file, or a server's address with `{z}`, `{x}` and `{y}`."""
+    attribution: Annotated[str, Field(max_length=200)] = ""
+    """Shown in the corner of the map; empty: that of the file."""
     zoom_max: Annotated[int, Field(ge=1, le=ZOOM_MAX)] = 19
+    """Greatest zoom that is requested."""
 
     @field_validator("tiles")
     @classmethod

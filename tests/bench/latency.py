@@ -1,7 +1,7 @@
 """From measurement to motor, as far as it is ours: how old the position is when its setpoint leaves.
 
 `python -m tests.bench.latency` flies a few fake vehicles in formation, over MAVSDK and over the native
-transport, and prints the latency budget of docs/operations.md; `... native 50` measures one row.
+transport, and prints the latency budget of docs/latency.md; `... native 50` measures one row.
 """
 
 import asyncio

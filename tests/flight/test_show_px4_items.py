@@ -1,6 +1,6 @@
 """PX4 as it is: what docs/FACTS.md, section 3, says of it, item by item, against the service.
 
-Items that other tests show are listed with them in docs/operations.md.
+Items that other tests show are listed with them in docs/px4.md.
 """
 
 import pytest

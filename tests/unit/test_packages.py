@@ -7,12 +7,15 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 PACKAGES = sorted(
-    [path.parent for path in ROOT.glob("gcs/*/__init__.py") if not path.parent.is_symlink()]
-    + [ROOT / "api", ROOT / "sim"]
+    path.parent
+    for top in ("api", "gcs", "sim")
+    for path in (ROOT / top).rglob("__init__.py")
+    if path.parent != ROOT / "gcs" and not {"console", "node_modules"} & set(path.parts)
+    if not any(parent.is_symlink() for parent in path.parents)
 )
 
 
-@pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda path: str(path.relative_to(ROOT)))
 def test_architecture_repeats_the_package_sentence(package: Path) -> None:
     docstring = ast.get_docstring(ast.parse((package / "__init__.py").read_text(encoding="utf-8")))
     assert docstring is not None

@@ -17,13 +17,13 @@ DOCUMENTS: Final = (
     *sorted(shipped_folder().glob("*.yaml")),
     *sorted(
         path
-        for folder in ("docs", "docs/how-to", "docs/tutorial")
+        for folder in ("docs", "docs/how-to", "docs/operations", "docs/tutorial")
         for path in (ROOT / folder).glob("*.md")
         if not path.stem.isupper()  # as it was measured once
     ),
 )
 NAMED: Final = re.compile(r"(?:the\s+vehicles|pads|own,|HOME_LON`\),)\s+([\d.]+) m apart|\"(\d+) m\" grid")
-IN_GUSTS: Final = ("operations.md", "pads 12 m apart")
+IN_GUSTS: Final = ("before-the-show.md", "pads 12 m apart")
 DRAWN: Final = {"drawn-30"}
 """Shows whose pads are those of their drawing, and need RTK."""
 
@@ -41,7 +41,7 @@ def test_documents_name_the_same_distance_of_pads() -> None:
     assert named.pop(IN_GUSTS) == 12.0
     assert {name for name, _ in named} == {
         "README.md",
-        "operations.md",
+        "simulate.md",
         "sitl.md",
         "px4-sitl.yaml",
         "large.yaml",

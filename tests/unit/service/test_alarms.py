@@ -25,7 +25,7 @@ from gcs.service.alarms import (
 )
 
 UNIX_S = 1.7e9
-OPERATIONS = Path(__file__).parents[3] / "docs" / "operations.md"
+OPERATIONS = Path(__file__).parents[3] / "docs" / "operations" / "in-flight.md"
 
 
 def lost(*vehicles: str, seconds: float = 2.0) -> Condition:

@@ -1340,7 +1340,7 @@ export interface components {
              */
             advice: string;
             /**
-             * @description For programs; docs/operations.md lists them.
+             * @description For programs; docs/operations/in-flight.md lists them.
              * @example vehicle-lost
              */
             cause: components["schemas"]["AlarmCause"];
