@@ -7,7 +7,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from gcs.bus.memory_bus import MemoryBus, MemoryNetwork, network
 from gcs.config.schema import Config
 from gcs.config.site import station_config
 from gcs.links.batch_link import Link
@@ -23,6 +22,7 @@ from gcs.sim.settings import PAD_SPACING_M, Settings
 from gcs.site import arrivals
 from gcs.site.member import Membership
 from gcs.site.service import SiteService
+from tests.support.memory_bus import MemoryBus, MemoryNetwork, network
 from tests.support.virtual_link import STREAMS_HZ, VirtualLink, VirtualPorts
 from tests.support.virtual_show import (
     FLEET_STEP_S,
