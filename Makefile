@@ -7,7 +7,7 @@ NPM := PATH="$(CURDIR)/.venv-node/bin:$$PATH" npm --prefix api/console
 # Python's bytecode is always kept: pytest's rewriting of modules takes longer than many tests.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: sitl ready demo quick units test soak checked computed flown console console-test schema tested-with check compiled bench mutate flight-quality screenshots docs format lock clean
+.PHONY: sitl ready demo quick units test soak checked computed flown console console-test schema tested-with check compiled bench mutate flight-quality screenshots docs format lock lowest clean
 
 # Two environments are made in parallel: one for flying, one for building the console.
 ready:
@@ -137,8 +137,13 @@ lock:  ## needs uv on the PATH; names no registry host
 	uv pip compile --quiet --generate-hashes --universal --python-version 3.11 --no-header \
 	  --group node --output-file requirements-node.lock
 
+lowest:  ## import every module with the oldest versions that pyproject.toml permits; needs uv on the PATH
+	uv venv --quiet --clear --python 3.11 .venv-lowest
+	uv pip install --quiet --python .venv-lowest --resolution lowest-direct --extra plots --extra stations -r pyproject.toml
+	.venv-lowest/bin/python -m tests.support.every_module
+
 clean:
-	rm -rf .venv .venv-node build dist api/console/dist api/console/node_modules
+	rm -rf .venv .venv-node .venv-lowest build dist api/console/dist api/console/node_modules
 
 .venv/ready: pyproject.toml .venv/locked
 	$(BIN)/pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation -e .

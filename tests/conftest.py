@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
+from hypothesis.internal.conjecture import providers
+from hypothesis.internal.constants_ast import Constants
 
 from gcs.api.schemas import convert
 from gcs.service import check_process
@@ -29,6 +31,10 @@ for profile, examples in (("machine", 100), ("soak", 1000)):
         suppress_health_check=[HealthCheck.too_slow],
     )
 settings.load_profile("machine")
+
+# By itself Hypothesis also draws the numbers and texts of every module of ours that is imported so far: the
+# examples would depend on which other tests are collected, and change with every commit.
+providers._get_local_constants = Constants
 
 HERE = Path(__file__).parent
 BROWSER = HERE / "browser"

@@ -1,4 +1,4 @@
-"""Carries the newest messages between a site's stations: Zenoh, shared memory, or a bus in virtual time."""
+"""Carries the newest messages between a site's stations: Zenoh, or shared memory."""
 
 from gcs.bus.interface import PAYLOAD_MAX, Bus, Received, keep_bus_open
 

@@ -17,9 +17,6 @@ from pymavlink.dialects.v20 import ardupilotmega, development
 from gcs.mavlink.kernels import MAGIC_1, MAGIC_2, SIGNATURE_LENGTH, SIGNED
 from gcs.mavlink.signing_time import TIME_MAX, UNITS_PER_S
 
-for _dialect in (ardupilotmega, development):
-    _dialect.enums.clear()  # descriptions of thousands of values, which nothing here reads
-
 MESSAGES: Final[Mapping[int, Any]] = MappingProxyType(
     {**ardupilotmega.mavlink_map, **development.mavlink_map}
 )

@@ -5,16 +5,12 @@ stays as written (no fast-math), so that the same input gives the same output ev
 """
 
 import os
-import sys
 from collections.abc import Callable
 from hashlib import sha256
-from importlib import import_module
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numba
-from llvmlite.binding import parse_bitcode  # type: ignore[import-untyped]
-from numba.core.codegen import JITCodeLibrary
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
 
@@ -39,58 +35,22 @@ def kept_in(package: Path) -> Path:
     return base / f"kernels-{digest}"
 
 
-numba.config.CACHE_DIR = str(kept_in(Path(__file__).parents[1]))
+KEPT_IN = str(kept_in(Path(__file__).parents[1]))
 
 
-def _load_without_blas() -> None:
-    """Keep numba from importing scipy's BLAS on first use: 15 MB, though no kernel multiplies matrices."""
-    blas = "scipy.linalg.cython_blas"
-    if blas in sys.modules:
-        return
-    sys.modules[blas] = None  # type: ignore[assignment]  # as documented: importing it fails
+def _kept(compiled: Callable[[Kernel], Kernel], function: Kernel) -> Kernel:
+    """Decorate the function; its machine code is kept in `KEPT_IN`, other functions' where numba has it."""
+    usual = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = KEPT_IN  # read while a function is decorated
     try:
-        import_module("numba.np.arraymath")
+        return compiled(function)
     finally:
-        del sys.modules[blas]
-
-
-_load_without_blas()
-
-
-def _drop_loaded_modules() -> None:
-    """Have numba drop the LLVM module of each loaded kernel: 45 MB in flight.
-
-    It needs the module only to compile another kernel that calls this one, and then makes it again. A version
-    of numba that does this with other methods keeps the modules.
-    """
-    # ruff: noqa: SLF001  (numba offers no other way)
-    if not (hasattr(JITCodeLibrary, "_unserialize") and hasattr(JITCodeLibrary, "_get_module_for_linking")):
-        return
-    load, module_of = JITCodeLibrary._unserialize.__func__, JITCodeLibrary._get_module_for_linking
-
-    def unserialize(cls: Any, codegen: Any, state: tuple[str, str, Any]) -> Any:
-        library = load(cls, codegen, state)
-        _, kind, data = state
-        if kind == "object":
-            library._shared_module, library.dropped = None, data[1]
-        return library
-
-    def get_module_for_linking(self: Any) -> Any:
-        if self._shared_module is None and hasattr(self, "dropped"):
-            self._shared_module = parse_bitcode(self.dropped)
-        return module_of(self)
-
-    JITCodeLibrary._unserialize = classmethod(unserialize)
-    JITCodeLibrary._get_module_for_linking = get_module_for_linking
-
-
-_drop_loaded_modules()
+        numba.config.CACHE_DIR = usual
 
 
 def kernel(function: Kernel) -> Kernel:
     """Compile at the first call; division by zero gives inf or NaN, as in numpy."""
-    compiled: Kernel = numba.njit(cache=True, error_model="numpy")(function)
-    return compiled
+    return _kept(numba.njit(cache=True, error_model="numpy"), function)
 
 
 def kernel_within(function: Kernel) -> Kernel:
@@ -106,8 +66,7 @@ def kernel_within(function: Kernel) -> Kernel:
 
 def kernel_apart(function: Kernel) -> Kernel:
     """As `kernel`, but releases the interpreter's lock, so that in a thread of its own it blocks no other."""
-    compiled: Kernel = numba.njit(cache=True, error_model="numpy", nogil=True)(function)
-    return compiled
+    return _kept(numba.njit(cache=True, error_model="numpy", nogil=True), function)
 
 
 def kernel_in_any_order(function: Kernel) -> Kernel:
@@ -116,5 +75,4 @@ def kernel_in_any_order(function: Kernel) -> Kernel:
     Roots and quotients of single precision may begin from the processor's estimate: right to 4e-7.
     """
     loosely = {"reassoc", "nsz", "contract", "arcp", "afn"}
-    compiled: Kernel = numba.njit(cache=True, error_model="numpy", fastmath=loosely)(function)
-    return compiled
+    return _kept(numba.njit(cache=True, error_model="numpy", fastmath=loosely), function)

@@ -12,7 +12,7 @@ from typing import Final
 from gcs.config.schema import Config
 from gcs.links import ParameterValue
 from gcs.links.autopilots import Autopilot
-from gcs.links.autopilots.versions import Release, Version, Versions
+from gcs.links.autopilots.versions import Version, Versions
 from gcs.model.preflight_report import Check, State
 from gcs.model.state import VehicleId
 from gcs.preflight.autopilots import REQUIREMENTS
@@ -42,15 +42,8 @@ class FleetRequirements:
 
     def of(self, vehicle_id: VehicleId, version: Version | None = None) -> tuple[Requirement, ...]:
         """Return those of a vehicle of that version; None: not known, so that names tell which it has."""
-        versions = self.profiles[vehicle_id].versions
-        return self._of(vehicle_id, versions.possible(version))
-
-    def of_newest(self, vehicle_id: VehicleId) -> tuple[Requirement, ...]:
-        """Return those of all versions, in the names of the newest."""
-        return self._of(vehicle_id, tuple(self.profiles[vehicle_id].versions.versions))
-
-    def _of(self, vehicle_id: VehicleId, possible: tuple[Release, ...]) -> tuple[Requirement, ...]:
         profile, kind = self.profiles[vehicle_id], self._kinds[vehicle_id]
+        possible = profile.versions.possible(version)
         key = profile.name, kind, possible
         if key not in self._made:
             config = self._config

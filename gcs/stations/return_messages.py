@@ -23,7 +23,6 @@ STEPS_MAX: Final = 6000
 TOGETHER: Final = 16
 """Vehicles of one message."""
 
-UNPACKED_MAX: Final = TOGETHER * STEPS_MAX * 6 * 4
 _HEAD: Final = struct.Struct("<BBIHHH")
 
 

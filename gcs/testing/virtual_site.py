@@ -9,7 +9,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from gcs.bus.memory_bus import MemoryBus, MemoryNetwork, network
 from gcs.config.schema import Config
 from gcs.config.site import station_config
 from gcs.links.batch_link import Link
@@ -26,6 +25,7 @@ from gcs.site import arrivals
 from gcs.site.member import Membership
 from gcs.site.service import SiteService
 from gcs.testing.copies import in_a_copy
+from gcs.testing.memory_bus import MemoryBus, MemoryNetwork, network
 from gcs.testing.virtual_link import STREAMS_HZ, VirtualLink, VirtualPorts
 from gcs.testing.virtual_show import (
     ORIGIN,

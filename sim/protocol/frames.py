@@ -26,7 +26,6 @@ SIGNED = 0x01
 AUTOPILOT_COMPONENT = 1
 
 LED_CONTROL_ID = 186
-common.mavlink_map.setdefault(LED_CONTROL_ID, ardupilotmega.mavlink_map[LED_CONTROL_ID])  # another dialect's
 
 SETPOINT = common.MAVLink_set_position_target_local_ned_message
 SETPOINT_PAYLOAD = 53
@@ -38,6 +37,7 @@ class Codec:
 
     def __init__(self) -> None:
         self._mav = common.MAVLink(None, srcComponent=AUTOPILOT_COMPONENT)
+        self._led = ardupilotmega.MAVLink(None)  # LED_CONTROL is of this dialect
 
     def encode(self, message: Message, system_id: int, sequence: int) -> bytes:
         self._mav.srcSystem, self._mav.seq = system_id, sequence
@@ -64,11 +64,12 @@ class Codec:
 
     def _decode_frame(self, frame: bytes) -> Message | None:
         # An id outside the dialect has no known checksum: it may be garbage that hides valid frames.
-        if int.from_bytes(frame[7:10], "little") not in common.mavlink_map:
+        message_id = int.from_bytes(frame[7:10], "little")
+        if message_id not in common.mavlink_map and message_id != LED_CONTROL_ID:
             return None
         try:
-            return self._mav.decode(bytearray(frame))
-        except common.MAVError:  # checksum or flag
+            return (self._led if message_id == LED_CONTROL_ID else self._mav).decode(bytearray(frame))
+        except (common.MAVError, ardupilotmega.MAVError):  # checksum or flag
             return None
 
 

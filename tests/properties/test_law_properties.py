@@ -26,7 +26,7 @@ from gcs.safety.filter import SafetySettings
 from gcs.safety.walls import Fence
 from tests.support.law_fleets import COUNTS, met_m, obstacles, places, tangent_of, vectors, within
 
-CALM = settings(deadline=None, derandomize=True, max_examples=60)
+CALM = settings(deadline=None, max_examples=60)
 LAW = LawSettings()
 AVOIDANCE = AvoidanceSettings()
 SAFETY = SafetySettings()

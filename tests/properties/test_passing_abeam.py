@@ -1,9 +1,10 @@
-"""Vehicles that pass each other: the floor is kept, whichever of them brake, and whenever they do."""
+"""Vehicles that pass each other: the floor is kept in random flights, whichever of them brake."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pytest
 from hypothesis import event, given, settings
 from hypothesis import strategies as st
 
@@ -81,24 +82,37 @@ def flown(
 STOPS_S = st.lists(within(0.5, 9.0), min_size=1, max_size=8)
 
 
-@settings(CALM, max_examples=settings().max_examples // 2)
-@given(st.integers(0, 10_000), st.integers(2, 8), STOPS_S, st.booleans())
-def test_floor_is_kept_whichever_vehicles_brake(
-    seed: int, count: int, stops_s: list[float], together: bool
-) -> None:
-    """Through one middle, at up to 8 m/s."""
+def through_one_middle(seed: int, count: int, stops_s: Sequence[float]) -> float:
+    """The least distance of vehicles that fly to the other side, at up to 8 m/s."""
     random = np.random.default_rng(seed)
     turn = 2.0 * np.pi * (np.arange(count) + random.uniform(-0.2, 0.2, count)) / count
     begin_m = 25.0 * np.stack([np.cos(turn), np.sin(turn), np.zeros(count)], axis=1) - (0.0, 0.0, 30.0)
     begin_m[:, 2] += random.uniform(-2.0, 2.0, count)
     goal_m = begin_m * (-1.0, -1.0, 1.0) + random.uniform(-4.0, 4.0, (count, 3)) * (1.0, 1.0, 0.2)
-    stops_s = [stops_s[0]] * count if together else stops_s
-    least_m = flown(begin_m, goal_m, LIMITS.horizontal_m_s, stops_s, random, drawn=False)
+    return flown(begin_m, goal_m, LIMITS.horizontal_m_s, stops_s, random, drawn=False)
+
+
+@settings(CALM, max_examples=50)
+@given(st.integers(0, 10_000), st.integers(2, 8), STOPS_S, st.booleans())
+def test_floor_is_kept_whichever_vehicles_brake(
+    seed: int, count: int, stops_s: list[float], together: bool
+) -> None:
+    least_m = through_one_middle(seed, count, [stops_s[0]] * count if together else stops_s)
     event(f"nearest {round(least_m, 1)} m")
     assert least_m >= SAFETY.floor.horizontal_m
 
 
-@settings(CALM, max_examples=settings().max_examples // 2)
+@pytest.mark.parametrize("second_s", [6.0, 8.0, 20.0])
+def test_vehicle_that_stops_beside_another_is_passed(second_s: float) -> None:
+    """Two fly side by side at 5 m/s; the front one stops after 6 s, the other then, later, or never.
+
+    Found by the property above. It does not hold if the other stops one second later (decision 0065).
+    """
+    stops_s = [1.0, 1.0, 6.0, second_s, 1.0, 1.0, 2.0, 1.0]
+    assert through_one_middle(3094, 8, stops_s) >= SAFETY.floor.horizontal_m
+
+
+@settings(CALM, max_examples=50)
 @given(st.integers(0, 10_000), st.integers(2, 8), STOPS_S, st.booleans(), within(1.0, 4.0))
 def test_floor_is_kept_between_lanes_that_are_drawn(
     seed: int, count: int, stops_s: list[float], together: bool, fastest_m_s: float

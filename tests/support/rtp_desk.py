@@ -9,9 +9,8 @@ from itertools import count
 from typing import Self
 
 from gcs.shows.timecode import Rate
-from gcs.shows.timecode.midi import full_frame
 from gcs.shows.timecode.smpte import Label
-from tests.support.timecode import INVITATION, rtp, running
+from tests.support.timecode import INVITATION, full_frame, rtp, running
 
 RATE = Rate.FPS_25
 ANSWER_S = 30.0

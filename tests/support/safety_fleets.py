@@ -11,7 +11,7 @@ from gcs.safety.filter import SafetySettings, Surroundings
 from gcs.safety.separation import separation_constraints
 from tests.support.law_fleets import vectors
 
-CALM = settings(deadline=None, derandomize=True)
+CALM = settings(deadline=None)
 SAFETY = SafetySettings()
 LIMITS = SAFETY.limits
 TICK_S = 0.05

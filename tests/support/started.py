@@ -24,6 +24,7 @@ import gcs.cli.kill
 import gcs.cli.service.serve
 import gcs.sim.cli  # noqa: F401
 from gcs import control
+from gcs.cli.service.memory import save_memory
 from gcs.mavlink import codec, reports
 from gcs.planning.return_paths import planner
 from gcs.service import check_process
@@ -117,7 +118,8 @@ def _loaded() -> socket.socket:
     """The way to the process that has loaded everything; it ends with this one."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     command = [sys.executable, "-m", __name__, str(theirs.fileno())]
-    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()])
+    environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}  # as `gcs` sets it
+    process = subprocess.Popen(command, stdin=subprocess.DEVNULL, pass_fds=[theirs.fileno()], env=environment)
     theirs.close()
 
     def end() -> None:
@@ -130,6 +132,7 @@ def _loaded() -> socket.socket:
 
 def _load() -> None:
     """Load machine code; the modules are loaded with this one."""
+    save_memory()
     vars(check_process)["restrict"] = restrict_at_usual_priority
     for warm_up in (control.warm_up, planner.warm_up, codec.warm_up, reports.warm_up):
         warm_up()

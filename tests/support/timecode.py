@@ -10,9 +10,25 @@ import numpy as np
 
 from gcs.model.state import Array
 from gcs.service import TimecodeView
-from gcs.shows.timecode.ltc import frame_bits
-from gcs.shows.timecode.midi import PIECES, quarter_frames
+from gcs.shows.timecode import ltc
+from gcs.shows.timecode.midi import PIECES, SYSEX, SYSEX_END, quarter_frames
 from gcs.shows.timecode.smpte import Label, Rate, label_at
+
+
+def frame_bits(label: Label, rate: Rate) -> list[int]:
+    """The 80 bits of a frame, without user bits."""
+    bits = ltc.SYNC << ltc.BITS - 16 | (rate is Rate.FPS_29_97_DROP) << 10
+    places = ((48, 56), (32, 40), (16, 24), (0, 8))
+    values = label.hours, label.minutes, label.seconds, label.frames
+    for value, (units, tens) in zip(values, places, strict=True):
+        bits |= value % 10 << units | value // 10 << tens
+    return [bits >> at & 1 for at in range(ltc.BITS)]
+
+
+def full_frame(label: Label, rate: Rate) -> bytes:
+    """The message that says where a source stands."""
+    hours = label.hours | rate.value << 5
+    return bytes((SYSEX, 0x7F, 0x7F, 1, 1, hours, label.minutes, label.seconds, label.frames, SYSEX_END))
 
 
 class Sent(NamedTuple):

@@ -23,6 +23,7 @@ from gcs.cli.demo import demo_script, demo_show, demo_site
 from gcs.cli.demo.demo_script import DemoScript, Marks, Scale, StoppedEarlyError
 from gcs.cli.demo.demo_show import ShowScript
 from gcs.cli.output import REFUSED, Say, answer, failed, lines
+from gcs.cli.service.memory import save_memory
 from gcs.cli.service.process import ignore_the_terminal, run_exactly, set_up_log
 from gcs.cli.service.serve import StationService, running
 from gcs.cli.service.supervisor import hangs_up
@@ -63,6 +64,7 @@ INTERRUPTED = 130
 
 def run_demo(arguments: argparse.Namespace) -> int:
     """Fly. Returns: 0 when all landed, kept the floor and entered no obstacle; else nonzero."""
+    save_memory()
     set_up_log(logging.INFO if arguments.verbose else logging.ERROR)
     config, loaded = make_config(arguments), demo_show.loaded_for(arguments)
     say = lines(arguments)

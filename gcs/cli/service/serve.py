@@ -20,6 +20,7 @@ from gcs.api.map_tiles import open_map
 from gcs.cli.output import REFUSED, Say, failed, lines, require_stations
 from gcs.cli.service import scheduling, site_processes, supervisor, wall_clock
 from gcs.cli.service.api_process import api_process
+from gcs.cli.service.memory import save_memory
 from gcs.cli.service.process import (
     Notifier,
     StopRequests,
@@ -347,6 +348,7 @@ def run_serve(arguments: argparse.Namespace) -> int:
         return _run_all(arguments)
     if arguments.supervised:
         return supervisor.run(sys.argv[1:])
+    save_memory()
     set_up_log(logging.WARNING if arguments.quiet else logging.INFO, arguments.station)
     config, site = load_here(arguments.config, arguments.station)
     if config.stations:

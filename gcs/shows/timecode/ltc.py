@@ -153,13 +153,3 @@ class LinearTimecode:
         if not label.exists(rate):
             return None
         return Reading(label.time_s(rate) + 1.0 / rate.per_s, rate)  # the frame is over now
-
-
-def frame_bits(label: Label, rate: Rate) -> list[int]:
-    """The 80 bits of a frame, without user bits."""
-    bits = SYNC << BITS - 16 | (rate is Rate.FPS_29_97_DROP) << 10
-    places = ((48, 56), (32, 40), (16, 24), (0, 8))
-    values = label.hours, label.minutes, label.seconds, label.frames
-    for value, (units, tens) in zip(values, places, strict=True):
-        bits |= value % 10 << units | value // 10 << tens
-    return [bits >> at & 1 for at in range(BITS)]

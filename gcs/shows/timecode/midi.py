@@ -102,9 +102,3 @@ def quarter_frames(label: Label, rate: Rate) -> list[bytes]:
     values = label.frames, label.seconds, label.minutes, label.hours | rate.value << 5
     nibbles = [part for value in values for part in (value & 0x0F, value >> 4)]
     return [bytes((QUARTER_FRAME, piece << 4 | value)) for piece, value in enumerate(nibbles)]
-
-
-def full_frame(label: Label, rate: Rate) -> bytes:
-    """The message that says where a source stands."""
-    hours = label.hours | rate.value << 5
-    return bytes((SYSEX, 0x7F, 0x7F, 1, 1, hours, label.minutes, label.seconds, label.frames, SYSEX_END))

@@ -6,8 +6,8 @@ from contextlib import suppress
 import pytest
 
 from gcs.bus import PAYLOAD_MAX
-from gcs.bus.memory_bus import UNDER_WAY_MAX, MemoryBus, MemoryNetwork, network
 from gcs.model.errors import LinkError
+from gcs.testing.memory_bus import UNDER_WAY_MAX, MemoryBus, MemoryNetwork, network
 
 
 class Clock:

@@ -11,12 +11,8 @@ from gcs.formation.repulsion import best_configuration
 from gcs.formation.steering import LEFT, RIGHT, tangent
 from gcs.model.plan import Direction
 from gcs.model.state import Array
-from gcs.simulation.article_forces import (
-    formation_force,
-    orbit_potential,
-    side_of_table_2,
-    sphere_potential,
-)
+from gcs.simulation.article_forces import formation_force
+from tests.support.article import orbit_potential, side_of_table_2, sphere_potential
 
 SETTINGS = ForceSettings()
 RADIUS_M = 12.0

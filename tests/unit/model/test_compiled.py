@@ -16,9 +16,9 @@ CALLEE = "from gcs.model.jit import kernel\n\n@kernel\ndef much(x):\n    return 
 def answer(folder: Path) -> float:
     """What the kernel in `folder` says in a process of its own, its code kept where `kept_in` says."""
     script = (
-        "import sys, pathlib; import gcs.model.jit as c; import numba;"
+        "import sys, pathlib; import gcs.model.jit as c;"
         f"folder = pathlib.Path({str(folder)!r}); sys.path.insert(0, str(folder));"
-        "numba.config.CACHE_DIR = ''; numba.config.CACHE_DIR = str(c.kept_in(folder));"
+        "c.KEPT_IN = str(c.kept_in(folder));"
         "from caller import asked; print(asked(1.0))"
     )
     # -B: a file that is changed within a second keeps its size, and Python would take its old bytecode
@@ -45,7 +45,8 @@ def test_code_is_kept_while_no_kernel_changes(tmp_path: Path, monkeypatch: pytes
 
 def test_flight_needs_no_linear_algebra_of_scipy() -> None:
     script = (
-        "import sys; from gcs.control import warm_up; import gcs.flight.orchestrator; warm_up();"
+        "import sys; from gcs.cli.service.memory import save_memory; save_memory();"
+        "from gcs.control import warm_up; import gcs.flight.orchestrator; warm_up();"
         "print('scipy.linalg' in sys.modules);"
         "import scipy.linalg; print(scipy.linalg.cython_blas.__name__)"  # whoever wants it still has it
     )
@@ -59,9 +60,10 @@ def test_loaded_kernel_can_be_called_by_a_new_one(tmp_path: Path) -> None:
     (tmp_path / "caller.py").write_text(KERNEL + "from callee import much as asked\n")
     assert answer(tmp_path) == 2.0  # now its code is on disk
     script = (
+        "from gcs.cli.service.memory import save_memory; save_memory();"
         "import pathlib, sys; import gcs.model.jit as c; import numba;"
         f"folder = pathlib.Path({str(tmp_path)!r}); sys.path.insert(0, str(folder));"
-        "numba.config.CACHE_DIR = ''; numba.config.CACHE_DIR = str(c.kept_in(folder));"
+        "c.KEPT_IN = str(c.kept_in(folder));"
         "from callee import much; assert much(1.0) == 2.0;"
         "library = next(iter(much.overloads.values())).library; print(library.dropped is not None);"
         "more = numba.njit(lambda x: much(x) + 1.0); print(more(1.0))"

@@ -9,9 +9,9 @@ import pytest
 from gcs.model.state import Array
 from gcs.shows.tempo import CHANGE_PER_S, Tempo, desired_rate
 from gcs.shows.timecode import Chase, ChaseState, Rate, Reading
-from gcs.shows.timecode.midi import MidiTimecode, full_frame
+from gcs.shows.timecode.midi import MidiTimecode
 from gcs.shows.timecode.smpte import Label
-from tests.support.timecode import late, running
+from tests.support.timecode import full_frame, late, running
 
 TICK_S = 0.05
 START = Label(1, 0, 0, 0)

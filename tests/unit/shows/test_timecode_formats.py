@@ -10,11 +10,11 @@ from hypothesis import strategies as st
 from gcs.model.errors import InvalidError
 from gcs.shows.timecode import Rate
 from gcs.shows.timecode.ltc import LinearTimecode
-from gcs.shows.timecode.midi import MidiTimecode, full_frame, quarter_frames
+from gcs.shows.timecode.midi import MidiTimecode, quarter_frames
 from gcs.shows.timecode.receiver import pcm_decoder
 from gcs.shows.timecode.rtp_midi import MidiSession
 from gcs.shows.timecode.smpte import Label, label_at, parse_label
-from tests.support.timecode import END, INVITATION, SYNC, pcm, rtp, running, sound
+from tests.support.timecode import END, INVITATION, SYNC, full_frame, pcm, rtp, running, sound
 
 START = Label(1, 0, 59, 10)
 SAMPLES_PER_S = 48_000.0

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gcs.bus.memory_bus import network
 from gcs.config.site import station_config
 from gcs.control import Memory
 from gcs.flight.state.flight import Flight
@@ -13,6 +12,7 @@ from gcs.formation.orbit import Center
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.site.member import Membership, SiteMember
 from gcs.stations.site import LOST_S, Site
+from gcs.testing.memory_bus import network
 from gcs.testing.virtual_site import site_config
 from tests.support.silent_link import SilentLink
 from tests.unit.stations.test_messages import HEAD, batch

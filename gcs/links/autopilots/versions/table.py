@@ -54,11 +54,6 @@ class Parameter(_Entry):
     def knows(self, number: int, release: Release) -> bool:
         return release >= self.begins.get(number, EARLIEST)
 
-    def default_of(self, release: Release) -> Value | None:
-        """In the newest version's unit; None: not published."""
-        known = [value for first, value in self.default.items() if first <= release]
-        return known[-1] if known else None
-
 
 class Proof(_Entry):
     """What is known of one version, and how."""
