@@ -1,8 +1,8 @@
 """Pages of the documentation site that are generated from the code, so that they cannot become untrue.
 
 MkDocs calls the functions `on_*` (mkdocs.yml). Generated are the command line, the configuration, the
-REST API and one page for each Python package. The entries `reference/python/` and `decisions/` of the nav
-become the pages in those folders.
+REST API and one page for each Python package. The entries `reference/python/` and `decisions/history/` of the
+nav become the pages in those folders.
 """
 
 import posixpath
@@ -24,7 +24,7 @@ ROOT: Final = Path(__file__).parents[2]
 REPOSITORY: Final = "https://github.com/formation-gcs/formation-gcs/blob/main"
 
 PYTHON: Final = "reference/python"
-DECISIONS: Final = "decisions"
+HISTORY: Final = "decisions/history"
 
 CONFIGURATION: Final = """\
 A configuration is one YAML file; `configs/` has examples. An unknown key is an error. The names of quantities
@@ -37,8 +37,9 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """Replace the nav's folders by the pages in them."""
     folders = {
         f"{PYTHON}/": [f"{PYTHON}/{name}.md" for name, _ in packages()],
-        f"{DECISIONS}/": [
-            f"{DECISIONS}/{path.name}" for path in sorted((ROOT / "docs/decisions").glob("*.md"))
+        f"{HISTORY}/": [
+            f"{HISTORY}/index.md",
+            *(f"{HISTORY}/{path.name}" for path in sorted((ROOT / "docs" / HISTORY).glob("0*.md"))),
         ],
     }
     config.nav = _expanded(config.nav, folders)

@@ -106,7 +106,7 @@ class Constraints:
 
 
 class Braking(Settings):
-    """A vehicle's ability to stop, from the recorded response (docs/decisions/0004)."""
+    """A vehicle's ability to stop, from the recorded response (docs/decisions/filter.md)."""
 
     reaction_s: Positive = 0.8  # delay and build-up of the response, as if nothing happened meanwhile
     lead_s: NotNegative = 0.6  # between vehicles: the measured closing speed continues for this time
