@@ -26,8 +26,7 @@ NO_CODE = re.compile(r"//[^\n]*|/\*.*?\*/|(?<=[\"'`])[^\"'`\n]* [^\"'`\n]*(?=[\"
 JUDGED = (".py", ".ts", ".css", ".md")
 HISTORY = (
     "CHANGELOG.md",
-    "docs/decisions/",
-    "docs/explanation/decisions/",
+    "docs/decisions/history/",
     "tests/vocabulary",
     "tests/unit/test_vocabulary.py",
 )

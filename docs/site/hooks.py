@@ -1,8 +1,8 @@
 """Pages of the documentation site that are generated from the code, so that they cannot become untrue.
 
 MkDocs calls the functions `on_*` (mkdocs.yml). Generated are the command line, the configuration, the
-REST API and one page for each Python package. The entries `reference/python/` and `decisions/` of the nav
-become the pages in those folders.
+REST API and one page for each Python package. The entries `reference/python/` and `decisions/history/` of the
+nav become the pages in those folders.
 """
 
 import json
@@ -27,7 +27,7 @@ ROOT: Final = Path(__file__).parents[2]
 REPOSITORY: Final = "https://github.com/formation-gcs/formation-gcs/blob/main"
 
 PYTHON: Final = "reference/python"
-DECISIONS: Final = "decisions"
+HISTORY: Final = "decisions/history"
 
 LISTED_LAST: Final = "---\nsearch: {boost: 0.2}\n---"
 """For the search: who looks for a key, an alarm or a parameter seldom means a Python attribute."""
@@ -45,6 +45,9 @@ explains the sections in use."""
 
 SEVERAL: Final = ("anyOf", "oneOf", "allOf")
 
+CLOSED: Final = "*History, closed: the [index](index.md) names the page that has what still holds.*"
+"""Below the title of each numbered decision on the site; the files stay as they were written."""
+
 SUCCESS: Final = ("200", "201", "202", "204", "101")
 
 
@@ -52,8 +55,9 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """Replace the nav's folders by the pages in them."""
     folders = {
         f"{PYTHON}/": [f"{PYTHON}/{name}.md" for name, _ in packages()],
-        f"{DECISIONS}/": [
-            f"{DECISIONS}/{path.name}" for path in sorted((ROOT / "docs/decisions").glob("*.md"))
+        f"{HISTORY}/": [
+            f"{HISTORY}/index.md",
+            *(f"{HISTORY}/{path.name}" for path in sorted((ROOT / "docs" / HISTORY).glob("0*.md"))),
         ],
     }
     config.nav = _expanded(config.nav, folders)
@@ -74,7 +78,11 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
-    """Point links that leave docs/ to the repository."""
+    """Point links that leave docs/ to the repository, and mark the history of decisions."""
+    if page.file.src_uri.startswith(f"{HISTORY}/0"):
+        page.meta["search"] = {"boost": 0.2}
+        title, _, text = markdown.partition("\n")
+        markdown = f"{title}\n\n{CLOSED}\n{text}"
     folder = posixpath.dirname(posixpath.join("docs", page.file.src_uri))
 
     def absolute(link: re.Match[str]) -> str:

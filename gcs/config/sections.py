@@ -321,7 +321,7 @@ class OperationSettings(Settings):
 
 
 class FormationSettings(Settings):
-    """Initial sphere of the show, and the law that spreads the vehicles over it (docs/decisions/0040)."""
+    """Initial sphere of the show, and the law that spreads the vehicles over it (docs/decisions/law.md)."""
 
     radius_m: Annotated[float, Field(gt=0, le=LENGTH_MAX_M)]
     """Radius of the sphere, in m."""

@@ -1,7 +1,7 @@
 """The article's law as flown: its forces on positions, corrected and damped.
 
 The functions named after forces are the article's own; `flown_velocity` flies them with vehicles that take
-velocity setpoints and respond late. docs/decisions/0040 derives its gains. What only section 5 needs is in
+velocity setpoints and respond late. Decision 0040 derives its gains. What only section 5 needs is in
 `gcs.simulation.article_forces`.
 """
 
@@ -78,7 +78,7 @@ def sphere_force(position_m: Array, center_m: Array, *, radius_m: float, gain: f
 
 
 class ForceSettings(Settings):
-    """Rates of a law of forces as flown; docs/decisions/0040 says how they were found."""
+    """Rates of a law of forces as flown; docs/decisions/law.md says how they were found."""
 
     sphere_rate_per_s: Positive = 0.8
     """Rate at which a small distance from the sphere decays, in 1/s."""

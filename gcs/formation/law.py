@@ -2,7 +2,7 @@
 
 No slot is assigned: the slots start in the vehicles' own directions, are moved on by their mutual repulsion,
 and are kept from tick to tick. Gains are rates (1/s), independent of N and R. The article's terms are in
-`repulsion`, `orbit` and `steering`; docs/decisions/0001 derives the gains.
+`repulsion`, `orbit` and `steering`; decision 0001 derives the gains.
 """
 
 from collections.abc import Sequence
@@ -30,7 +30,7 @@ KEPT_OFFSETS = 32_768
 
 
 class LawSettings(Settings):
-    """Rates and limits of the law; docs/decisions/0001 says how they were found."""
+    """Rates and limits of the law; docs/decisions/law.md says how they were found."""
 
     speed_m_s: Positive = 4.0
     """Limit of the velocity towards the slot, in m/s."""

@@ -270,7 +270,7 @@ class RtkSettings(Settings):
 
 
 class Forward(Settings):
-    """A further ground station. What one that is not read-only may do: docs/decisions/0009."""
+    """A further ground station. What one that is not read-only may do: docs/decisions/mavlink.md."""
 
     url: Annotated[str, Field(pattern=_FORWARD.pattern)]
     """`udp://IP:PORT` of the station that receives."""

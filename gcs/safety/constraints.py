@@ -106,7 +106,7 @@ class Constraints:
 
 
 class Braking(Settings):
-    """A vehicle's ability to stop, from the recorded response (docs/decisions/0004)."""
+    """A vehicle's ability to stop, from the recorded response (docs/decisions/filter.md)."""
 
     reaction_s: Positive = 0.8
     """Delay and build-up of the response, as if nothing happened meanwhile, in s."""

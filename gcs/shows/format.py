@@ -232,7 +232,7 @@ class Show(Settings):
 
     @cached_property
     def digest(self) -> str:
-        """SHA-256, hexadecimal, of everything that is flown (docs/decisions/0011)."""
+        """SHA-256, hexadecimal, of everything that is flown (docs/decisions/shows.md)."""
         content = self.model_dump(mode="json", exclude={"about"})
         return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 

@@ -8,7 +8,7 @@ from gcs.safety.walls import Fence
 
 
 def test_default_safety_settings_are_those_derived_and_flown() -> None:
-    # docs/decisions/0004: a change of one of these changes how far apart the vehicles are held
+    # docs/decisions/filter.md: a change of one of these changes how far apart the vehicles are held
     assert SafetySettings() == SafetySettings(
         limits=Limits(horizontal_m_s=8.0, up_m_s=2.5, down_m_s=1.4),
         floor=Floor(
