@@ -30,6 +30,9 @@ CONFIGURATION: Final = """\
 A configuration is one YAML file; `configs/` has examples. An unknown key is an error. The names of quantities
 end in their unit. [Operate the station](../operations.md) explains the sections in use."""
 
+CLOSED: Final = "*History, closed: the [index](index.md) names the page that has what still holds.*"
+"""Below the title of each numbered decision on the site; the files stay as they were written."""
+
 SUCCESS: Final = ("200", "201", "202", "204", "101")
 
 
@@ -60,7 +63,11 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
-    """Point links that leave docs/ to the repository."""
+    """Point links that leave docs/ to the repository, and mark the history of decisions."""
+    if page.file.src_uri.startswith(f"{HISTORY}/0"):
+        page.meta["search"] = {"boost": 0.2}
+        title, _, text = markdown.partition("\n")
+        markdown = f"{title}\n\n{CLOSED}\n{text}"
     folder = posixpath.dirname(posixpath.join("docs", page.file.src_uri))
 
     def absolute(link: re.Match[str]) -> str:
