@@ -48,6 +48,9 @@ SEVERAL: Final = ("anyOf", "oneOf", "allOf")
 CLOSED: Final = "*History, closed: the [index](index.md) names the page that has what still holds.*"
 """Below the title of each numbered decision on the site; the files stay as they were written."""
 
+CLOSED: Final = "*History, closed: the [index](index.md) names the page that has what still holds.*"
+"""Below the title of each numbered decision on the site; the files stay as they were written."""
+
 SUCCESS: Final = ("200", "201", "202", "204", "101")
 
 
