@@ -84,7 +84,7 @@ check: .venv/ready  ## vocabulary, ruff, mypy, import contracts, the project's o
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/pytest -n 0 tests/unit/test_project_files.py
+	$(BIN)/pytest -n 0 $(addprefix tests/unit/test_,project_files.py packages.py decisions.py)
 
 bench: .venv/ready  ## speed, as ratios against a named alternative in the same run
 	$(BIN)/python -m tests.bench.run
