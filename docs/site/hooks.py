@@ -29,8 +29,8 @@ REPOSITORY: Final = "https://github.com/formation-gcs/formation-gcs/blob/main"
 PYTHON: Final = "reference/python"
 HISTORY: Final = "decisions/history"
 
-LISTED_LAST: Final = "---\nsearch: {boost: 0.2}\n---"
-"""For the search: who looks for a key, an alarm or a parameter seldom means a Python attribute."""
+LISTED_LAST: Final = "---\nsearch: {boost: 0.001}\n---"
+"""In a search, where a match in a title counts 1000 times as much, and here each attribute is a title."""
 
 CONFIGURATION: Final = """\
 ---
