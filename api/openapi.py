@@ -98,5 +98,18 @@ class DescribedApp(FastAPI):
                 for methods in document["paths"].values():
                     for operation in methods.values():
                         operation.pop("security", None)
+            _share_errors(document)
             self.openapi_schema = document
         return self.openapi_schema
+
+
+def _share_errors(document: dict[str, Any]) -> None:
+    """Declare each error once; every operation refers to it. In full they are a third of the document."""
+    shared: dict[str, Any] = {}
+    for methods in document["paths"].values():
+        for operation in methods.values():
+            for status, response in operation["responses"].items():
+                name = f"Error{status}"
+                if int(status) >= HTTPStatus.BAD_REQUEST and response == shared.setdefault(name, response):
+                    operation["responses"][status] = {"$ref": f"#/components/responses/{name}"}
+    document["components"]["responses"] = shared

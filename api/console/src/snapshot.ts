@@ -45,9 +45,6 @@ export const SHOW_PHASES = [
   "uncontrolled",
 ] as const satisfies readonly ShowPhase[];
 
-/** MAV_LANDED_STATE. */
-export const LANDED = ["unknown", "on ground", "in air", "takeoff", "landing"] as const;
-
 export const FLAG = { armed: 1, ready: 2, limited: 4, commanded: 8, light: 16 } as const;
 
 export interface Tick {

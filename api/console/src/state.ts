@@ -102,7 +102,7 @@ export const HISTORY_STEP_S = 0.5;
 export const HISTORY_ROWS = 600;
 export const TOAST_MS = 6000;
 
-const NO_HISTORY: History = {
+export const NO_HISTORY: History = {
   time_s: new Float64Array(),
   tick_p99_ms: new Float64Array(),
   minimumSeparation_m: new Float64Array(),

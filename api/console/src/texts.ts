@@ -36,7 +36,6 @@ export const texts = {
   // The panels, one by one.
 
   shell: {
-    skip: "Skip to the controls",
     left: "Planning",
     right: "Monitoring",
     scene: "The scene: vehicles, sphere, target and obstacles. Everything in it is also in the panels.",
@@ -59,11 +58,9 @@ export const texts = {
     larger: (name: string): string => `Enlarge ${name}`,
     smaller: (name: string): string => `Shrink ${name}`,
     more: "More",
-    openPanel: (name: string): string => `Open ${name}`,
     closePanel: (name: string): string => `Close ${name}`,
   },
   bar: {
-    show: "Show",
     countdown: "Takes off in",
     separation: "Min. separation",
     floor: "limit",
@@ -71,11 +68,9 @@ export const texts = {
     unknown: (count: number): string => `${count} unknown`,
     uncontrolled: (count: number): string => `${count} airborne`,
     center: "Centre height",
-    tick: "Control",
     toNight: "Night look",
     toDay: "Day look",
     help: "Help and keys",
-    local: "Open access",
     clock: "Clock of the service",
     roleAt: (role: string, station: string): string => `${role}, station ${station}`,
     roles: { watch: "Viewer", emergency: "Emergency only", operate: "Operator" },
@@ -97,14 +92,12 @@ export const texts = {
     dead: (reason: string): string => `CONTROL LOOP STOPPED. ${reason}`,
     again: "Reconnecting…",
     commands: "Commands are still sent.",
-    denied: "The service denied access.",
   },
   token: {
     title: "Token",
     what: "The service asks for a token. It was printed once by “gcs token create”; it stays in this tab only.",
     label: "Token",
     send: "Enter",
-    wrong: (reason: string): string => `Access denied: ${reason}`,
   },
   alarms: {
     title: "Alarms",
@@ -294,7 +287,6 @@ export const texts = {
     code: "Code",
     type: "Kill",
     left: (text: string): string => `${text} left`,
-    over: "The code has expired. Arm again.",
     disarm: "Disarm",
     sent: (vehicles: readonly string[]): string => `Kill sent to ${vehicles.join(", ")}`,
   },
@@ -308,7 +300,6 @@ export const texts = {
     what: "Not sent yet.",
   },
   shape: {
-    title: "Formation",
     now: "now",
     sphere: "Sphere",
     law: "Law",
@@ -334,7 +325,6 @@ export const texts = {
     none: "Nothing is known yet.",
   },
   obstacles: {
-    title: "Obstacles",
     none: "No obstacles.",
     add: "Add an obstacle",
     change: "Change",
@@ -353,18 +343,14 @@ export const texts = {
     moves: (speed: string): string => `moves ${speed}`,
   },
   preflight: {
-    title: "Preflight",
     passes: "All checks passed",
     fails: (count: number): string => `${count} ${count === 1 ? "issue" : "issues"}`,
     before: "As it was before take-off",
     read: (age: string): string => `checked ${age} ago`,
-    reading: "Checking…",
     none: "Not checked yet.",
-    fleet: "Fleet",
     todo: "Issues",
     vehicles: "Vehicles",
     moreVehicles: (count: number): string => `and ${count} more`,
-    measured: "measured",
     limit: "Limit",
     toDo: "Do",
     unknown: "not known",
@@ -384,14 +370,12 @@ export const texts = {
     again: "Refresh",
   },
   shows: {
-    title: "Shows",
     none: "No show files.",
     noUploads: (why: string): string => `Upload is not possible: ${why}.`,
     upload: "Upload a show or a drawing…",
     uploading: (file: string): string => `Reading ${file}…`,
     preview: "Preview",
     place: "Place",
-    drawing: (file: string): string => `drawn: ${file}`,
     check: "Check",
     select: "Select",
     deselect: "Deselect",
@@ -426,7 +410,6 @@ export const texts = {
     tooLarge: "The file is larger than 64 KiB: no show is.",
     drawingTooLarge: "The drawing is larger than 32 MiB.",
     badName: "A show's name has letters, digits, - and _ only: rename the file.",
-    failedRead: "The file could not be read.",
   },
   drawn: {
     title: "Preview of a drawn show: nothing of it flies",
@@ -551,11 +534,9 @@ export const texts = {
   vehicle: {
     none: "Choose a vehicle in the scene or in the fleet table.",
     gone: (id: string): string => `There is no vehicle ${id} any more.`,
-    back: "All vehicles",
     open: (id: string): string => `Open the page of ${id}`,
     follow: "Follow it",
     held: "Limited by safety filter",
-    light: "Light",
     rows: {
       phase: "Phase",
       mode: "Mode",
@@ -617,11 +598,9 @@ export const texts = {
     refused: "Refused",
     outcomes: { pending: "under way", done: "done", failed: "failed", "not-included": "not included" } as Record<string, string>,
     count: (count: number, what: string): string => `${count} ${what}`,
-    all: "All",
     lines: "Log",
   },
   stations: {
-    title: "Stations",
     notReceived: (names: string): string => `Not received: ${names.includes(",") ? "stations" : "station"} ${names}.`,
     shownAsLast: (count: number): string => `${count} ${count === 1 ? "vehicle is" : "vehicles are"} shown as last received.`,
     ofMissing: (name: string): string => `Station ${name} is not received: these are its last values, and no command reaches the vehicle.`,
@@ -644,22 +623,16 @@ export const texts = {
     none: "One station flies all vehicles.",
   },
   plots: {
-    title: "Plots",
     tick: "Tick, 99th percentile",
     separation: "Minimum separation",
     radius: "Radius error, largest",
     energy: "Formation energy",
     floor: "limit",
-    empty: "No data received yet.",
-    minutes: (count: number): string => `last ${count} min`,
     now: (text: string): string => `now ${text}`,
   },
   toasts: {
     title: "Answers",
-    refused: (what: string): string => `${what}: refused`,
     dismiss: "Dismiss",
-    accepted: (what: string): string => `${what}: accepted`,
-    failed: "The service did not answer.",
   },
   commands: {
     show: {
@@ -755,7 +728,6 @@ export const texts = {
     speed: "Speed",
     position: "Position in the record",
     of: (position: string, duration: string): string => `${position} of ${duration}`,
-    flightReport: "Flight report",
     back: "10 s back",
     on: "10 s on",
     label: "Replay: nothing shown here flies",
@@ -768,7 +740,6 @@ export const texts = {
     kinds: { cue: "cue", alarm: "alarm", warning: "warning", error: "error" },
   },
   flightReport: {
-    title: "Flight report",
     kept: "All limits respected",
     broken: "Limits violated",
     incomplete: "Incomplete: not all of the flight could be judged",
@@ -798,7 +769,6 @@ export const texts = {
 
   scene: {
     north: "N",
-    metres: (value: number) => `${value} m`,
     gridX: (x_m: number) => `x ${x_m} m`,
     gridY: (y_m: number) => `y ${y_m} m`,
     target: "target",

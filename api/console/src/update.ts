@@ -7,7 +7,7 @@ import { updatePlacing } from "./placing/model";
 import { updateDesk } from "./panels/update";
 import { energy, radiusError_m } from "./formation";
 import { choose, remaining } from "./selection";
-import { HISTORY_ROWS, HISTORY_STEP_S, TOAST_MS, type Connection, type Frame, type History, type Command, type State, type Status, type Toast } from "./state";
+import { HISTORY_ROWS, HISTORY_STEP_S, NO_HISTORY, TOAST_MS, type Connection, type Frame, type History, type Command, type State, type Status, type Toast } from "./state";
 import type { Message } from "./messages";
 
 export type { Message } from "./messages";
@@ -113,7 +113,7 @@ function onStatus(state: State, status: Status): State {
     return { ...state, status, view, drawn: isDown ? state.drawn : null, placing: isDown ? state.placing : null };
   }
   const panels = { ...state.panels, shows: null, checks: {}, showsRefused: {} };
-  return { ...state, status, view, panels, frame: null, previous: null, preflight: null, marks: null, drawn: null, placing: null, corrections: null, kill: null, commands: [], history: initialHistory() };
+  return { ...state, status, view, panels, frame: null, previous: null, preflight: null, marks: null, drawn: null, placing: null, corrections: null, kill: null, commands: [], history: NO_HISTORY };
 }
 
 function onFrame(state: State, frame: Frame): State {
@@ -123,14 +123,6 @@ function onFrame(state: State, frame: Frame): State {
   const previous = state.frame !== null && state.frame.n === frame.n ? state.frame : null;
   return { ...state, page_ms, connection, frame, previous, history: withFrame(state.history, frame) };
 }
-
-const initialHistory = (): History => ({
-  time_s: new Float64Array(),
-  tick_p99_ms: new Float64Array(),
-  minimumSeparation_m: new Float64Array(),
-  radiusError_m: new Float64Array(),
-  energy: new Float64Array(),
-});
 
 /** A row more, where the last one is old enough. Where time went back (a replay), the rows after it are gone. */
 function withFrame(history: History, frame: Frame): History {

@@ -1,18 +1,14 @@
 import { describe, expect, it } from "vitest";
 
-import { createActions, type Actions } from "../src/actions";
 import { drawnBar } from "../src/drawn/bar";
 import { colourAt, cueAt, decoded, placeAt, shown_s } from "../src/drawn/model";
-import type { Message } from "../src/messages";
-import { createDeskActions } from "../src/panels/createActions";
 import { shows } from "../src/panels/shows";
 import { worthSeeing } from "../src/scene/framing";
 import { Poses } from "../src/scene/playback";
-import type { Api } from "../src/schemas/rest";
-import { initial, type DrawnSamples, type State } from "../src/state";
+import type { DrawnSamples } from "../src/state";
 import { texts } from "../src/texts";
-import { update } from "../src/update";
 import { frame } from "./frames";
+import { live, page, settled } from "./pages";
 import { press, textOf } from "./pressing";
 import { GROUNDED, status } from "./statuses";
 
@@ -27,26 +23,8 @@ const SAMPLES: DrawnSamples = {
 const night = { name: "night", size_bytes: 900, sha256: "0", drawing: "night.skyc" };
 const ON_GROUND = status({ counts: GROUNDED, show: { ...status().show, phase: "idle", possible: ["start"] } });
 
-/** A page over a service that answers as `routes` say; all calls are listed. */
-function page(routes: Record<string, unknown>) {
-  const calls: { call: string; params: unknown; body: unknown }[] = [];
-  const call = (method: string) => async (path: string, options: { params?: unknown; body?: unknown } = {}) => {
-    const name = `${method} ${path}`;
-    calls.push({ call: name, params: options.params, body: options.body });
-    const data = routes[name];
-    const response = { ok: data !== undefined, status: data === undefined ? 422 : 200 } as Response;
-    return data === undefined ? { error: { detail: "night.skyc: show.json: not JSON" }, response } : { data, response };
-  };
-  const api = { GET: call("GET"), POST: call("POST"), PUT: call("PUT"), DELETE: call("DELETE") } as unknown as Api;
-  let state: State = {
-    ...initial(0), status: ON_GROUND, frame: frame({}), connection: { kind: "live", since_ms: 0, reason: "" },
-    access: { name: "local", rights: new Set(["watch", "operate", "emergency"]) },
-  };
-  const dispatch = (message: Message): void => void (state = update(state, message));
-  const service: Actions = createActions(api, dispatch, () => state);
-  const actions = createDeskActions(service, dispatch, () => state, () => undefined);
-  return { calls, dispatch, actions, state: () => state };
-}
+const opening = (routes: Record<string, unknown>) =>
+  page(live({ status: ON_GROUND, frame: frame({}) }), ({ call }) => routes[call], "night.skyc: show.json: not JSON");
 
 const GOOD = {
   "POST /api/v1/shows": { show: "night", drawing: "night.skyc", vehicles: 2, duration_s: 3, claims: {}, notes: ["music"] },
@@ -55,12 +33,11 @@ const GOOD = {
   "POST /api/v1/shows/{name}/check": { name: "night", state: "done", reason: "", hash: null, good: false, fits_service: true, problems: [], figures: null },
 };
 
-const settled = (): Promise<void> => new Promise((resolve) => setTimeout(resolve, 20));
 const chosen = (name: string, size = 4) => ({ files: [{ name, size, text: async () => "" }], value: name });
 
 describe("upload of a drawing", () => {
   it("stores it, lists it, opens its preview and has it checked", async () => {
-    const { calls, actions, state } = page(GOOD);
+    const { calls, actions, state } = opening(GOOD);
     const input = chosen("night.SKYC");
     press(shows(state(), actions), "show-upload", "change", input);
     expect(textOf(shows(state(), actions))).toContain(texts.shows.uploading("night.SKYC"));
@@ -68,14 +45,14 @@ describe("upload of a drawing", () => {
     expect(calls.map((each) => each.call)).toEqual([
       "POST /api/v1/shows", "POST /api/v1/shows/{name}/check", "GET /api/v1/shows", "GET /api/v1/shows/{name}/check", "GET /api/v1/shows/{name}/drawing",
     ]);
-    expect(calls[0]).toMatchObject({ params: { query: { name: "night", format: "skyc" } }, body: input.files[0] });
+    expect(calls[0]).toMatchObject({ query: { name: "night", format: "skyc" }, body: input.files[0] });
     expect(state().drawn?.drawing.show).toBe("night");
     expect(state().panels.uploading).toBe("");
     expect(state().toasts.map((each) => each.text)).toContain("night uploaded: 2 vehicles, 3 s; not used: music");
   });
 
   it("shows the service's words where it is refused", async () => {
-    const { actions, state } = page({});
+    const { actions, state } = opening({});
     press(shows(state(), actions), "show-upload", "change", chosen("night.skyc"));
     await settled();
     expect(state().toasts.at(-1)?.text).toContain("night.skyc: show.json: not JSON");
@@ -83,7 +60,7 @@ describe("upload of a drawing", () => {
   });
 
   it("is not sent when it is too large, or has a name that no show has", async () => {
-    const { calls, actions, state } = page(GOOD);
+    const { calls, actions, state } = opening(GOOD);
     press(shows(state(), actions), "show-upload", "change", chosen("night.skyc", 33 * 1024 * 1024));
     press(shows(state(), actions), "show-upload", "change", chosen("a night.skyc"));
     await settled();
@@ -94,7 +71,7 @@ describe("upload of a drawing", () => {
 
 describe("the preview of a drawn show", () => {
   async function opened() {
-    const all = page(GOOD);
+    const all = opening(GOOD);
     all.dispatch({ kind: "shows", shows: [night, { ...night, name: "plain", drawing: null }] });
     press(shows(all.state(), all.actions), "show-preview-night");
     await settled();
@@ -152,7 +129,7 @@ describe("the preview of a drawn show", () => {
   });
 
   it("is refused while vehicles fly", async () => {
-    const { calls, actions, dispatch, state } = page(GOOD);
+    const { calls, actions, dispatch, state } = opening(GOOD);
     dispatch({ kind: "status", status: status() });
     actions.previewShow("night");
     await settled();

@@ -3,10 +3,11 @@ import { describe, expect, it } from "vitest";
 import { corrections } from "../src/panels/corrections";
 import { createReader } from "../src/panels/reading";
 import { whyNotVehicle } from "../src/panels/rights";
-import { initial, type Corrections, type State } from "../src/state";
+import type { Corrections, State } from "../src/state";
 import { texts } from "../src/texts";
 import { update } from "../src/update";
 import { frame } from "./frames";
+import { access, live } from "./pages";
 import { textOf } from "./pressing";
 import { GROUNDED, status } from "./statuses";
 
@@ -14,14 +15,11 @@ const FOUND: Corrections = {
   source: "ntrip://192.0.2.7:2101/BASE", age_s: 0.84, problem: "", base_latitude_deg: 47.4, base_longitude_deg: 8.5, base_height_m: 510.2,
   messages: 1200, received_bytes: 90_000, sent: 2400, dropped: 3,
 };
-const vehicle = { id: "d1", system_id: 1, link: "a", autopilot: "px4", station: null, reason: "", limited_by: "", home: null };
+const vehicle = status().vehicles[0]!;
 
 function state(change: Partial<State> = {}): State {
-  return {
-    ...initial(0), frame: frame({ vehicles: [{ phase: "standby" }] }), connection: { kind: "live", since_ms: 0, reason: "" },
-    access: { name: "local", rights: new Set(["watch", "operate", "emergency"]) },
-    status: status({ counts: GROUNDED, corrections: true, vehicles: [{ ...vehicle, fix_type: 6 }, { ...vehicle, id: "d2", fix_type: 5 }] }), ...change,
-  };
+  const vehicles = [{ ...vehicle, fix_type: 6 }, { ...vehicle, id: "d2", fix_type: 5 }];
+  return live({ frame: frame({ vehicles: [{ phase: "standby" }] }), status: status({ counts: GROUNDED, corrections: true, vehicles }), ...change });
 }
 
 describe("corrections for RTK", () => {
@@ -66,6 +64,6 @@ describe("find", () => {
     expect(whyNotVehicle(state(), "find", "standby")).toBe("");
     expect(whyNotVehicle(state(), "find", "formation")).toContain(texts.fleet.phases.formation);
     expect(whyNotVehicle(state({ status: status({ lights: "none" }) }), "find", "standby")).toBe(texts.vehicle.noLights);
-    expect(whyNotVehicle(state({ access: { name: "guest", rights: new Set(["watch"]) } }), "find", "standby")).not.toBe("");
+    expect(whyNotVehicle(state({ access: access(["watch"]) }), "find", "standby")).not.toBe("");
   });
 });

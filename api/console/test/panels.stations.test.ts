@@ -5,6 +5,7 @@ import { initial, type Right, type State, type Station } from "../src/state";
 import { texts } from "../src/texts";
 import { update } from "../src/update";
 import { frame } from "./frames";
+import { access, live } from "./pages";
 import { status } from "./statuses";
 
 const station = (name: string, change: Partial<Station> = {}): Station => ({
@@ -13,12 +14,8 @@ const station = (name: string, change: Partial<Station> = {}): Station => ({
 const SITE = [station("north", { own: true }), station("south", { leads: true }), station("west", { received: false, silent_s: 2 })];
 
 /** At a console that may do everything, with fresh data. */
-function at(stations: Station[], rights: Right[] = ["watch", "operate", "emergency"]): State {
-  return {
-    ...initial(0), page_ms: 1000, access: { name: "anna", rights: new Set(rights) },
-    connection: { kind: "live", since_ms: 0, reason: "" }, frame: frame({ vehicles: [{}] }, 900), status: status({ stations }),
-  };
-}
+const at = (stations: Station[], rights?: Right[]): State =>
+  live({ page_ms: 1000, access: access(rights), frame: frame({ vehicles: [{}] }, 900), status: status({ stations }) });
 
 describe("stations", () => {
   it("are a site where there are several", () => {

@@ -1,8 +1,9 @@
 import { describe, expect, it } from "vitest";
 
-import { initial, type PreflightReport, type ShowPhase, type State } from "../src/state";
-import { update, type Message } from "../src/update";
+import type { PreflightReport, ShowPhase, State } from "../src/state";
+import type { Message } from "../src/update";
 import { frame } from "./frames";
+import { after } from "./pages";
 import { GROUNDED, status } from "./statuses";
 
 const report = (passes: boolean): PreflightReport => ({
@@ -11,10 +12,6 @@ const report = (passes: boolean): PreflightReport => ({
 
 const phase = (name: ShowPhase, change: Parameters<typeof status>[0] = {}): Message =>
   ({ kind: "status", status: status({ ...change, show: { ...status().show, phase: name } }) });
-
-function after(messages: readonly Message[], state: State = initial(0)): State {
-  return messages.reduce(update, state);
-}
 
 const onGround = (): State => after([phase("idle", { counts: GROUNDED }), { kind: "frame", frame: frame({}, 100) }, { kind: "tick", now_ms: 100 }]);
 

@@ -7,24 +7,21 @@ import { refusal } from "../src/panels/shows";
 import { startOrder } from "../src/panels/start";
 import { life, showReason } from "../src/panels/topbar";
 import { typedNumbers } from "../src/panels/shape";
-import { initial, type Right, type State } from "../src/state";
+import type { Right, State } from "../src/state";
 import { texts } from "../src/texts";
-import { update, type Message } from "../src/update";
+import type { Message } from "../src/update";
 import { position_s } from "../src/replay/bar";
 import { frame, type Vehicle } from "./frames";
+import { access, after } from "./pages";
 import { GROUNDED, command, status } from "./statuses";
 
 const FLEET: readonly Vehicle[] = [{ phase: "formation", battery: 0.9 }, { phase: "offline" }, { phase: "hold", battery: 0.2, flags: 4 }];
 
 const names = ["d1", "d2", "d10"].map((id, i) => ({ ...status().vehicles[0]!, id, system_id: i + 1 }));
 
-function after(messages: readonly Message[], state: State = initial(0)): State {
-  return messages.reduce(update, state);
-}
-
 function flying(rights: readonly Right[] = ["watch", "emergency", "operate"], change: Parameters<typeof status>[0] = {}): State {
   return after([
-    { kind: "access", access: { name: "anna", rights: new Set(rights) } },
+    { kind: "access", access: access(rights) },
     { kind: "status", status: status({ vehicles: names, ...change }) },
     { kind: "frame", frame: frame({ vehicles: FLEET }, 100) },
   ]);

@@ -9,6 +9,7 @@ import { byReason, whyNotStart } from "../src/panels/start";
 import { initial, type PreflightReport, type State } from "../src/state";
 import { texts } from "../src/texts";
 import { frame } from "./frames";
+import { live } from "./pages";
 import { GROUNDED, status } from "./statuses";
 
 const press = (key: string, change: Partial<Press> = {}): Press => ({
@@ -87,11 +88,10 @@ describe("preflight", () => {
 describe("take off", () => {
   /** On the ground with a report that was read just now. */
   const ready = (found: PreflightReport | null, drafts: Record<string, string> = {}, panels: object = {}): State => {
-    const state = initial(0);
+    const state = live();
     const show = { ...status().show, phase: "idle" as const, possible: ["start" as const] };
     return {
-      ...state, page_ms: 1000, access: { name: "anna", rights: new Set(["watch", "operate", "emergency"]) },
-      connection: { kind: "live", since_ms: 0, reason: "" }, frame: frame({ vehicles: [{ phase: "standby" }] }, 900),
+      ...state, page_ms: 1000, frame: frame({ vehicles: [{ phase: "standby" }] }, 900),
       status: status({ show, counts: GROUNDED }), preflight: found, panels: { ...state.panels, drafts, preflightRead_ms: 900, ...panels },
     };
   };

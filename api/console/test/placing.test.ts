@@ -1,8 +1,5 @@
 import { describe, expect, it } from "vitest";
 
-import { createActions, type Actions } from "../src/actions";
-import type { Message } from "../src/messages";
-import { createDeskActions } from "../src/panels/createActions";
 import { createReader } from "../src/panels/reading";
 import { shows } from "../src/panels/shows";
 import { beside } from "../src/placing/beside";
@@ -14,11 +11,10 @@ import { padGripAt, padsMoved, turnHandle } from "../src/scene/padsLayer";
 import { project, rayThrough, type Screen } from "../src/scene/picking";
 import { Poses } from "../src/scene/playback";
 import { basisOf, START } from "../src/scene/rig";
-import type { Api } from "../src/schemas/rest";
-import { initial, type PlacedShow, type Placement, type ShowCheck, type State } from "../src/state";
+import { type PlacedShow, type Placement, type ShowCheck, type State } from "../src/state";
 import { texts } from "../src/texts";
-import { update } from "../src/update";
 import { frame } from "./frames";
+import { access, live, page, settled } from "./pages";
 import { press, textOf } from "./pressing";
 import { GROUNDED, status } from "./statuses";
 
@@ -33,42 +29,26 @@ const PLACED: PlacedShow = {
   ],
 };
 const BEST: PlacedShow = { ...PLACED, x_m: 10.75, turn_deg: 20.5, pads_m: [[10.7, -2], [10.8, 2]], max_m: 0.7 };
-const vehicle = { system_id: 1, link: "a", autopilot: "px4", station: null, reason: "", limited_by: "", home: null, fix_type: 3 };
 const ON_GROUND = status({
-  counts: GROUNDED, show: { ...status().show, phase: "idle", possible: ["start"] }, vehicles: ["d1", "d2", "d3"].map((id) => ({ ...vehicle, id })),
+  counts: GROUNDED, show: { ...status().show, phase: "idle", possible: ["start"] }, vehicles: ["d1", "d2", "d3"].map((id) => ({ ...status().vehicles[0]!, id })),
 });
 const NIGHT = { name: "night", size_bytes: 900, sha256: "0", drawing: "night.skyc" };
 const CHECK: ShowCheck = { name: "night", state: "done", reason: "", hash: null, good: false, fits_service: true, problems: [], figures: null };
 const STANDING = frame({ vehicles: [{ x_m: 10, y_m: 2, height_m: 0, phase: "standby" }, { x_m: 11.5, y_m: -2, height_m: 0, phase: "standby" }, { phase: "offline" }] });
 
-type Params = { query?: Record<string, unknown> };
-
-function page(answers: { put?: PlacedShow } = {}) {
-  const calls: { call: string; query: unknown; body: unknown }[] = [];
-  const call = (method: string) => async (path: string, options: { params?: Params; body?: unknown } = {}) => {
-    const query = options.params?.query ?? {};
-    calls.push({ call: `${method} ${path}`, query, body: options.body });
-    const response = { ok: true, status: 200 } as Response;
-    if (method === "PUT") return answers.put ? { data: answers.put, response } : { error: { detail: "no show 'night'" }, response: { ok: false, status: 404 } as Response };
-    if (path.endsWith("/placement")) return { data: query["fit"] === true ? BEST : { ...PLACED, ...query }, response };
-    return { data: path.endsWith("/check") ? CHECK : [NIGHT], response };
-  };
-  const api = { GET: call("GET"), POST: call("POST"), PUT: call("PUT"), DELETE: call("DELETE") } as unknown as Api;
-  let state: State = {
-    ...initial(0), status: ON_GROUND, frame: STANDING, connection: { kind: "live", since_ms: 0, reason: "" },
-    access: { name: "local", rights: new Set(["watch", "operate", "emergency"]) },
-  };
-  const dispatch = (message: Message): void => void (state = update(state, message));
-  const service: Actions = createActions(api, dispatch, () => state);
-  const actions = createDeskActions(service, dispatch, () => state, () => undefined);
-  dispatch({ kind: "shows", shows: [NIGHT, { ...NIGHT, name: "plain", drawing: null }] });
-  return { calls, dispatch, actions, service, state: () => state };
+/** Without `put` no placement is stored. */
+function opening({ put }: { put?: PlacedShow }) {
+  const all = page(live({ status: ON_GROUND, frame: STANDING }), ({ call, query }) => {
+    if (call.startsWith("PUT")) return put;
+    if (call.endsWith("/placement")) return query["fit"] === true ? BEST : { ...PLACED, ...query };
+    return call.endsWith("/check") ? CHECK : [NIGHT];
+  }, "no show 'night'");
+  all.dispatch({ kind: "shows", shows: [NIGHT, { ...NIGHT, name: "plain", drawing: null }] });
+  return all;
 }
 
-const settled = (): Promise<void> => new Promise((resolve) => setTimeout(resolve, 20));
-
 async function opened(answers: { put?: PlacedShow } = {}) {
-  const all = page(answers);
+  const all = opening(answers);
   press(shows(all.state(), all.actions), "show-place-night");
   await settled();
   all.calls.length = 0;
@@ -214,7 +194,7 @@ describe("pads in the scene", () => {
 
   it("are not taken hold of without the right to operate, or while the service works", async () => {
     const { state, dispatch } = await opened();
-    expect(gripOn({ ...state(), access: { name: "guest", rights: new Set(["watch"]) } }, 10, 2)).toBeNull();
+    expect(gripOn({ ...state(), access: access(["watch"]) }, 10, 2)).toBeNull();
     dispatch({ kind: "placing-busy", busy: "fit" });
     expect(gripOn(state(), 10, 2)).toBeNull();
   });

@@ -6,6 +6,7 @@ import { project, rayThrough, type Screen } from "../src/scene/picking";
 import { basisOf, START } from "../src/scene/rig";
 import { initial, type Obstacle, type Right, type State } from "../src/state";
 import { frame } from "./frames";
+import { access } from "./pages";
 import { status } from "./statuses";
 
 const SCREEN: Screen = { width: 1200, height: 800, free: { left: 0, top: 0, width: 1200, height: 800 } };
@@ -17,7 +18,7 @@ const TOWER: Obstacle = {
 function stateWith(change: Partial<State> = {}, rights: Right[] = ["operate"]): State {
   return {
     ...initial(0), status: status({ obstacles: [TOWER] }), frame: frame({ center_m: [0, 0, 20], radius_m: 10 }),
-    access: { name: "local", rights: new Set(rights) }, ...change,
+    access: access(rights), ...change,
   };
 }
 

@@ -3,17 +3,15 @@
 import { describe, expect, it } from "vitest";
 
 import type { Actions } from "../src/actions";
-import type { Message } from "../src/messages";
 import { beginOrder, beginStrip, beginTime, whyNotBegin } from "../src/panels/begin";
-import { createDeskActions } from "../src/panels/createActions";
 import { utcTime } from "../src/panels/format";
 import { whyNotStart } from "../src/panels/start";
 import { apart, catchesUp, timecodeStrip } from "../src/panels/timecode";
 import { topbar } from "../src/panels/topbar";
-import { initial, type State, type Status, type Timecode } from "../src/state";
+import { type State, type Status, type Timecode } from "../src/state";
 import { texts } from "../src/texts";
-import { update } from "../src/update";
 import { frame } from "./frames";
+import { access, live, panelsOver } from "./pages";
 import { press, textOf } from "./pressing";
 import { GROUNDED, status } from "./statuses";
 
@@ -44,10 +42,10 @@ interface Given {
 
 function state(given: Given = {}): State {
   const { begin = null, begun = false, phase = "assembling", timecode = null } = given;
-  const state = initial(0);
+  const state = live();
   const station = { name: "north", own: true, leads: true, received: true, silent_s: 0, show: phase, vehicles: 1, delay_s: 0, term: 1, offers: [] };
   return {
-    ...state, access: { name: "anna", rights: new Set(["watch", "operate", "emergency"]) }, connection: { kind: "live", since_ms: 0, reason: "" },
+    ...state,
     frame: frame({ unix_time_s: NOW_S, vehicles: [{}], ...(given.code && { timecode: given.code }), ...(given.behind_s && { behind_s: given.behind_s }) }),
     status: status({
       timecode, stations: Array(given.stations ?? 0).fill(station),
@@ -57,16 +55,12 @@ function state(given: Given = {}): State {
   };
 }
 
-/** What is pressed changes the state, as on the page; what the service is asked is kept. */
-function desk(first: State, refuses: readonly string[] = []) {
-  let now = first;
+/** What the service is asked is kept. */
+function asking(first: State, refuses: readonly string[] = []) {
   const asked: unknown[] = [];
   const call = (name: string) => (...given: unknown[]) => (asked.push([name, ...given]), Promise.resolve(!refuses.includes(name)));
   const names = ["begin", "cancelBegin", "followTimecode", "start"] as const;
-  const service = Object.fromEntries(names.map((name) => [name, call(name)])) as unknown as Actions;
-  const dispatch = (message: Message): void => void (now = update(now, message));
-  const actions = createDeskActions(service, dispatch, () => now, () => undefined);
-  return { actions, asked, state: () => now };
+  return { asked, ...panelsOver(first, () => Object.fromEntries(names.map((name) => [name, call(name)])) as unknown as Actions) };
 }
 
 const pressed = () => new Promise((resolve) => setTimeout(resolve));
@@ -92,17 +86,17 @@ describe("a time to begin", () => {
     expect(whyNotBegin(state({ drafts, timecode: CODE }))).toBe(texts.begin.byTimecode);
     expect(whyNotBegin(state({ drafts, timecode: { ...CODE, followed: false } }))).toBe("");
     expect(whyNotBegin(state({ drafts, stations: 2 }))).toBe("");
-    expect(whyNotBegin({ ...state({ drafts }), access: { name: "guest", rights: new Set(["watch"]) } })).toBe(texts.flight.watcher);
+    expect(whyNotBegin({ ...state({ drafts }), access: access(["watch"]) })).toBe(texts.flight.watcher);
   });
 
   it("is ordered by the start before it takes off; without it there is no take-off", async () => {
     const ready = state({ phase: "idle", beginAt: true, drafts: { "begin-time": "21:30:00" } });
-    const good = desk(ready);
+    const good = asking(ready);
     good.actions.start();
     await pressed();
     expect(good.asked).toEqual([["begin", AT_S], ["start", null, null]]);
     expect([good.state().panels.beginAt, good.state().panels.drafts]).toEqual([false, {}]);
-    const refused = desk(ready, ["begin"]);
+    const refused = asking(ready, ["begin"]);
     refused.actions.start();
     await pressed();
     expect(refused.asked).toEqual([["begin", AT_S]]);
@@ -118,7 +112,7 @@ describe("a time to begin", () => {
 });
 
 describe("a show that waits", () => {
-  const strip = (given: Given) => textOf(beginStrip(state(given), desk(state(given)).actions));
+  const strip = (given: Given) => textOf(beginStrip(state(given), asking(state(given)).actions));
 
   it("says which show, when and how long until then", () => {
     const text = strip({ begin: armed });
@@ -137,7 +131,7 @@ describe("a show that waits", () => {
   });
 
   it("is cancelled with the second press, after what follows was named", () => {
-    const ui = desk(state({ begin: armed }));
+    const ui = asking(state({ begin: armed }));
     const click = (): void => press(beginStrip(ui.state(), ui.actions), "begin-cancel");
     click();
     expect(ui.asked).toEqual([]);
@@ -151,7 +145,7 @@ describe("a show that waits", () => {
 });
 
 describe("timecode", () => {
-  const strip = (given: Given) => textOf(timecodeStrip(state(given), desk(state(given)).actions));
+  const strip = (given: Given) => textOf(timecodeStrip(state(given), asking(state(given)).actions));
   const lost: Timecode = { ...CODE, state: "lost", problem: "no timecode arrives any more", frozen_since_unix_time_s: NOW_S - 12 };
 
   it("is shown with its source, state and time, and how the show stands to it", () => {
@@ -170,7 +164,7 @@ describe("timecode", () => {
     const stopped = strip({ ...frozen, timecode: { ...lost, state: "stopped", problem: "the timecode has stopped" } });
     for (const part of [texts.timecode.frozen, "timecode stopped since", "timecode-strip frozen"]) expect(stopped).toContain(part);
     const now = state({ ...frozen, timecode: lost });
-    expect(textOf(topbar(now, desk(now).actions))).toContain(`>${texts.timecode.phase}<`);
+    expect(textOf(topbar(now, asking(now).actions))).toContain(`>${texts.timecode.phase}<`);
   });
 
   it("says why a show waits for it, and that it is not followed", () => {
@@ -180,7 +174,7 @@ describe("timecode", () => {
   });
 
   it("is let go with the second press where the show is frozen", () => {
-    const ui = desk(state({ phase: "running", begun: true, timecode: lost }));
+    const ui = asking(state({ phase: "running", begun: true, timecode: lost }));
     const click = (): void => press(timecodeStrip(ui.state(), ui.actions), "follow");
     click();
     expect(ui.asked).toEqual([]);

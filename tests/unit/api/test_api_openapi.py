@@ -7,6 +7,7 @@ import pytest
 from gcs.api.app import create_app
 from gcs.api.auth.authorization import Authorization
 from gcs.api.auth.tokens import Tokens, create_token
+from gcs.api.openapi import MEANING
 from gcs.service.access import Role
 from tests.support.api_fake_service import FakeService
 from tests.support.api_harness import Api
@@ -34,16 +35,19 @@ def test_every_operation_has_its_own_name_a_summary_and_a_tag(operations: dict[s
     assert all(len(operation["tags"]) == 1 for operation in operations.values())
 
 
-def test_every_documented_error_has_the_one_shape(operations: dict[str, Any]) -> None:
+def test_every_documented_error_has_the_one_shape(document: Any, operations: dict[str, Any]) -> None:
     errors = [
-        (name, answer)
+        (name, status, answer)
         for name, operation in operations.items()
         for status, answer in operation["responses"].items()
         if int(status) >= 400
     ]
     assert len(errors) > 100
-    for name, answer in errors:
-        schema = answer["content"]["application/json"]["schema"]
+    shared = document["components"]["responses"]
+    for name, status, answer in errors:
+        assert answer == {"$ref": f"#/components/responses/Error{status}"}, name
+        assert shared[f"Error{status}"]["description"] == MEANING[int(status)]
+        schema = shared[f"Error{status}"]["content"]["application/json"]["schema"]
         assert schema == {"$ref": "#/components/schemas/ErrorBody"}, name
 
 

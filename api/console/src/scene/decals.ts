@@ -8,33 +8,15 @@ import type { Rgb } from "./palette";
 
 export const DECAL = { pad: 0, spot: 1, target: 2 } as const;
 
-export class Decals {
-  readonly #all: Collected;
-
+export class Decals extends Collected {
   constructor(shared: Shared) {
     const recipe = { uniforms: { ...shared }, vertexShader: VERTEX, fragmentShader: FRAGMENT, hidden: false };
-    this.#all = new Collected(stripShape(), 3, recipe, ORDER.decals);
-  }
-
-  get mesh(): Collected["mesh"] {
-    return this.#all.mesh;
-  }
-
-  clear(): void {
-    this.#all.clear();
+    super(stripShape(), 3, recipe, ORDER.decals);
   }
 
   /** Radius in metres; a negative one in pixels. */
   put(place: Vec3, color: Rgb, alpha: number, radius: number, kind: number): void {
-    this.#all.add(...place, 0, ...color, alpha, radius, kind);
-  }
-
-  commit(): void {
-    this.#all.commit();
-  }
-
-  dispose(): void {
-    this.#all.dispose();
+    this.add(...place, 0, ...color, alpha, radius, kind);
   }
 }
 

@@ -2,7 +2,7 @@
 // two frames to interpolate; after the newest it extrapolates with the velocities for a moment, and then stops.
 
 import type { Frame } from "../state";
-import type { Vec3 } from "./axes";
+import { turn_rad, type Vec3 } from "./axes";
 
 /** Longest extrapolation of late data: old data must never look fresh. */
 export const CARRIED_ON_MS = 200;
@@ -158,13 +158,11 @@ function carried(velocity_m_s: number, beyond_s: number): number {
   return beyond_s > 0 && Number.isFinite(velocity_m_s) ? velocity_m_s * beyond_s : 0;
 }
 
-const DEGREE = Math.PI / 180;
-
 /** The shorter way round; an unknown heading looks ahead. */
 function turned_rad(from_deg: number, to_deg: number, share: number, origin_deg: number): number {
   const turn_deg = to_deg - from_deg - 360 * Math.round((to_deg - from_deg) / 360);
   const heading_deg = Number.isFinite(turn_deg) ? from_deg + share * turn_deg : to_deg;
-  return Number.isFinite(heading_deg) ? (origin_deg - heading_deg) * DEGREE : 0;
+  return Number.isFinite(heading_deg) ? turn_rad(heading_deg, origin_deg) : 0;
 }
 
 function centerOf({ from, to, share }: Moment): [number, number, number] | null {

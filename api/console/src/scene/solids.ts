@@ -7,34 +7,16 @@ import type { Shared } from "./camera";
 import { Collected, telling } from "./instances";
 import type { Rgb } from "./palette";
 
-export class Solids {
-  readonly #all: Collected;
-
+export class Solids extends Collected {
   constructor(shared: Shared, order: number, form: "box" | "ellipsoid") {
     const shape = form === "box" ? new BoxGeometry(2, 2, 2) : new SphereGeometry(1, 20, 12);
     const uniforms = { ...shared, uRim: { value: form === "box" ? 0 : 1 } };
-    this.#all = new Collected(shape, 3, { uniforms, vertexShader: VERTEX, fragmentShader: FRAGMENT }, order);
+    super(shape, 3, { uniforms, vertexShader: VERTEX, fragmentShader: FRAGMENT }, order);
     this.mesh.material.side = FrontSide;
   }
 
-  get mesh(): Collected["mesh"] {
-    return this.#all.mesh;
-  }
-
-  clear(): void {
-    this.#all.clear();
-  }
-
   put(middle: Vec3, half: Vec3, color: Rgb, alpha: number): void {
-    this.#all.add(...middle, 0, ...half, 0, ...color, alpha);
-  }
-
-  commit(): void {
-    this.#all.commit();
-  }
-
-  dispose(): void {
-    this.#all.dispose();
+    this.add(...middle, 0, ...half, 0, ...color, alpha);
   }
 }
 

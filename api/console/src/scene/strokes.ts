@@ -17,26 +17,16 @@ export interface Style {
 
 const TURN = 2 * Math.PI;
 
-export class Strokes {
-  readonly #all: Collected;
-
+export class Strokes extends Collected {
   /** Rounded: lines on a unit sphere around the mesh's own place, fainter behind it. */
   constructor(shared: Shared, order: number, { hidden = true, rounded = false } = {}) {
     const uniforms = { ...shared, uRounded: { value: rounded ? 1 : 0 } };
-    this.#all = new Collected(stripShape(), 4, { uniforms, vertexShader: VERTEX, fragmentShader: FRAGMENT, hidden }, order);
-  }
-
-  get mesh(): Collected["mesh"] {
-    return this.#all.mesh;
-  }
-
-  clear(): void {
-    this.#all.clear();
+    super(stripShape(), 4, { uniforms, vertexShader: VERTEX, fragmentShader: FRAGMENT, hidden }, order);
   }
 
   line(start: Vec3, end: Vec3, { color, alpha, width_px, dash_m = 0 }: Style, along_m = 0): void {
     const length_m = Math.hypot(end[0] - start[0], end[1] - start[1], end[2] - start[2]);
-    this.#all.add(...start, 0, ...end, 0, ...color, alpha, width_px, dash_m, along_m, along_m + length_m);
+    this.add(...start, 0, ...end, 0, ...color, alpha, width_px, dash_m, along_m, along_m + length_m);
   }
 
   /** A level circle, or one in the plane of two directions of length 1. */
@@ -74,14 +64,6 @@ export class Strokes {
         end[2] + 0.25 * back[2] + turn * length_m * side[2],
       ], style);
     }
-  }
-
-  commit(): void {
-    this.#all.commit();
-  }
-
-  dispose(): void {
-    this.#all.dispose();
   }
 }
 

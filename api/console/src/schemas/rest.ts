@@ -3,15 +3,17 @@
 import createClient, { type Client } from "openapi-fetch";
 
 import { texts } from "../texts";
-import type { paths } from "./schema";
+import type { components } from "./schema";
 
-export type Api = Client<paths>;
+type Paths = components["schemas"]["Paths"];
+
+export type Api = Client<Paths>;
 
 /** A call: done with what it answered, or refused and why. */
 export type Outcome<T> = { ok: true; data: T } | { ok: false; status: number; reason: string };
 
 export function createApi(token: () => string): Api {
-  const api = createClient<paths>({ baseUrl: location.origin });
+  const api = createClient<Paths>({ baseUrl: location.origin });
   api.use({
     onRequest({ request }) {
       if (token() !== "") request.headers.set("Authorization", `Bearer ${token()}`);

@@ -3,1484 +3,108 @@
  * Do not make direct changes to the file.
  */
 
-export interface paths {
-    "/api/v1/access": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Name and rights of the token
-         * @description The name of the request's token, and its rights.
-         */
-        get: operations["get_access"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/alarms": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Alarms and the overall severity
-         * @description Every alarm, the most severe first, and the overall severity.
-         */
-        get: operations["list_alarms"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/alarms/{alarm_id}/acknowledge": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Acknowledge one alarm
-         * @description The alarm stays listed while its cause lasts, with name and time of the first acknowledgement.
-         */
-        post: operations["acknowledge_alarm"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/alarms/acknowledge": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Acknowledge every alarm
-         * @description Returns the alarms that were not acknowledged before. Ended alarms are removed from the list.
-         */
-        post: operations["acknowledge_all_alarms"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/commands": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * The last commands
-         * @description The commands that the service remembers, the newest first.
-         */
-        get: operations["list_commands"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/commands/{command_id}": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Outcome of a command
-         * @description An accepted command and its outcome for each vehicle.
-         */
-        get: operations["get_command"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/corrections": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Corrections for RTK
-         * @description Age of the newest correction, place of the base, messages; null: none are configured.
-         */
-        get: operations["get_corrections"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/fleet": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * State of the fleet at one instant
-         * @description The show, the formation, the target, the obstacles and every vehicle, as of the newest tick.
-         */
-        get: operations["get_fleet"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/fleet/hold": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Several leave the formation and hold position
-         * @description One command for the vehicles named, or for all that it can apply to. Those that it does not reach are named in the answer as `not-included`, with the reason; `409` when it reaches none.
-         */
-        post: operations["hold_fleet"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/fleet/join": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Several come back from hold into the formation
-         * @description One command for the vehicles named, or for all that it can apply to. Those that it does not reach are named in the answer as `not-included`, with the reason; `409` when it reaches none.
-         */
-        post: operations["join_fleet"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/fleet/land": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Several land where they are
-         * @description One command for the vehicles named, or for all that it can apply to. Those that it does not reach are named in the answer as `not-included`, with the reason; `409` when it reaches none.
-         */
-        post: operations["land_fleet"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/fleet/return": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Several come home and land
-         * @description One command for the vehicles named, or for all that it can apply to. Those that it does not reach are named in the answer as `not-included`, with the reason; `409` when it reaches none.
-         */
-        post: operations["return_fleet"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/fleet/take-control": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Take control of several in the air, into hold
-         * @description One command for the vehicles named, or for all that it can apply to. Those that it does not reach are named in the answer as `not-included`, with the reason; `409` when it reaches none.
-         */
-        post: operations["take_control_fleet"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/formation": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Radius, height and law
-         * @description The desired formation and its law, and the radius and height that are commanded now.
-         */
-        get: operations["get_formation"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        /**
-         * Change radius, height or law
-         * @description Radius and height change continuously; the law is refused in flight.
-         *
-         *     A radius too small for the fleet is refused, with the smallest allowed one.
-         */
-        patch: operations["change_formation"];
-        trace?: never;
-    };
-    "/api/v1/kill": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Arm a kill: the first of two steps
-         * @description Returns a code and its vehicles: the named ones, else all that are not offline. Nothing is sent yet.
-         */
-        post: operations["arm_kill"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/kill/confirm": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Stop the motors now, even in the air: the second step
-         * @description Kills the code's vehicles. A code works once, and for a short time.
-         */
-        post: operations["confirm_kill"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/obstacles": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Every obstacle
-         * @description All boxes that the vehicles avoid.
-         */
-        get: operations["list_obstacles"];
-        put?: never;
-        /**
-         * Add an obstacle
-         * @description Refused if its id is taken; never because vehicles are near: they are led out of it.
-         */
-        post: operations["add_obstacle"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/obstacles/{obstacle_id}": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * One obstacle
-         * @description One box that the vehicles avoid.
-         */
-        get: operations["get_obstacle"];
-        /**
-         * Move or resize an obstacle
-         * @description Replaces the box of this id; never refused because vehicles are near: they are led out of it.
-         */
-        put: operations["change_obstacle"];
-        post?: never;
-        /**
-         * Remove an obstacle
-         * @description Removes a box.
-         */
-        delete: operations["remove_obstacle"];
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/orbit": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Orbit of the formation around the target
-         * @description Radius, speed and direction of the orbit around the target.
-         */
-        get: operations["get_orbit"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        /**
-         * Change the orbit
-         * @description Changes the given fields. The formation follows continuously.
-         */
-        patch: operations["change_orbit"];
-        trace?: never;
-    };
-    "/api/v1/preflight": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Preflight report
-         * @description Every check of every vehicle and of the fleet, at most once a second, and only on the ground.
-         *
-         *     Of a site of several stations each checks the vehicles that it flies, and a start needs all of them.
-         */
-        get: operations["get_preflight"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/replay": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * How the record is played
-         * @description Position and speed of the replay; `409` when the service controls vehicles.
-         */
-        get: operations["get_replay"];
-        put?: never;
-        /**
-         * Pause, continue, change speed or position
-         * @description Changes the given fields at once; `409` when the service controls vehicles, or to play past the end.
-         */
-        post: operations["change_replay"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/replay/marks": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Phases, cues, events, idle time
-         * @description Phases, cues, events and idle times of the whole record, for a timeline; they never change.
-         */
-        get: operations["get_replay_marks"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/replay/report": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Flight report: limits kept and broken
-         * @description Answers at once. The first call starts the analysis beside the replay; poll until it is done.
-         */
-        get: operations["get_flight_report"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/show": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Phase of the show
-         * @description The show's phase, and the commands that it accepts now.
-         */
-        get: operations["get_show"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/show/abort": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Filtered descent to distinct places, now
-         * @description Accepted as a command; `409` when the show's phase forbids it.
-         */
-        post: operations["abort_show"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/show/begin": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Begin at a clock time
-         * @description The show's first motion begins then, once all vehicles are there; `selected.begin` says how it waits.
-         *
-         *     On the ground or in the air, until the show has begun. Take-off is not scheduled by this.
-         */
-        post: operations["begin_show"];
-        /**
-         * Cancel the time to begin
-         * @description A show that waits in the air then waits until another time is given.
-         */
-        delete: operations["cancel_begin"];
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/show/bring-home": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Bring a flight that was cut off home to where it took off
-         * @description Accepted as a command; `409` when `interrupted` of `/fleet` does not offer it.
-         */
-        post: operations["bring_home_show"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/show/deselect": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Deselect the show: manual control
-         * @description Only on the ground. Manual control: formation, target and orbit follow the operator's commands.
-         */
-        post: operations["deselect_show"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/show/pause": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Stand still where they are
-         * @description Accepted as a command; `409` when the show's phase forbids it.
-         */
-        post: operations["pause_show"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/show/resume": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Go on after a pause
-         * @description Accepted as a command; `409` when the show's phase forbids it.
-         */
-        post: operations["resume_show"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/show/seek": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Start at a cue
-         * @description Only on the ground. The show begins at the first occurrence of that cue.
-         */
-        post: operations["seek_show"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/show/start": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Check, take off, assemble and fly
-         * @description Starts the named vehicles or all online ones, now or later; a selected show needs its hash.
-         */
-        post: operations["start_show"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/show/stop": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Come home and land
-         * @description Accepted as a command; `409` when the show's phase forbids it.
-         */
-        post: operations["stop_show"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/show/take-over": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Go on with a flight that was cut off: into the formation, which stands until resume
-         * @description Accepted as a command; `409` when `interrupted` of `/fleet` does not offer it.
-         */
-        post: operations["take_over_show"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/show/timecode": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Follow the timecode
-         * @description `follow: false` has shows run by this station's clock.
-         */
-        post: operations["follow_timecode"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/shows": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Every show file
-         * @description All uploaded show files, by name.
-         */
-        get: operations["list_shows"];
-        put?: never;
-        /**
-         * Upload a drawing
-         * @description Makes a show of a file that another program wrote, and replaces one of the same name.
-         *
-         *     A drawing that names no place on Earth gets the service's. A selected or flying show does not change.
-         */
-        post: operations["import_drawing"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/shows/{name}": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * One show file
-         * @description The show file as it was uploaded.
-         */
-        get: operations["get_show_file"];
-        /**
-         * Upload a show file
-         * @description Stores the file, and replaces one of the same name. A selected or flying show does not change.
-         */
-        put: operations["put_show_file"];
-        post?: never;
-        /**
-         * Remove a show file
-         * @description Deletes the file. A selected or flying show does not change.
-         */
-        delete: operations["remove_show_file"];
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/shows/{name}/check": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Result of a show check
-         * @description The newest check of this show since the service started.
-         */
-        get: operations["get_show_check"];
-        put?: never;
-        /**
-         * Check a show
-         * @description Flies the show in virtual time, in a process of the lowest priority; GET returns its progress.
-         */
-        post: operations["check_show"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/shows/{name}/drawing": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * A drawn show, for a preview
-         * @description Positions and colours at regular times of the show's clock, at most 200,000 positions in all.
-         */
-        get: operations["get_drawing"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/shows/{name}/placement": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Where a drawn show lies
-         * @description The pads of a drawn show beside the vehicles on the ground. Nothing changes.
-         *
-         *     What of the placement is not given is as stored. The fit is of least squares, with the best assignment of
-         *     vehicles to pads; of fits that are as good (a square has four) the one with the least turn counts.
-         */
-        get: operations["get_placement"];
-        /**
-         * Move and turn a drawn show
-         * @description Stores a new version of the show file, which must be checked again.
-         *
-         *     The drawing, its pads and the room to the fence move together; the show's origin becomes the service's. A
-         *     selected or flying show does not change.
-         */
-        put: operations["put_placement"];
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/shows/{name}/select": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Select a show to fly next
-         * @description Only on the ground. Refused without a passed check of this version, or if it does not fit the fleet.
-         */
-        post: operations["select_show"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/stations": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Every station of the site
-         * @description The stations as the one that answers receives them; empty where one station flies all vehicles.
-         */
-        get: operations["list_stations"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/stations/{name}/take-over": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Fly on with the vehicles of a lost station
-         * @description At the standby of that station, whichever answers. Its vehicles go from hold back into formation.
-         *
-         *     Refused where the station is not lost, may still send setpoints, or none of its vehicles holds: by the
-         *     standby itself with `409`, of another station the outcomes have the reason.
-         */
-        post: operations["take_over_station"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/stations/lead": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Have the station that answers take the lead
-         * @description It holds the plan and computes the formation from now on; the stations that receive it follow.
-         *
-         *     Answers with every station. `409` where one station flies all vehicles.
-         */
-        post: operations["take_lead"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/status": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Slowly changing state, for displays
-         * @description The status message of the console's stream: data that changes seldom (docs/stream.md).
-         */
-        get: operations["get_status"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/target": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Position and velocity of the target now
-         * @description The target's position and velocity, in both frames; it keeps moving with that velocity.
-         */
-        get: operations["get_target"];
-        /**
-         * Set the target
-         * @description Position in the show frame or as latitude and longitude. An absent velocity is 0.
-         */
-        put: operations["put_target"];
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/vehicles": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Every vehicle
-         * @description All configured vehicles, including those without telemetry.
-         */
-        get: operations["list_vehicles"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/vehicles/{vehicle_id}": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * One vehicle
-         * @description One vehicle, as the service estimates it.
-         */
-        get: operations["get_vehicle"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/vehicles/{vehicle_id}/confirm-down": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Say that a lost vehicle was seen on the ground
-         * @description Accepted as a command; `409` when the vehicle's phase forbids it.
-         */
-        post: operations["confirm_down_vehicle"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/vehicles/{vehicle_id}/exclude": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Exclude a vehicle from the show
-         * @description Only on the ground. The vehicle takes part in no start until it is included again.
-         *
-         *     Of a site of several stations the one that flies the vehicle excludes it, and reports the outcome.
-         */
-        post: operations["exclude_vehicle"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/vehicles/{vehicle_id}/find": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Let the lights of a vehicle on the ground blink
-         * @description Accepted as a command; `409` when the vehicle's phase forbids it.
-         */
-        post: operations["find_vehicle"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/vehicles/{vehicle_id}/hold": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Leave the formation and hold position
-         * @description Accepted as a command; `409` when the vehicle's phase forbids it.
-         */
-        post: operations["hold_vehicle"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/vehicles/{vehicle_id}/include": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Include an excluded vehicle
-         * @description Only on the ground. The vehicle must then pass every check, as all others.
-         */
-        post: operations["include_vehicle"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/vehicles/{vehicle_id}/join": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Back from hold into the formation
-         * @description Accepted as a command; `409` when the vehicle's phase forbids it.
-         */
-        post: operations["join_vehicle"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/vehicles/{vehicle_id}/land": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Land where it is
-         * @description Accepted as a command; `409` when the vehicle's phase forbids it.
-         */
-        post: operations["land_vehicle"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/vehicles/{vehicle_id}/return": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Come home and land
-         * @description Accepted as a command; `409` when the vehicle's phase forbids it.
-         */
-        post: operations["return_vehicle"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/vehicles/{vehicle_id}/take-control": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        get?: never;
-        put?: never;
-        /**
-         * Take control of a vehicle in the air, into hold
-         * @description Accepted as a command; `409` when the vehicle's phase forbids it.
-         */
-        post: operations["take_control_vehicle"];
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/api/v1/yaw": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Heading of the vehicles
-         * @description The policy, and the heading for the policy `fixed`.
-         */
-        get: operations["get_yaw"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        /**
-         * Change the heading of the vehicles
-         * @description Changes the policy, the heading for the policy `fixed`, or both.
-         */
-        patch: operations["change_yaw"];
-        trace?: never;
-    };
-    "/healthz": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Whether control is alive
-         * @description 200 only while the control loop runs and its newest state is fresh, judged by the clock.
-         */
-        get: operations["healthz"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/metrics": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Metrics in the text format of Prometheus
-         * @description Every metric in the text format of Prometheus.
-         */
-        get: operations["metrics"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-    "/readyz": {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /**
-         * Whether any vehicle can be commanded
-         * @description 200 only while control is alive and at least one vehicle is ready to start or airborne.
-         */
-        get: operations["readyz"];
-        put?: never;
-        post?: never;
-        delete?: never;
-        options?: never;
-        head?: never;
-        patch?: never;
-        trace?: never;
-    };
-}
+export type paths = Record<string, never>;
 export type webhooks = Record<string, never>;
 export interface components {
     schemas: {
-        /**
-         * Access
-         * @description The caller and its rights.
-         */
+        /** @description The caller and its rights. */
         Access: {
             /**
-             * Name
              * @description The token's name; `local` without any.
              * @example local
              */
             name: string;
-            /**
-             * Rights
-             * @description watch: read; emergency: also pause, land, kill; operate: all.
-             */
+            /** @description watch: read; emergency: also pause, land, kill; operate: all. */
             rights: components["schemas"]["Right"][];
         };
-        /**
-         * Alarm
-         * @description One condition that an operator should know, with all vehicles that it concerns.
-         */
+        /** @description One condition that an operator should know, with all vehicles that it concerns. */
         Alarm: {
-            /**
-             * Acknowledged By
-             * @description Name of the token used; null: not acknowledged.
-             */
+            /** @description Name of the token used; null: not acknowledged. */
             acknowledged_by: string | null;
-            /** Acknowledged Unix Time S */
             acknowledged_unix_time_s: number | null;
-            /**
-             * Advice
-             * @description What an operator can do.
-             */
+            /** @description What an operator can do. */
             advice: string;
             /**
              * @description For programs; docs/operations/in-flight.md lists them.
              * @example vehicle-lost
              */
             cause: components["schemas"]["AlarmCause"];
-            /**
-             * Command Id
-             * @description The command that the service gave because of it; null: none.
-             */
+            /** @description The command that the service gave because of it; null: none. */
             command_id: string | null;
-            /**
-             * Ended Unix Time S
-             * @description null: the cause lasts. Emergencies and warnings stay listed after their cause has ended until they are acknowledged; they do not count for the state of the whole.
-             */
+            /** @description null: the cause lasts. Emergencies and warnings stay listed after their cause has ended until they are acknowledged; they do not count for the state of the whole. */
             ended_unix_time_s: number | null;
-            /**
-             * Id
-             * @example vehicle-lost-7
-             */
+            /** @example vehicle-lost-7 */
             id: string;
-            /**
-             * Raised Unix Time S
-             * @description When it began, or last concerned a further vehicle or became more severe: it then is no longer acknowledged. The newest of a severity is listed first.
-             */
+            /** @description When it began, or last concerned a further vehicle or became more severe: it then is no longer acknowledged. The newest of a severity is listed first. */
             raised_unix_time_s: number;
             /** @description emergency: act at once; warning: act soon; caution: be ready to act; information: nothing to do. */
             severity: components["schemas"]["AlarmSeverity"];
-            /**
-             * Since Unix Time S
-             * @description When the cause began.
-             */
+            /** @description When the cause began. */
             since_unix_time_s: number;
             /**
-             * Text
              * @description The cause first, its consequence after.
              * @example Vehicle d3 lost: no telemetry for 2.0 s. Formation closes the gap.
              */
             text: string;
-            /**
-             * Vehicles
-             * @description All that it concerns; empty: it concerns no vehicle.
-             */
+            /** @description All that it concerns; empty: it concerns no vehicle. */
             vehicles: string[];
         };
         /**
-         * AlarmCause
          * @description Cause of an alarm.
          * @enum {string}
          */
         AlarmCause: "killed" | "terminated" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "land-now" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "obstacle-near" | "obstacle-waits" | "no-headway" | "no-way" | "radius-small" | "uncertain-position" | "little-authority" | "slow-vehicle" | "slow-answers" | "height-differs" | "corrections-stopped" | "timecode" | "clock-doubtful" | "poor-link" | "no-heartbeat" | "input-flooded" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
-        /**
-         * AlarmList
-         * @description All alarms, and the overall severity.
-         */
+        /** @description All alarms, and the overall severity. */
         AlarmList: {
-            /**
-             * Alarms
-             * @description Lasting alarms before ended ones; the most severe first, of one severity the newest.
-             */
+            /** @description Lasting alarms before ended ones; the most severe first, of one severity the newest. */
             alarms: components["schemas"]["Alarm"][];
             /** @description The worst severity of the alarms that last. */
             severity: components["schemas"]["OverallSeverity"];
         };
         /**
-         * AlarmSeverity
          * @description How soon an operator must act, most severe first.
          * @enum {string}
          */
         AlarmSeverity: "emergency" | "warning" | "caution" | "information";
-        /**
-         * BeginBody
-         * @description The time at which the selected show begins to move.
-         */
+        /** @description The time at which the selected show begins to move. */
         BeginBody: {
-            /**
-             * At Unix Time S
-             * @example 1795000000
-             */
+            /** @example 1795000000 */
             at_unix_time_s: number;
         };
         /**
-         * BeginState
          * @description How a show waits for the beginning that an operator set.
          * @enum {string}
          */
         BeginState: "armed" | "waiting" | "late" | "held";
-        /**
-         * BeginView
-         * @description When the selected show begins to move.
-         */
+        /** @description When the selected show begins to move. */
         BeginView: {
-            /**
-             * At Unix Time S
-             * @description In s since 1970; null: none, it is held.
-             */
+            /** @description In s since 1970; null: none, it is held. */
             at_unix_time_s: number | null;
-            /**
-             * In S
-             * @description Until then; negative: it has passed.
-             */
+            /** @description Until then; negative: it has passed. */
             in_s: number | null;
             state: components["schemas"]["BeginState"];
         };
-        /**
-         * Center
-         * @description The formation's centre as commanded now.
-         */
+        /** @description The formation's centre as commanded now. */
         Center: {
-            /** Altitude Amsl M */
             altitude_amsl_m: number | null;
-            /** Height M */
             height_m: number | null;
-            /** Latitude Deg */
             latitude_deg: number | null;
-            /** Longitude Deg */
             longitude_deg: number | null;
-            /** Vup M S */
             vup_m_s: number | null;
-            /** Vx M S */
             vx_m_s: number | null;
-            /** Vy M S */
             vy_m_s: number | null;
-            /** X M */
             x_m: number | null;
-            /** Y M */
             y_m: number | null;
         };
-        /**
-         * Check
-         * @description One check before a start.
-         */
+        /** @description One check before a start. */
         Check: {
             /**
-             * Limit
              * @description Values that pass.
              * @default
              */
             limit: string;
-            /** Name */
             name: string;
             /**
-             * Problem
              * @description What is wrong; empty when it passes.
              * @default
              */
@@ -1488,494 +112,257 @@ export interface components {
             /** @description Result of the check; unknown counts as failed. */
             state: components["schemas"]["State"];
             /**
-             * To Do
              * @description How to correct it.
              * @default
              */
             to_do: string;
-            /**
-             * Unit
-             * @default
-             */
+            /** @default  */
             unit: string;
-            /**
-             * Value
-             * @description The measured value; null: not known, or no number.
-             */
+            /** @description The measured value; null: not known, or no number. */
             value: number | null;
         };
         /**
-         * CheckState
          * @description State of a show's check.
          * @enum {string}
          */
         CheckState: "waiting" | "running" | "done" | "failed";
-        /**
-         * CommandRecord
-         * @description An accepted command and its outcome for each vehicle.
-         */
+        /** @description An accepted command and its outcome for each vehicle. */
         CommandRecord: {
-            /** Accepted Unix Time S */
             accepted_unix_time_s: number;
-            /** Action */
             action: string;
-            /**
-             * By
-             * @description Name of the token; `local` without tokens, `service` for the service itself.
-             */
+            /** @description Name of the token; `local` without tokens, `service` for the service itself. */
             by: string;
-            /** Id */
             id: string;
             /** @description Pending while any vehicle is pending, then failed if any vehicle failed, else done. */
             readonly outcome: components["schemas"]["Outcome"];
-            /** Outcomes */
             outcomes: {
                 [key: string]: components["schemas"]["VehicleOutcome"];
             };
         };
-        /**
-         * CorrectionsView
-         * @description Corrections for RTK, from a base to all vehicles.
-         */
+        /** @description Corrections for RTK, from a base to all vehicles. */
         CorrectionsView: {
-            /**
-             * Age S
-             * @description Since the newest arrived; null: none has.
-             */
+            /** @description Since the newest arrived; null: none has. */
             age_s: number | null;
-            /**
-             * Base Height M
-             * @description Above the ellipsoid.
-             */
+            /** @description Above the ellipsoid. */
             base_height_m: number | null;
-            /**
-             * Base Latitude Deg
-             * @description As the base reports; null: not yet.
-             */
+            /** @description As the base reports; null: not yet. */
             base_latitude_deg: number | null;
-            /** Base Longitude Deg */
             base_longitude_deg: number | null;
-            /**
-             * Dropped
-             * @description Too old, too many, or longer than MAVLink can carry.
-             */
+            /** @description Too old, too many, or longer than MAVLink can carry. */
             dropped: number;
-            /**
-             * Messages
-             * @description That arrived from the base.
-             */
+            /** @description That arrived from the base. */
             messages: number;
-            /**
-             * Problem
-             * @description Why there are no recent ones; empty while there are.
-             */
+            /** @description Why there are no recent ones; empty while there are. */
             problem: string;
-            /** Received Bytes */
             received_bytes: number;
-            /**
-             * Sent
-             * @description Messages that left, summed over the links.
-             */
+            /** @description Messages that left, summed over the links. */
             sent: number;
-            /**
-             * Source
-             * @example ntrip://192.0.2.7:2101/BASE
-             */
+            /** @example ntrip://192.0.2.7:2101/BASE */
             source: string;
         };
-        /**
-         * Counts
-         * @description Numbers of vehicles by where they are and what controls them; the five fields add up to the fleet.
-         */
+        /** @description Numbers of vehicles by where they are and what controls them; the five fields add up to the fleet. */
         Counts: {
-            /**
-             * Airborne
-             * @description In the air, controlled or not.
-             */
+            /** @description In the air, controlled or not. */
             readonly airborne: number;
-            /**
-             * Controlled
-             * @description Airborne, under this station's control.
-             */
+            /** @description Airborne, under this station's control. */
             controlled: number;
-            /** Offline */
             offline: number;
-            /** On Ground */
             on_ground: number;
-            /**
-             * Uncontrolled
-             * @description Airborne, under a pilot's or its own autopilot's control.
-             */
+            /** @description Airborne, under a pilot's or its own autopilot's control. */
             uncontrolled: number;
-            /**
-             * Unknown
-             * @description Lost in flight or killed, and not confirmed on the ground.
-             */
+            /** @description Lost in flight or killed, and not confirmed on the ground. */
             unknown: number;
         };
-        /**
-         * CueFigures
-         * @description One pass through a cue, as flown in virtual time, until the next cue.
-         */
+        /** @description One pass through a cue, as flown in virtual time, until the next cue. */
         CueFigures: {
-            /** At S */
             at_s: number;
-            /** Center Off M */
             center_off_m: number | null;
-            /** Cue */
             cue: string;
-            /** Height M */
             height_m: number;
-            /** Held Back */
             held_back: number;
-            /** Line */
             line: number;
-            /** Radius Error M */
             radius_error_m: number | null;
-            /** Radius M */
             radius_m: number;
-            /**
-             * Separation M
-             * @description Least separation, in the metric of the separation ellipsoid.
-             */
+            /** @description Least separation, in the metric of the separation ellipsoid. */
             separation_m: number | null;
-            /** Speed M S */
             speed_m_s: number | null;
         };
-        /**
-         * CueMark
-         * @description A cue as it is played; a cue in a loop occurs several times.
-         */
+        /** @description A cue as it is played; a cue in a loop occurs several times. */
         CueMark: {
-            /**
-             * At S
-             * @description Time on the show's clock, or in a record since its beginning.
-             */
+            /** @description Time on the show's clock, or in a record since its beginning. */
             at_s: number;
-            /** Cue */
             cue: string;
         };
         /**
-         * Direction
          * @description Sense of the orbit, seen from above.
          * @enum {string}
          */
         Direction: "clockwise" | "counterclockwise";
-        /**
-         * DrawingClaims
-         * @description What a drawing says that it keeps to; null: it is silent.
-         */
+        /** @description What a drawing says that it keeps to; null: it is silent. */
         DrawingClaims: {
-            /** Climb Max M S */
             climb_max_m_s: number | null;
-            /**
-             * Height Max M
-             * @description Above the show's origin.
-             */
+            /** @description Above the show's origin. */
             height_max_m: number | null;
-            /** Separation Min M */
             separation_min_m: number | null;
-            /** Sink Max M S */
             sink_max_m_s: number | null;
-            /**
-             * Speed Max M S
-             * @description Sideways.
-             */
+            /** @description Sideways. */
             speed_max_m_s: number | null;
         };
-        /**
-         * DrawnCue
-         * @description A cue as it is played.
-         */
+        /** @description A cue as it is played. */
         DrawnCue: {
-            /**
-             * At S
-             * @description On the show's clock.
-             */
+            /** @description On the show's clock. */
             at_s: number;
-            /** Cue */
             cue: string;
         };
-        /**
-         * DrawnSamples
-         * @description A drawn show at `from_s`, and every `1 / rate_hz` seconds from there.
-         */
+        /** @description A drawn show at `from_s`, and every `1 / rate_hz` seconds from there. */
         DrawnSamples: {
-            /**
-             * Colours
-             * @description For each time rrggbb of one vehicle after the other; empty: the law leads then.
-             */
+            /** @description For each time rrggbb of one vehicle after the other; empty: the law leads then. */
             colours: string[];
-            /** Cues */
             cues: components["schemas"]["DrawnCue"][];
-            /**
-             * Duration S
-             * @description Of the show.
-             */
+            /** @description Of the show. */
             duration_s: number;
-            /** From S */
             from_s: number;
-            /**
-             * Positions M
-             * @description For each time x, y and height of one vehicle after the other; empty: the law leads then.
-             */
+            /** @description For each time x, y and height of one vehicle after the other; empty: the law leads then. */
             positions_m: number[][];
-            /**
-             * Rate Hz
-             * @description As requested, or lower.
-             */
+            /** @description As requested, or lower. */
             rate_hz: number;
-            /** Show */
             show: string;
-            /**
-             * Vehicles
-             * @description Names in the drawing.
-             */
+            /** @description Names in the drawing. */
             vehicles: string[];
         };
-        /**
-         * ErrorBody
-         * @description The common shape of every error.
-         */
+        /** @description The common shape of every error. */
         ErrorBody: {
             /**
-             * Detail
              * @description The error in words, for a person.
              * @example radius_m = 1.0: at least 6.2 m
              */
             detail: string;
-            /**
-             * Problems
-             * @description The fields that are wrong, for a program; empty: no field is.
-             */
+            /** @description The fields that are wrong, for a program; empty: no field is. */
             problems: components["schemas"]["FieldProblem"][];
         };
-        /**
-         * Estimates
-         * @description Energy and times of the fleet, updated once a second. null: not known, or not in progress.
-         */
+        /** @description Energy and times of the fleet, updated once a second. null: not known, or not in progress. */
         Estimates: {
-            /**
-             * Assembled S
-             * @description Time until the formation is complete, while it assembles.
-             */
+            /** @description Time until the formation is complete, while it assembles. */
             assembled_s: number | null;
-            /**
-             * Battery Least
-             * @description 0 to 1, of the vehicles that fly; where none does, of those that report.
-             */
+            /** @description 0 to 1, of the vehicles that fly; where none does, of those that report. */
             battery_least: number | null;
-            /** Battery Least Vehicle */
             battery_least_vehicle: string | null;
-            /** Battery Median */
             battery_median: number | null;
-            /**
-             * Empty S
-             * @description Time until the first battery is empty.
-             */
+            /** @description Time until the first battery is empty. */
             empty_s: number | null;
-            /**
-             * Home S
-             * @description Time until all vehicles have landed at their pads, if the return began now or has begun.
-             */
+            /** @description Time until all vehicles have landed at their pads, if the return began now or has begun. */
             home_s: number | null;
-            /**
-             * Low S
-             * @description Until the first vehicle reaches the low-battery threshold, from what it has used since take-off.
-             */
+            /** @description Until the first vehicle reaches the low-battery threshold, from what it has used since take-off. */
             low_s: number | null;
-            /**
-             * Low Vehicle
-             * @description The vehicle with that battery.
-             */
+            /** @description The vehicle with that battery. */
             low_vehicle: string | null;
         };
-        /**
-         * EventMark
-         * @description An alarm, or a warning or error of the event log.
-         */
+        /** @description An alarm, or a warning or error of the event log. */
         EventMark: {
-            /** At S */
             at_s: number;
-            /** Is Alarm */
             is_alarm: boolean;
             severity: components["schemas"]["Severity"];
-            /** Text */
             text: string;
-            /**
-             * Vehicle
-             * @description The vehicle concerned; null: none in particular.
-             */
+            /** @description The vehicle concerned; null: none in particular. */
             vehicle: string | null;
         };
-        /**
-         * ExcludeBody
-         * @description Why a vehicle is excluded from the show.
-         */
+        /** @description Why a vehicle is excluded from the show. */
         ExcludeBody: {
             /**
-             * Reason
              * @default
              * @example a propeller is cracked
              */
             reason: string;
         };
-        /**
-         * FieldProblem
-         * @description One invalid field.
-         */
+        /** @description One invalid field. */
         FieldProblem: {
             /**
-             * Allowed
              * @description What is allowed.
              * @example at least 6.2 m for 12 vehicles
              */
             allowed: string;
             /**
-             * Field
              * @description Dotted name; `body` for the whole.
              * @example radius_m
              */
             field: string;
             /**
-             * Value
              * @description The value received; text where JSON cannot hold it ("NaN").
              * @example 1
              */
             value: string | number | boolean | null;
         };
-        /**
-         * Fleet
-         * @description The whole state at one instant.
-         */
+        /** @description The whole state at one instant. */
         Fleet: {
-            /**
-             * Access
-             * @description Whether the service demands tokens, in words.
-             */
+            /** @description Whether the service demands tokens, in words. */
             access: string;
-            /**
-             * Alarms
-             * @description Most severe first, newest first within a severity; alarms that have ended come last.
-             */
+            /** @description Most severe first, newest first within a severity; alarms that have ended come last. */
             alarms: components["schemas"]["Alarm"][];
             /** @description null while no formation flies. */
             center: components["schemas"]["Center"] | null;
-            /**
-             * Control Alive
-             * @description False also when this state is old; in a replay only then.
-             */
+            /** @description False also when this state is old; in a replay only then. */
             control_alive: boolean;
-            /**
-             * Control Reason
-             * @description Why control is not alive, empty when it is.
-             */
+            /** @description Why control is not alive, empty when it is. */
             control_reason: string;
             /** @description For RTK; null: none are configured. */
             corrections: components["schemas"]["CorrectionsView"] | null;
             counts: components["schemas"]["Counts"];
             /** @description Estimates at `time_s`; null in a replay. */
             estimates: components["schemas"]["Estimates"] | null;
-            /**
-             * Filter Interventions
-             * @description Setpoints that the safety filter has changed, counted per vehicle and tick.
-             */
+            /** @description Setpoints that the safety filter has changed, counted per vehicle and tick. */
             filter_interventions: number;
             formation: components["schemas"]["Formation"];
             /** @description An interrupted flight that is not settled yet; null: none. */
             interrupted: components["schemas"]["InterruptedFlight"] | null;
             /** @description Of the vehicles; null: a replay. */
             lights: components["schemas"]["LightsView"] | null;
-            /** Minimum Separation M */
             minimum_separation_m: number | null;
-            /**
-             * Obstacles
-             * @description Positions of the obstacles at `time_s`.
-             */
+            /** @description Positions of the obstacles at `time_s`. */
             obstacles: components["schemas"]["Obstacle"][];
             orbit: components["schemas"]["Orbit"];
             origin: components["schemas"]["ShowFrame"];
-            /** Setpoints Sent */
             setpoints_sent: number;
             /** @description The worst severity of the alarms that last. */
             severity: components["schemas"]["OverallSeverity"];
             show: components["schemas"]["Show"];
-            /**
-             * Stations
-             * @description Of the site, with the values at `time_s`; empty: one station flies all vehicles.
-             */
+            /** @description Of the site, with the values at `time_s`; empty: one station flies all vehicles. */
             stations: components["schemas"]["StationView"][];
             /** @description Position of the target at `time_s`. */
             target: components["schemas"]["Target"];
             tick: components["schemas"]["TickView"];
-            /**
-             * Time S
-             * @description The service's monotonic clock.
-             */
+            /** @description The service's monotonic clock. */
             time_s: number;
             /** @description That shows follow, with the values at `time_s`; null: none is configured. */
             timecode: components["schemas"]["TimecodeView"] | null;
-            /** Unix Time S */
             unix_time_s: number;
-            /** Vehicles */
             vehicles: components["schemas"]["Vehicle"][];
             yaw: components["schemas"]["Yaw"];
         };
-        /**
-         * FlightEnvelope
-         * @description The volume that no vehicle may leave, and the ellipsoid around a vehicle that no other may enter.
-         */
+        /** @description The volume that no vehicle may leave, and the ellipsoid around a vehicle that no other may enter. */
         FlightEnvelope: {
-            /**
-             * Distance Max M
-             * @description Horizontal distance from the show's origin.
-             */
+            /** @description Horizontal distance from the show's origin. */
             distance_max_m: number;
-            /**
-             * Floor Horizontal M
-             * @description Horizontal half-axis of the ellipsoid.
-             */
+            /** @description Horizontal half-axis of the ellipsoid. */
             floor_horizontal_m: number;
-            /**
-             * Floor Vertical M
-             * @description Vertical half-axis; greater, because a vehicle's air goes down.
-             */
+            /** @description Vertical half-axis; greater, because a vehicle's air goes down. */
             floor_vertical_m: number;
-            /** Height Max M */
             height_max_m: number;
-            /**
-             * Height Min M
-             * @description Least height of vehicles in the formation, above the show's origin.
-             */
+            /** @description Least height of vehicles in the formation, above the show's origin. */
             height_min_m: number;
-            /**
-             * Margin M
-             * @description Added sideways, and in proportion up and down.
-             */
+            /** @description Added sideways, and in proportion up and down. */
             margin_m: number;
         };
-        /**
-         * Formation
-         * @description Radius and height of the formation: desired, and commanded now; and its law.
-         */
+        /** @description Radius and height of the formation: desired, and commanded now; and its law. */
         Formation: {
-            /** Height M */
             height_m: number;
-            /** Height Now M */
             height_now_m: number | null;
             law: components["schemas"]["LawName"];
-            /** Radius M */
             radius_m: number;
-            /** Radius Now M */
             radius_now_m: number | null;
         };
-        /**
-         * FormationChange
-         * @description New radius or height of the formation, which changes continuously, or its law.
-         */
+        /** @description New radius or height of the formation, which changes continuously, or its law. */
         FormationChange: {
             /**
-             * Height M
              * @description Height of the centre above the show's origin.
              * @example 12.5
              */
@@ -1983,68 +370,43 @@ export interface components {
             /** @description Changes on the ground only. */
             law?: components["schemas"]["LawName"];
             /**
-             * Radius M
              * @description Radius of the virtual sphere.
              * @example 10
              */
             radius_m?: number;
         };
-        /**
-         * GeodeticTarget
-         * @description The target's position and velocity in WGS84.
-         */
+        /** @description The target's position and velocity in WGS84. */
         GeodeticTarget: {
-            /**
-             * Latitude Deg
-             * @example 47.3977
-             */
+            /** @example 47.3977 */
             latitude_deg: number;
-            /**
-             * Longitude Deg
-             * @example 8.5456
-             */
+            /** @example 8.5456 */
             longitude_deg: number;
             /**
-             * Velocity East M S
              * @default 0
              * @example 0.5
              */
             velocity_east_m_s: number;
             /**
-             * Velocity North M S
              * @default 0
              * @example 0.5
              */
             velocity_north_m_s: number;
         };
-        /**
-         * GroundMap
-         * @description The map of the ground, as tiles in web mercator.
-         */
+        /** @description The map of the ground, as tiles in web mercator. */
         GroundMap: {
-            /**
-             * Attribution
-             * @description Text to show with the map.
-             */
+            /** @description Text to show with the map. */
             attribution: string;
             /**
-             * Tiles
              * @description Address of a tile: `{z}` is the zoom, `{x}` the column from the west, `{y}` the row from the north. One that begins with `/` is this service's own, and asks for the token.
              * @example /api/v1/map/{z}/{x}/{y}
              */
             tiles: string;
-            /** Zoom Max */
             zoom_max: number;
-            /** Zoom Min */
             zoom_min: number;
         };
-        /**
-         * GroupBody
-         * @description The vehicles of a command.
-         */
+        /** @description The vehicles of a command. */
         GroupBody: {
             /**
-             * Vehicles
              * @description Absent: all that the command can apply to.
              * @example [
              *       "d1",
@@ -2053,803 +415,1579 @@ export interface components {
              */
             vehicles?: string[];
         };
-        /**
-         * Health
-         * @description Whether the control loop runs and its newest state is fresh.
-         */
+        /** @description Whether the control loop runs and its newest state is fresh. */
         Health: {
             /**
-             * Access
              * @description Whether the service demands tokens, in words.
              * @example tokens
              */
             access: string;
-            /** Alive */
             alive: boolean;
-            /**
-             * Emergency Port
-             * @description Port of the emergency listener; null: there is none.
-             */
+            /** @description Port of the emergency listener; null: there is none. */
             emergency_port: number | null;
-            /** Tick Rate Hz */
             tick_rate_hz: number | null;
-            /**
-             * View Age S
-             * @description Age of the newest state.
-             */
+            /** @description Age of the newest state. */
             view_age_s: number;
         };
-        /**
-         * Home
-         * @description Take-off position of a vehicle, in the show frame.
-         */
+        /** @description Take-off position of a vehicle, in the show frame. */
         Home: {
-            /** Height M */
             height_m: number;
-            /** X M */
             x_m: number;
-            /** Y M */
             y_m: number;
         };
-        /**
-         * IdleSpan
-         * @description A period in which no vehicle flies or is about to.
-         */
+        /** @description A period in which no vehicle flies or is about to. */
         IdleSpan: {
-            /** From S */
             from_s: number;
-            /** Until S */
             until_s: number;
         };
-        /**
-         * ImportedShow
-         * @description A show that was made of a drawing.
-         */
+        /** @description A show that was made of a drawing. */
         ImportedShow: {
             claims: components["schemas"]["DrawingClaims"];
-            /**
-             * Drawing
-             * @description Name of its drawing's file.
-             */
+            /** @description Name of its drawing's file. */
             drawing: string;
-            /**
-             * Duration S
-             * @description Of the drawing.
-             */
+            /** @description Of the drawing. */
             duration_s: number;
-            /**
-             * Notes
-             * @description What of the file is not used.
-             */
+            /** @description What of the file is not used. */
             notes: string[];
-            /**
-             * Show
-             * @description Name of the stored show.
-             */
+            /** @description Name of the stored show. */
             show: string;
-            /** Vehicles */
             vehicles: number;
         };
-        /**
-         * InterruptedFlight
-         * @description A flight that was interrupted when the service ended or stalled. An operator must resume or end it.
-         */
+        /** @description A flight that was interrupted when the service ended or stalled. An operator must resume or end it. */
         InterruptedFlight: {
             /**
-             * Cause
              * @description What interrupted the flight, in words.
              * @example the service stalled for 4.4 s
              */
             cause: string;
-            /**
-             * Offers
-             * @description Commands that are accepted: POST /api/v1/show/take-over and others.
-             */
+            /** @description Commands that are accepted: POST /api/v1/show/take-over and others. */
             offers: components["schemas"]["Offer"][];
-            /**
-             * Problems
-             * @description Why the other commands are refused.
-             */
+            /** @description Why the other commands are refused. */
             problems: string[];
-            /** Session */
             session: string;
             show: components["schemas"]["ShowPhase"];
-            /**
-             * Stalled
-             * @description The service stalled, it did not end.
-             */
+            /** @description The service stalled, it did not end. */
             stalled: boolean;
-            /**
-             * Unix Time S
-             * @description When the flight was interrupted.
-             */
+            /** @description When the flight was interrupted. */
             unix_time_s: number;
-            /** Vehicles */
             vehicles: {
                 [key: string]: components["schemas"]["Remaining"];
             };
             /** @description The written show that was flown. */
             written: components["schemas"]["Written"] | null;
         };
-        /**
-         * KillArmed
-         * @description The vehicles that the code will kill; nothing has been sent to them yet.
-         */
+        /** @description The vehicles that the code will kill; nothing has been sent to them yet. */
         KillArmed: {
-            /** Code */
             code: string;
-            /**
-             * Valid S
-             * @description Time for which the code is valid.
-             */
+            /** @description Time for which the code is valid. */
             valid_s: number;
-            /** Vehicles */
             vehicles: string[];
         };
-        /**
-         * KillConfirmation
-         * @description The second step of a kill: its code.
-         */
+        /** @description The second step of a kill: its code. */
         KillConfirmation: {
             /**
-             * Code
              * @description The code that the first step returned.
              * @example a1b2c3
              */
             code: string;
         };
         /**
-         * LawName
          * @description The law of the formation: slots that are kept, the article's forces, or each vehicle's neighbours.
          * @enum {string}
          */
         LawName: "slots" | "article" | "neighbours";
-        /**
-         * LightsView
-         * @description Colours for the vehicles' own lights, summed over the links.
-         */
+        /** @description Colours for the vehicles' own lights, summed over the links. */
         LightsView: {
             /**
-             * Driver
              * @description lights.driver; none: none are sent.
              * @example led-control
              */
             driver: string;
-            /**
-             * Dropped
-             * @description Colours that another one replaced before they left: the rate is limited.
-             */
+            /** @description Colours that another one replaced before they left: the rate is limited. */
             dropped: number;
-            /**
-             * Sent
-             * @description Colours that left.
-             */
+            /** @description Colours that left. */
             sent: number;
         };
-        /**
-         * LogEvent
-         * @description One event of the service's log.
-         */
+        /** @description One event of the service's log. */
         LogEvent: {
-            /**
-             * Number
-             * @description Increases since the service began.
-             */
+            /** @description Increases since the service began. */
             number: number;
             severity: components["schemas"]["Severity"];
-            /** Text */
             text: string;
-            /** Unix Time S */
             unix_time_s: number;
-            /**
-             * Vehicle
-             * @description The vehicle concerned; null: none in particular.
-             */
+            /** @description The vehicle concerned; null: none in particular. */
             vehicle: string | null;
         };
         /**
-         * Mode
          * @description Flight mode as the autopilot's heartbeat reports it; OTHER is any mode this station never commands.
          * @enum {string}
          */
         Mode: "unknown" | "ready" | "takeoff" | "hold" | "offboard" | "return" | "land" | "position" | "other" | "terminated";
-        /**
-         * NearestPair
-         * @description Two vehicles at the time when they were nearest, in the metric of the minimum separation.
-         */
+        /** @description Two vehicles at the time when they were nearest, in the metric of the minimum separation. */
         NearestPair: {
-            /** At S */
             at_s: number | null;
-            /** Distance M */
             distance_m: number | null;
-            /**
-             * Floor Ratio
-             * @description Distance as a multiple of the floor: 1 is the floor.
-             */
+            /** @description Distance as a multiple of the floor: 1 is the floor. */
             floor_ratio: number | null;
-            /**
-             * Floor Ratio If Off
-             * @description The same if both positions were wrong by their margin, towards each other.
-             */
+            /** @description The same if both positions were wrong by their margin, towards each other. */
             floor_ratio_if_off: number | null;
-            /** Vehicles */
             vehicles: string[];
         };
-        /**
-         * Obstacle
-         * @description A box on the ground, edges along the show frame's axes, at its position at `time_s`.
-         */
+        /** @description A box on the ground, edges along the show frame's axes, at its position at `time_s`. */
         Obstacle: {
-            /** Half Length X M */
             half_length_x_m: number;
-            /** Half Length Y M */
             half_length_y_m: number;
-            /** Height M */
             height_m: number;
-            /** Id */
             id: string;
-            /**
-             * Velocity X M S
-             * @default 0
-             */
+            /** @default 0 */
             velocity_x_m_s: number;
-            /**
-             * Velocity Y M S
-             * @default 0
-             */
+            /** @default 0 */
             velocity_y_m_s: number;
-            /** X M */
             x_m: number;
-            /** Y M */
             y_m: number;
         };
-        /**
-         * ObstaclePost
-         * @description A new obstacle; without an id the service assigns one.
-         */
+        /** @description A new obstacle; without an id the service assigns one. */
         ObstaclePost: {
-            /**
-             * Half Length X M
-             * @example 10
-             */
+            /** @example 10 */
             half_length_x_m: number;
-            /**
-             * Half Length Y M
-             * @example 10
-             */
+            /** @example 10 */
             half_length_y_m: number;
             /**
-             * Height M
              * @description Height of the top above the show's origin.
              * @example 10
              */
             height_m: number;
             /**
-             * Id
              * @description Absent: the service assigns an id.
              * @example tower
              */
             id?: string;
-            /**
-             * Velocity X M S
-             * @example 0.5
-             */
+            /** @example 0.5 */
             velocity_x_m_s?: number;
-            /**
-             * Velocity Y M S
-             * @example 0.5
-             */
+            /** @example 0.5 */
             velocity_y_m_s?: number;
             /**
-             * X M
              * @description North coordinate of the centre in the show frame.
              * @example 12.5
              */
             x_m: number;
-            /**
-             * Y M
-             * @example 12.5
-             */
+            /** @example 12.5 */
             y_m: number;
         };
-        /**
-         * ObstaclePut
-         * @description The new state of an obstacle; an id, if given, must be that of the path.
-         */
+        /** @description The new state of an obstacle; an id, if given, must be that of the path. */
         ObstaclePut: {
-            /**
-             * Half Length X M
-             * @example 10
-             */
+            /** @example 10 */
             half_length_x_m: number;
-            /**
-             * Half Length Y M
-             * @example 10
-             */
+            /** @example 10 */
             half_length_y_m: number;
             /**
-             * Height M
              * @description Height of the top above the show's origin.
              * @example 10
              */
             height_m: number;
             /**
-             * Id
              * @description May be left out: the path names it.
              * @example tower
              */
             id?: string;
-            /**
-             * Velocity X M S
-             * @example 0.5
-             */
+            /** @example 0.5 */
             velocity_x_m_s?: number;
-            /**
-             * Velocity Y M S
-             * @example 0.5
-             */
+            /** @example 0.5 */
             velocity_y_m_s?: number;
             /**
-             * X M
              * @description North coordinate of the centre in the show frame.
              * @example 12.5
              */
             x_m: number;
-            /**
-             * Y M
-             * @example 12.5
-             */
+            /** @example 12.5 */
             y_m: number;
         };
         /**
-         * Offer
          * @description What the operator can command for an interrupted flight. Nothing is done without a command.
          * @enum {string}
          */
         Offer: "take-over" | "bring-home";
-        /**
-         * Orbit
-         * @description Orbit of the formation's centre around the target; with radius 0 the centre stays above the target.
-         */
+        /** @description Orbit of the formation's centre around the target; with radius 0 the centre stays above the target. */
         Orbit: {
             /** @default counterclockwise */
             direction: components["schemas"]["Direction"];
-            /**
-             * Radius M
-             * @default 0
-             */
+            /** @default 0 */
             radius_m: number;
             /**
-             * Speed M S
              * @description Relative to the target.
              * @default 2
              */
             speed_m_s: number;
         };
-        /**
-         * OrbitChange
-         * @description New radius, speed or direction of the orbit of the formation's centre around the target.
-         */
+        /** @description New radius, speed or direction of the orbit of the formation's centre around the target. */
         OrbitChange: {
             /** @description Seen from above. */
             direction?: components["schemas"]["Direction"];
             /**
-             * Radius M
              * @description Radius of the orbit; 0: the formation stands above the target.
              * @example 30
              */
             radius_m?: number;
             /**
-             * Speed M S
              * @description Speed relative to the target.
              * @example 2
              */
             speed_m_s?: number;
         };
         /**
-         * Outcome
          * @description Progress of a command with one vehicle.
          * @enum {string}
          */
         Outcome: "pending" | "done" | "failed" | "not-included";
         /**
-         * OverallSeverity
          * @description The most severe of the alarms whose cause lasts.
          * @enum {string}
          */
         OverallSeverity: "emergency" | "warning" | "caution" | "information" | "normal";
+        Paths: {
+            "/api/v1/access": {
+                get: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["Access"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/alarms": {
+                get: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["AlarmList"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/alarms/{alarm_id}/acknowledge": {
+                post: {
+                    parameters: {
+                        path: {
+                            alarm_id: string;
+                        };
+                    };
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["Alarm"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/alarms/acknowledge": {
+                post: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["Alarm"][];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/commands": {
+                get: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["CommandRecord"][];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/commands/{command_id}": {
+                get: {
+                    parameters: {
+                        path: {
+                            command_id: string;
+                        };
+                    };
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["CommandRecord"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/corrections": {
+                get: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["CorrectionsView"] | null;
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/fleet": {
+                get: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["Fleet"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/fleet/hold": {
+                post: {
+                    parameters: Record<string, never>;
+                    requestBody?: {
+                        content: {
+                            "application/json": components["schemas"]["GroupBody"] | null;
+                        };
+                    };
+                    responses: {
+                        202: {
+                            content: {
+                                "application/json": components["schemas"]["CommandRecord"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/fleet/join": {
+                post: {
+                    parameters: Record<string, never>;
+                    requestBody?: {
+                        content: {
+                            "application/json": components["schemas"]["GroupBody"] | null;
+                        };
+                    };
+                    responses: {
+                        202: {
+                            content: {
+                                "application/json": components["schemas"]["CommandRecord"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/fleet/land": {
+                post: {
+                    parameters: Record<string, never>;
+                    requestBody?: {
+                        content: {
+                            "application/json": components["schemas"]["GroupBody"] | null;
+                        };
+                    };
+                    responses: {
+                        202: {
+                            content: {
+                                "application/json": components["schemas"]["CommandRecord"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/fleet/return": {
+                post: {
+                    parameters: Record<string, never>;
+                    requestBody?: {
+                        content: {
+                            "application/json": components["schemas"]["GroupBody"] | null;
+                        };
+                    };
+                    responses: {
+                        202: {
+                            content: {
+                                "application/json": components["schemas"]["CommandRecord"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/fleet/take-control": {
+                post: {
+                    parameters: Record<string, never>;
+                    requestBody?: {
+                        content: {
+                            "application/json": components["schemas"]["GroupBody"] | null;
+                        };
+                    };
+                    responses: {
+                        202: {
+                            content: {
+                                "application/json": components["schemas"]["CommandRecord"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/formation": {
+                get: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["Formation"];
+                            };
+                        };
+                    };
+                };
+                patch: {
+                    parameters: Record<string, never>;
+                    requestBody: {
+                        content: {
+                            "application/json": components["schemas"]["FormationChange"];
+                        };
+                    };
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["Formation"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/kill": {
+                post: {
+                    parameters: Record<string, never>;
+                    requestBody?: {
+                        content: {
+                            "application/json": components["schemas"]["GroupBody"] | null;
+                        };
+                    };
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["KillArmed"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/kill/confirm": {
+                post: {
+                    parameters: Record<string, never>;
+                    requestBody: {
+                        content: {
+                            "application/json": components["schemas"]["KillConfirmation"];
+                        };
+                    };
+                    responses: {
+                        202: {
+                            content: {
+                                "application/json": components["schemas"]["CommandRecord"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/obstacles": {
+                get: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["Obstacle"][];
+                            };
+                        };
+                    };
+                };
+                post: {
+                    parameters: Record<string, never>;
+                    requestBody: {
+                        content: {
+                            "application/json": components["schemas"]["ObstaclePost"];
+                        };
+                    };
+                    responses: {
+                        201: {
+                            content: {
+                                "application/json": components["schemas"]["Obstacle"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/obstacles/{obstacle_id}": {
+                delete: {
+                    parameters: {
+                        path: {
+                            /** @example tower */
+                            obstacle_id: string;
+                        };
+                    };
+                    responses: {
+                        204: {
+                            content: Record<string, never>;
+                        };
+                    };
+                };
+                get: {
+                    parameters: {
+                        path: {
+                            /** @example tower */
+                            obstacle_id: string;
+                        };
+                    };
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["Obstacle"];
+                            };
+                        };
+                    };
+                };
+                put: {
+                    parameters: {
+                        path: {
+                            /** @example tower */
+                            obstacle_id: string;
+                        };
+                    };
+                    requestBody: {
+                        content: {
+                            "application/json": components["schemas"]["ObstaclePut"];
+                        };
+                    };
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["Obstacle"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/orbit": {
+                get: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["Orbit"];
+                            };
+                        };
+                    };
+                };
+                patch: {
+                    parameters: Record<string, never>;
+                    requestBody: {
+                        content: {
+                            "application/json": components["schemas"]["OrbitChange"];
+                        };
+                    };
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["Orbit"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/preflight": {
+                get: {
+                    parameters: {
+                        query?: {
+                            /** @description Vehicles that shall fly; absent: every vehicle that is online. */
+                            vehicles?: string[] | null;
+                        };
+                    };
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["PreflightReport"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/replay": {
+                get: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["Playback"];
+                            };
+                        };
+                    };
+                };
+                post: {
+                    parameters: Record<string, never>;
+                    requestBody: {
+                        content: {
+                            "application/json": components["schemas"]["ReplayChange"];
+                        };
+                    };
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["Playback"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/replay/marks": {
+                get: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["ReplayMarks"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/replay/report": {
+                get: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["ReportState"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/show": {
+                get: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["Show"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/show/abort": {
+                post: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        202: {
+                            content: {
+                                "application/json": components["schemas"]["CommandRecord"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/show/begin": {
+                delete: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["SelectedShow"];
+                            };
+                        };
+                    };
+                };
+                post: {
+                    parameters: Record<string, never>;
+                    requestBody: {
+                        content: {
+                            "application/json": components["schemas"]["BeginBody"];
+                        };
+                    };
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["SelectedShow"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/show/bring-home": {
+                post: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        202: {
+                            content: {
+                                "application/json": components["schemas"]["CommandRecord"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/show/deselect": {
+                post: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        204: {
+                            content: Record<string, never>;
+                        };
+                    };
+                };
+            };
+            "/api/v1/show/pause": {
+                post: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        202: {
+                            content: {
+                                "application/json": components["schemas"]["CommandRecord"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/show/resume": {
+                post: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        202: {
+                            content: {
+                                "application/json": components["schemas"]["CommandRecord"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/show/seek": {
+                post: {
+                    parameters: Record<string, never>;
+                    requestBody: {
+                        content: {
+                            "application/json": components["schemas"]["SeekBody"];
+                        };
+                    };
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["SelectedShow"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/show/start": {
+                post: {
+                    parameters: Record<string, never>;
+                    requestBody?: {
+                        content: {
+                            "application/json": components["schemas"]["StartBody"] | null;
+                        };
+                    };
+                    responses: {
+                        202: {
+                            content: {
+                                "application/json": components["schemas"]["CommandRecord"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/show/stop": {
+                post: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        202: {
+                            content: {
+                                "application/json": components["schemas"]["CommandRecord"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/show/take-over": {
+                post: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        202: {
+                            content: {
+                                "application/json": components["schemas"]["CommandRecord"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/show/timecode": {
+                post: {
+                    parameters: Record<string, never>;
+                    requestBody: {
+                        content: {
+                            "application/json": components["schemas"]["TimecodeBody"];
+                        };
+                    };
+                    responses: {
+                        204: {
+                            content: Record<string, never>;
+                        };
+                    };
+                };
+            };
+            "/api/v1/shows": {
+                get: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["StoredShow"][];
+                            };
+                        };
+                    };
+                };
+                post: {
+                    parameters: {
+                        query: {
+                            /**
+                             * @description skyc: Skybrush; zip: a CSV file of each vehicle; csv: Crazyswarm's polynomials.
+                             * @enum {string}
+                             */
+                            format: "skyc" | "zip" | "csv";
+                            /** @example night */
+                            name: string;
+                            /**
+                             * @description service: the service's place on Earth replaces the one in the drawing.
+                             * @default drawing
+                             * @enum {string}
+                             */
+                            origin?: "drawing" | "service";
+                        };
+                    };
+                    requestBody: {
+                        content: {
+                            /** Format: binary */
+                            "application/octet-stream": string;
+                        };
+                    };
+                    responses: {
+                        201: {
+                            content: {
+                                "application/json": components["schemas"]["ImportedShow"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/shows/{name}": {
+                delete: {
+                    parameters: {
+                        path: {
+                            /** @example lighthouse */
+                            name: string;
+                        };
+                    };
+                    responses: {
+                        204: {
+                            content: Record<string, never>;
+                        };
+                    };
+                };
+                get: {
+                    parameters: {
+                        path: {
+                            /** @example lighthouse */
+                            name: string;
+                        };
+                    };
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["ShowText"];
+                            };
+                        };
+                    };
+                };
+                put: {
+                    parameters: {
+                        path: {
+                            /** @example lighthouse */
+                            name: string;
+                        };
+                    };
+                    requestBody: {
+                        content: {
+                            "application/yaml": unknown;
+                        };
+                    };
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["StoredShow"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/shows/{name}/check": {
+                get: {
+                    parameters: {
+                        path: {
+                            /** @example lighthouse */
+                            name: string;
+                        };
+                    };
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["ShowCheck"];
+                            };
+                        };
+                    };
+                };
+                post: {
+                    parameters: {
+                        path: {
+                            /** @example lighthouse */
+                            name: string;
+                        };
+                    };
+                    responses: {
+                        202: {
+                            content: {
+                                "application/json": components["schemas"]["ShowCheck"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/shows/{name}/drawing": {
+                get: {
+                    parameters: {
+                        path: {
+                            /** @example lighthouse */
+                            name: string;
+                        };
+                        query?: {
+                            /** @default 0 */
+                            from_s?: number;
+                            /**
+                             * @description Lowered where there would be too many samples.
+                             * @default 4
+                             */
+                            rate_hz?: number;
+                            to_s?: number | null;
+                        };
+                    };
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["DrawnSamples"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/shows/{name}/placement": {
+                get: {
+                    parameters: {
+                        path: {
+                            /** @example lighthouse */
+                            name: string;
+                        };
+                        query?: {
+                            /**
+                             * @description Fit the pads to where the vehicles stand, from the given placement on.
+                             * @default false
+                             */
+                            fit?: boolean;
+                            turn_deg?: number | null;
+                            x_m?: number | null;
+                            y_m?: number | null;
+                        };
+                    };
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["PlacedShow"];
+                            };
+                        };
+                    };
+                };
+                put: {
+                    parameters: {
+                        path: {
+                            /** @example lighthouse */
+                            name: string;
+                        };
+                    };
+                    requestBody: {
+                        content: {
+                            "application/json": components["schemas"]["PlacementPut"];
+                        };
+                    };
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["PlacedShow"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/shows/{name}/select": {
+                post: {
+                    parameters: {
+                        path: {
+                            /** @example lighthouse */
+                            name: string;
+                        };
+                    };
+                    requestBody: {
+                        content: {
+                            "application/json": components["schemas"]["SelectBody"];
+                        };
+                    };
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["SelectedShow"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/stations": {
+                get: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["StationView"][];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/stations/{name}/take-over": {
+                post: {
+                    parameters: {
+                        path: {
+                            /** @example north */
+                            name: string;
+                        };
+                    };
+                    responses: {
+                        202: {
+                            content: {
+                                "application/json": components["schemas"]["CommandRecord"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/stations/lead": {
+                post: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["StationView"][];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/status": {
+                get: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["Status"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/target": {
+                get: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["Target"];
+                            };
+                        };
+                    };
+                };
+                put: {
+                    parameters: Record<string, never>;
+                    requestBody: {
+                        content: {
+                            "application/json": components["schemas"]["ShowTarget"] | components["schemas"]["GeodeticTarget"];
+                        };
+                    };
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["Target"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/vehicles": {
+                get: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["Vehicle"][];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/vehicles/{vehicle_id}": {
+                get: {
+                    parameters: {
+                        path: {
+                            /** @example d1 */
+                            vehicle_id: string;
+                        };
+                    };
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["Vehicle"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/vehicles/{vehicle_id}/confirm-down": {
+                post: {
+                    parameters: {
+                        path: {
+                            /** @example d1 */
+                            vehicle_id: string;
+                        };
+                    };
+                    responses: {
+                        202: {
+                            content: {
+                                "application/json": components["schemas"]["CommandRecord"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/vehicles/{vehicle_id}/exclude": {
+                post: {
+                    parameters: {
+                        path: {
+                            /** @example d1 */
+                            vehicle_id: string;
+                        };
+                    };
+                    requestBody?: {
+                        content: {
+                            "application/json": components["schemas"]["ExcludeBody"] | null;
+                        };
+                    };
+                    responses: {
+                        202: {
+                            content: {
+                                "application/json": components["schemas"]["CommandRecord"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/vehicles/{vehicle_id}/find": {
+                post: {
+                    parameters: {
+                        path: {
+                            /** @example d1 */
+                            vehicle_id: string;
+                        };
+                    };
+                    responses: {
+                        202: {
+                            content: {
+                                "application/json": components["schemas"]["CommandRecord"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/vehicles/{vehicle_id}/hold": {
+                post: {
+                    parameters: {
+                        path: {
+                            /** @example d1 */
+                            vehicle_id: string;
+                        };
+                    };
+                    responses: {
+                        202: {
+                            content: {
+                                "application/json": components["schemas"]["CommandRecord"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/vehicles/{vehicle_id}/include": {
+                post: {
+                    parameters: {
+                        path: {
+                            /** @example d1 */
+                            vehicle_id: string;
+                        };
+                    };
+                    responses: {
+                        202: {
+                            content: {
+                                "application/json": components["schemas"]["CommandRecord"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/vehicles/{vehicle_id}/join": {
+                post: {
+                    parameters: {
+                        path: {
+                            /** @example d1 */
+                            vehicle_id: string;
+                        };
+                    };
+                    responses: {
+                        202: {
+                            content: {
+                                "application/json": components["schemas"]["CommandRecord"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/vehicles/{vehicle_id}/land": {
+                post: {
+                    parameters: {
+                        path: {
+                            /** @example d1 */
+                            vehicle_id: string;
+                        };
+                    };
+                    responses: {
+                        202: {
+                            content: {
+                                "application/json": components["schemas"]["CommandRecord"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/vehicles/{vehicle_id}/return": {
+                post: {
+                    parameters: {
+                        path: {
+                            /** @example d1 */
+                            vehicle_id: string;
+                        };
+                    };
+                    responses: {
+                        202: {
+                            content: {
+                                "application/json": components["schemas"]["CommandRecord"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/vehicles/{vehicle_id}/take-control": {
+                post: {
+                    parameters: {
+                        path: {
+                            /** @example d1 */
+                            vehicle_id: string;
+                        };
+                    };
+                    responses: {
+                        202: {
+                            content: {
+                                "application/json": components["schemas"]["CommandRecord"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/yaw": {
+                get: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["Yaw"];
+                            };
+                        };
+                    };
+                };
+                patch: {
+                    parameters: Record<string, never>;
+                    requestBody: {
+                        content: {
+                            "application/json": components["schemas"]["YawChange"];
+                        };
+                    };
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["Yaw"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/healthz": {
+                get: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["Health"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/metrics": {
+                get: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "text/plain": string;
+                            };
+                        };
+                    };
+                };
+            };
+            "/readyz": {
+                get: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["Readiness"];
+                            };
+                        };
+                    };
+                };
+            };
+        };
         /**
-         * Phase
          * @description Phase of one vehicle.
          * @enum {string}
          */
         Phase: "offline" | "standby" | "takeoff" | "hold" | "formation" | "return" | "landing" | "lost" | "pilot" | "killed";
-        /**
-         * PhaseSpan
-         * @description A period in one phase of the show. Times are in seconds since the first recorded state.
-         */
+        /** @description A period in one phase of the show. Times are in seconds since the first recorded state. */
         PhaseSpan: {
-            /** From S */
             from_s: number;
             phase: components["schemas"]["ShowPhase"];
-            /** Until S */
             until_s: number;
         };
-        /**
-         * PlacedShow
-         * @description A drawn show at one placement, and how far the vehicles stand from its pads.
-         */
+        /** @description A drawn show at one placement, and how far the vehicles stand from its pads. */
         PlacedShow: {
             /**
-             * Assigned
              * @description nearest: any vehicle may stand on any pad; file: the fleet's first on the first pad.
              * @enum {string}
              */
             assigned: "nearest" | "file";
-            /**
-             * Fence Distance M
-             * @description Of the show's fence, with the same room as before.
-             */
+            /** @description Of the show's fence, with the same room as before. */
             fence_distance_m: number;
-            /**
-             * Heading Deg
-             * @description Of the drawing's x axis, clockwise from north.
-             */
+            /** @description Of the drawing's x axis, clockwise from north. */
             heading_deg: number;
-            /**
-             * Max M
-             * @description Greatest distance.
-             */
+            /** @description Greatest distance. */
             max_m: number | null;
-            /**
-             * Origin Changes
-             * @description The show file names another origin than the service: to place it replaces that.
-             */
+            /** @description The show file names another origin than the service: to place it replaces that. */
             origin_changes: boolean;
-            /**
-             * Pads M
-             * @description x and y of every pad at this placement.
-             */
+            /** @description x and y of every pad at this placement. */
             pads_m: number[][];
-            /**
-             * Rms M
-             * @description Root mean square of the distances; null: no vehicle has a pad.
-             */
+            /** @description Root mean square of the distances; null: no vehicle has a pad. */
             rms_m: number | null;
-            /** Show */
             show: string;
             /** @description As the show file has it, in the service's frame. */
             stored: components["schemas"]["Placement"];
-            /**
-             * Turn Deg
-             * @description Clockwise seen from above.
-             */
+            /** @description Clockwise seen from above. */
             turn_deg: number;
-            /**
-             * Vehicles
-             * @description All vehicles, in the fleet's order.
-             */
+            /** @description All vehicles, in the fleet's order. */
             vehicles: components["schemas"]["VehicleAtPad"][];
             /** @description As the show file has it, in the frame of its own origin. */
             written: components["schemas"]["Placement"];
-            /** X M */
             x_m: number;
-            /** Y M */
             y_m: number;
         };
-        /**
-         * Placement
-         * @description Where a drawn show lies: turned with its pads about the drawing's origin, then moved; show frame.
-         */
+        /** @description Where a drawn show lies: turned with its pads about the drawing's origin, then moved; show frame. */
         Placement: {
-            /**
-             * Turn Deg
-             * @description Clockwise seen from above.
-             */
+            /** @description Clockwise seen from above. */
             turn_deg: number;
-            /** X M */
             x_m: number;
-            /** Y M */
             y_m: number;
         };
-        /**
-         * PlacementPut
-         * @description Where a drawn show lies: turned with its pads about the drawing's origin, then moved; show frame.
-         */
+        /** @description Where a drawn show lies: turned with its pads about the drawing's origin, then moved; show frame. */
         PlacementPut: {
             /**
-             * Turn Deg
              * @description Degrees clockwise seen from above.
              * @example 21.5
              */
             turn_deg: number;
-            /**
-             * X M
-             * @example 12.5
-             */
+            /** @example 12.5 */
             x_m: number;
-            /**
-             * Y M
-             * @example 12.5
-             */
+            /** @example 12.5 */
             y_m: number;
         };
-        /**
-         * Playback
-         * @description A recorded flight that is played back as if live.
-         */
+        /** @description A recorded flight that is played back as if live. */
         Playback: {
-            /**
-             * Began Unix Time S
-             * @description Time of the first recorded state.
-             */
+            /** @description Time of the first recorded state. */
             began_unix_time_s: number;
-            /** Duration S */
             duration_s: number;
-            /**
-             * Ended
-             * @description The last recorded state is shown.
-             */
+            /** @description The last recorded state is shown. */
             ended: boolean;
-            /** File */
             file: string;
-            /** Paused */
             paused: boolean;
-            /**
-             * Position S
-             * @description Time from the first recorded state to this one.
-             */
+            /** @description Time from the first recorded state to this one. */
             position_s: number;
-            /**
-             * Skips Idle
-             * @description Time in which nothing flies is jumped over while it plays.
-             */
+            /** @description Time in which nothing flies is jumped over while it plays. */
             skips_idle: boolean;
-            /**
-             * Speed
-             * @description Playback speed as a multiple of the flight's.
-             */
+            /** @description Playback speed as a multiple of the flight's. */
             speed: number;
         };
-        /**
-         * PreflightReport
-         * @description All checks before a start.
-         */
+        /** @description All checks before a start. */
         PreflightReport: {
-            /** Fleet */
             fleet: components["schemas"]["Check"][];
-            /**
-             * Not Checked
-             * @description What is not checked, and why.
-             */
+            /** @description What is not checked, and why. */
             not_checked: string[];
-            /**
-             * Not Flying
-             * @description Vehicles that would stay on the ground, and why.
-             */
+            /** @description Vehicles that would stay on the ground, and why. */
             readonly not_flying: {
                 [key: string]: string;
             };
-            /**
-             * Passes
-             * @description Whether a start would be accepted now: no check of the fleet or of a vehicle that flies fails.
-             */
+            /** @description Whether a start would be accepted now: no check of the fleet or of a vehicle that flies fails. */
             readonly passes: boolean;
-            /** Show */
             show: string | null;
-            /** Show Hash */
             show_hash: string | null;
-            /**
-             * Unix Time S
-             * @description Time of the check; in the air: before take-off.
-             */
+            /** @description Time of the check; in the air: before take-off. */
             unix_time_s: number;
-            /** Vehicles */
             vehicles: components["schemas"]["VehicleChecks"][];
         };
-        /**
-         * Problem
-         * @description One problem of a file, and where to fix it.
-         */
+        /** @description One problem of a file, and where to fix it. */
         Problem: {
-            /** Cue */
             cue: string | null;
-            /** Line */
             line: number;
-            /** Text */
             text: string;
         };
-        /**
-         * Readiness
-         * @description Whether at least one vehicle can be commanded.
-         */
+        /** @description Whether at least one vehicle can be commanded. */
         Readiness: {
-            /** Ready */
             ready: boolean;
-            /**
-             * Vehicles
-             * @description Configured vehicles.
-             */
+            /** @description Configured vehicles. */
             vehicles: number;
-            /** Vehicles Airborne */
             vehicles_airborne: number;
-            /**
-             * Vehicles Ready
-             * @description Vehicles that could start now.
-             */
+            /** @description Vehicles that could start now. */
             vehicles_ready: number;
         };
-        /**
-         * Remaining
-         * @description One vehicle that was airborne, and its state now.
-         */
+        /** @description One vehicle that was airborne, and its state now. */
         Remaining: {
             /** @description Phase at the end of the record. */
             before: components["schemas"]["Phase"];
-            /**
-             * Pad Known
-             * @description Whether it can be brought home.
-             */
+            /** @description Whether it can be brought home. */
             pad_known: boolean;
-            /** Text */
             text: string;
-            /**
-             * Waits
-             * @description Waits for a command: take-over or bring-home would reach it.
-             */
+            /** @description Waits for a command: take-over or bring-home would reach it. */
             waits: boolean;
         };
-        /**
-         * ReplayChange
-         * @description Changes of the playback; at least one field.
-         */
+        /** @description Changes of the playback; at least one field. */
         ReplayChange: {
-            /** Paused */
             paused?: boolean;
             /**
-             * Position S
              * @description Time since the first recorded state, at most the record's duration.
              * @example 12.5
              */
             position_s?: number;
-            /**
-             * Skips Idle
-             * @description Jump over time in which nothing flies, while it plays.
-             */
+            /** @description Jump over time in which nothing flies, while it plays. */
             skips_idle?: boolean;
             /**
-             * Speed
              * @description Playback speed as a multiple of the flight's.
              * @example 4
              */
             speed?: number;
         };
-        /**
-         * ReplayMarks
-         * @description Marks of the whole record for a timeline; empty when the flight data has no audit beside it.
-         */
+        /** @description Marks of the whole record for a timeline; empty when the flight data has no audit beside it. */
         ReplayMarks: {
-            /** Cues */
             cues: components["schemas"]["CueMark"][];
-            /**
-             * Events
-             * @description At most 500; alarms before others.
-             */
+            /** @description At most 500; alarms before others. */
             events: components["schemas"]["EventMark"][];
-            /**
-             * Idle
-             * @description Jumped over while `skips_idle` is true.
-             */
+            /** @description Jumped over while `skips_idle` is true. */
             idle: components["schemas"]["IdleSpan"][];
-            /** Phases */
             phases: components["schemas"]["PhaseSpan"][];
         };
-        /**
-         * ReportBody
-         * @description The flight report, as `gcs report --json` prints it.
-         */
+        /** @description The flight report, as `gcs report --json` prints it. */
         ReportBody: {
-            /**
-             * Autopilots
-             * @description Number of vehicles by autopilot; empty: not known.
-             */
+            /** @description Number of vehicles by autopilot; empty: not known. */
             autopilots: {
                 [key: string]: number;
             };
             /**
-             * Based On
              * @example true positions
              * @example estimated positions
              */
             based_on: string;
-            /** Checks */
             checks: components["schemas"]["ReportCheck"][];
-            /** Duration S */
             duration_s: number;
-            /** Flew */
             flew: number;
-            /**
-             * Missing
-             * @description What could not be judged, and why; with times and bytes.
-             */
+            /** @description What could not be judged, and why; with times and bytes. */
             missing: string[];
-            /** Nearest Pairs */
             nearest_pairs: components["schemas"]["NearestPair"][];
-            /**
-             * Remarks
-             * @description Remarks about the file.
-             */
+            /** @description Remarks about the file. */
             remarks: string[];
-            /** Source */
             source: string;
-            /**
-             * Uncertainty
-             * @description Uncertainty of the positions, in words.
-             */
+            /** @description Uncertainty of the positions, in words. */
             uncertainty: string;
-            /** Vehicles */
             vehicles: number;
             /**
-             * Verdict
              * @description incomplete: nothing was found broken, but not all of the flight could be judged.
              * @enum {string}
              */
             verdict: "kept" | "broken" | "incomplete";
         };
-        /**
-         * ReportCheck
-         * @description One limit: whether it was kept, and the worst value.
-         */
+        /** @description One limit: whether it was kept, and the worst value. */
         ReportCheck: {
-            /**
-             * At S
-             * @description Time since the beginning of the record.
-             */
+            /** @description Time since the beginning of the record. */
             at_s: number | null;
-            /**
-             * Kept
-             * @description null: there was nothing to judge.
-             */
+            /** @description null: there was nothing to judge. */
             kept: boolean | null;
-            /**
-             * Limit
-             * @description The limit that applied then: a written show has its own.
-             */
+            /** @description The limit that applied then: a written show has its own. */
             limit: number;
-            /**
-             * Name
-             * @example greatest height
-             */
+            /** @example greatest height */
             name: string;
-            /**
-             * Tolerated
-             * @description Kept up to here: an autopilot's own answer may pass the limit by a little.
-             */
+            /** @description Kept up to here: an autopilot's own answer may pass the limit by a little. */
             tolerated: number;
             /**
-             * Unit
              * @description Unit of limit, tolerated and worst.
              * @example m
              */
             unit: string;
-            /**
-             * Vehicle
-             * @description The vehicle with the worst value.
-             */
+            /** @description The vehicle with the worst value. */
             vehicle: string;
-            /**
-             * Worst
-             * @description null: there was nothing to judge.
-             */
+            /** @description null: there was nothing to judge. */
             worst: number | null;
         };
-        /**
-         * ReportState
-         * @description The flight report of the record, or its progress.
-         */
+        /** @description The flight report of the record, or its progress. */
         ReportState: {
             /**
-             * Reason
              * @description Why it failed, empty when it did not.
              * @default
              */
@@ -2859,318 +1997,191 @@ export interface components {
             state: components["schemas"]["CheckState"];
         };
         /**
-         * Right
          * @description A right that a call requires.
          * @enum {string}
          */
         Right: "watch" | "operate" | "emergency";
-        /**
-         * Scheduling
-         * @description What the machine grants this process, so that control keeps time beside other programs.
-         */
+        /** @description What the machine grants this process, so that control keeps time beside other programs. */
         Scheduling: {
             /**
-             * Memory Locked
              * @description No page of its memory has to be read again.
              * @default false
              */
             memory_locked: boolean;
             /**
-             * Priority
              * @description `real-time 10`, `nice -10`, or `usual`: other programs can delay control.
              * @default usual
              */
             priority: string;
         };
-        /**
-         * SeekBody
-         * @description The cue with which the show begins.
-         */
+        /** @description The cue with which the show begins. */
         SeekBody: {
-            /**
-             * Cue
-             * @example walk round
-             */
+            /** @example walk round */
             cue: string;
         };
-        /**
-         * SelectBody
-         * @description The hash of the checked show that is to be selected.
-         */
+        /** @description The hash of the checked show that is to be selected. */
         SelectBody: {
             /**
-             * Hash
              * @description Hash of everything that is flown, as the show's check reports it.
              * @example 4f0c8dd7e2a6b1935c7e0f8a9b6d5c4e3f2a1b0c9d8e7f6a5b4c3d2e1f0a9b8c
              */
             hash: string;
         };
-        /**
-         * SelectedShow
-         * @description The written show that is or will be flown, and its progress.
-         */
+        /** @description The written show that is or will be flown, and its progress. */
         SelectedShow: {
             /** @description null: it begins as soon as all vehicles are there, or has begun. */
             begin?: components["schemas"]["BeginView"] | null;
             /**
-             * Begun
              * @description Its clock has run since the start: no time to begin is accepted any more.
              * @default false
              */
             begun: boolean;
-            /**
-             * Clock S
-             * @description The show's own time; 0 when the first sphere stands.
-             */
+            /** @description The show's own time; 0 when the first sphere stands. */
             clock_s: number;
-            /**
-             * Cue
-             * @description The newest cue.
-             */
+            /** @description The newest cue. */
             cue: string;
-            /** Cues */
             cues: string[];
-            /**
-             * Duration S
-             * @description Loops played.
-             */
+            /** @description Loops played. */
             duration_s: number;
-            /** Hash */
             hash: string;
-            /** Name */
             name: string;
-            /**
-             * Runs
-             * @description Whether the show's clock runs; false before the show begins and while it is paused.
-             */
+            /** @description Whether the show's clock runs; false before the show begins and while it is paused. */
             runs: boolean;
             /**
-             * Spares
              * @description Vehicles on the ground that take the places of lost ones; empty without any.
              * @default []
              */
             spares: string[];
-            /**
-             * Target Is Live
-             * @description Whether PUT target moves the target now.
-             */
+            /** @description Whether PUT target moves the target now. */
             target_is_live: boolean;
-            /**
-             * Track Max M
-             * @description The greatest such distance of any vehicle.
-             */
+            /** @description The greatest such distance of any vehicle. */
             track_max_m?: number | null;
-            /**
-             * Track Rms M
-             * @description Distance from the trajectory since the start, as estimated, over time and vehicles; null while no drawn part has run.
-             */
+            /** @description Distance from the trajectory since the start, as estimated, over time and vehicles; null while no drawn part has run. */
             track_rms_m?: number | null;
         };
         /**
-         * Severity
          * @description Severity of an event.
          * @enum {string}
          */
         Severity: "info" | "warning" | "error";
-        /**
-         * Show
-         * @description The show's phase, and the commands that it accepts now.
-         */
+        /** @description The show's phase, and the commands that it accepts now. */
         Show: {
-            /** Countdown S */
             countdown_s: number | null;
             phase: components["schemas"]["ShowPhase"];
-            /** Possible */
             possible: components["schemas"]["ShowAction"][];
-            /** Reason */
             reason: string;
             /** @description null: manual control of formation, target and orbit. */
             selected: components["schemas"]["SelectedShow"] | null;
-            /**
-             * Start Unix Time S
-             * @description Commanded start time that is not reached yet; null: none.
-             */
+            /** @description Commanded start time that is not reached yet; null: none. */
             start_unix_time_s: number | null;
         };
         /**
-         * ShowAction
          * @description A fleet-wide command.
          * @enum {string}
          */
         ShowAction: "start" | "stop" | "pause" | "resume" | "abort";
-        /**
-         * ShowCheck
-         * @description A running or finished check of a show; only a show that passed may be selected.
-         */
+        /** @description A running or finished check of a show; only a show that passed may be selected. */
         ShowCheck: {
             /** @description null: not flown. */
             figures: components["schemas"]["ShowFigures"] | null;
             /**
-             * Fits Service
              * @description false: other settings of the service would remove some of the problems.
              * @default true
              */
             fits_service: boolean;
             /**
-             * Good
              * @description It can be flown, and by this service as it is set now.
              * @default false
              */
             good: boolean;
-            /**
-             * Hash
-             * @description Of everything that is flown; a start must name it.
-             */
+            /** @description Of everything that is flown; a start must name it. */
             hash: string | null;
-            /** Name */
             name: string;
-            /**
-             * Problems
-             * @default []
-             */
+            /** @default [] */
             problems: components["schemas"]["Problem"][];
             /**
-             * Reason
              * @description Why the check itself failed; it says nothing of the show then.
              * @default
              */
             reason: string;
             state: components["schemas"]["CheckState"];
         };
-        /**
-         * ShowFigures
-         * @description Figures of a show flown in virtual time, from true positions.
-         */
+        /** @description Figures of a show flown in virtual time, from true positions. */
         ShowFigures: {
-            /** Assembled S */
             assembled_s: number;
-            /**
-             * Battery Need
-             * @description Share of a full battery, reserve included.
-             */
+            /** @description Share of a full battery, reserve included. */
             battery_need: number;
-            /** Climb Max M S */
             climb_max_m_s: number;
-            /**
-             * Columns
-             * @description The nearest of these pairs.
-             */
+            /** @description The nearest of these pairs. */
             columns: components["schemas"]["VerticalOverlap"][];
-            /** Cues */
             cues: components["schemas"]["CueFigures"][];
-            /** Fence Distance Margin M */
             fence_distance_margin_m: number;
-            /** Fence Height Margin M */
             fence_height_margin_m: number;
-            /** Floor M */
             floor_m: number;
-            /** Home S */
             home_s: number | null;
-            /** Pairs Below Floor */
             pairs_below_floor: number;
-            /** Separation Min At */
             separation_min_at: string;
-            /** Separation Min M */
             separation_min_m: number;
-            /** Show S */
             show_s: number;
-            /** Sink Max M S */
             sink_max_m_s: number;
-            /** Speed Max M S */
             speed_max_m_s: number;
-            /** Vehicles */
             vehicles: number;
-            /**
-             * Vertical Overlaps
-             * @description Pairs whose columns overlap at some time of the show.
-             */
+            /** @description Pairs whose columns overlap at some time of the show. */
             vertical_overlaps: number;
         };
         /**
-         * ShowFrame
          * @description The show frame: its origin, and the heading of its x axis.
          *
          *     Raises: InvalidError when a number is not finite or out of its range.
          */
         ShowFrame: {
-            /** Altitude Amsl M */
             altitude_amsl_m: number;
-            /**
-             * Heading Deg
-             * @default 0
-             */
+            /** @default 0 */
             heading_deg: number;
-            /** Latitude Deg */
             latitude_deg: number;
-            /** Longitude Deg */
             longitude_deg: number;
         };
         /**
-         * ShowPhase
          * @description Phase of the show.
          * @enum {string}
          */
         ShowPhase: "idle" | "countdown" | "preflight" | "arming" | "assembling" | "running" | "paused" | "returning" | "aborting" | "landed" | "uncontrolled";
-        /**
-         * ShowTarget
-         * @description The target's position and velocity in the show frame.
-         */
+        /** @description The target's position and velocity in the show frame. */
         ShowTarget: {
             /**
-             * Velocity X M S
              * @default 0
              * @example 0.5
              */
             velocity_x_m_s: number;
             /**
-             * Velocity Y M S
              * @default 0
              * @example 0.5
              */
             velocity_y_m_s: number;
-            /**
-             * X M
-             * @example 12.5
-             */
+            /** @example 12.5 */
             x_m: number;
-            /**
-             * Y M
-             * @example 12.5
-             */
+            /** @example 12.5 */
             y_m: number;
         };
-        /**
-         * ShowText
-         * @description A show file and its text.
-         */
+        /** @description A show file and its text. */
         ShowText: {
-            /** Name */
             name: string;
-            /**
-             * Text
-             * @description YAML, as it was uploaded.
-             */
+            /** @description YAML, as it was uploaded. */
             text: string;
         };
-        /**
-         * StartBody
-         * @description The vehicles, the selected show and the time of a start.
-         */
+        /** @description The vehicles, the selected show and the time of a start. */
         StartBody: {
             /**
-             * At Unix Time S
              * @description Take-off time, in s since 1970. Absent: now.
              * @example 1795000000
              */
             at_unix_time_s?: number;
             /**
-             * Show Hash
              * @description Hash of the selected show, as its check reports it. Absent: none is selected.
              * @example 4f0c8dd7e2a6b1935c7e0f8a9b6d5c4e3f2a1b0c9d8e7f6a5b4c3d2e1f0a9b8c
              */
             show_hash?: string;
             /**
-             * Vehicles
              * @description Absent: every vehicle that is online.
              * @example [
              *       "d1",
@@ -3180,227 +2191,120 @@ export interface components {
             vehicles?: string[];
         };
         /**
-         * State
          * @description Result of a check. Unknown counts as failed.
          * @enum {string}
          */
         State: "pass" | "fail" | "unknown";
-        /**
-         * StationView
-         * @description One station of the site.
-         */
+        /** @description One station of the site. */
         StationView: {
-            /**
-             * Delay S
-             * @description One way, over the bus.
-             */
+            /** @description One way, over the bus. */
             delay_s: number | null;
-            /**
-             * Leads
-             * @description It holds the plan, and computes the formation.
-             */
+            /** @description It holds the plan, and computes the formation. */
             leads: boolean;
-            /** Name */
             name: string;
             /**
-             * Offers
              * @description For its interrupted flight: POST /api/v1/show/take-over, at any station.
              * @default []
              */
             offers: components["schemas"]["Offer"][];
-            /**
-             * Own
-             * @description The station that answers.
-             */
+            /** @description The station that answers. */
             own: boolean;
-            /**
-             * Received
-             * @description Its messages arrive; false: its vehicles are without control.
-             */
+            /** @description Its messages arrive; false: its vehicles are without control. */
             received: boolean;
             show: components["schemas"]["ShowPhase"];
-            /**
-             * Silent S
-             * @description Since its newest message; null: none has arrived.
-             */
+            /** @description Since its newest message; null: none has arrived. */
             silent_s: number | null;
-            /**
-             * Term
-             * @description Term of the lead that the answering station obeys.
-             */
+            /** @description Term of the lead that the answering station obeys. */
             term: number;
-            /**
-             * Vehicles
-             * @description Vehicles that it flies.
-             */
+            /** @description Vehicles that it flies. */
             vehicles: number;
         };
-        /**
-         * Status
-         * @description Data that changes seldom: the text messages of the console's stream.
-         */
+        /** @description Data that changes seldom: the text messages of the console's stream. */
         Status: {
-            /**
-             * Access
-             * @description Whether the service demands tokens, in words.
-             */
+            /** @description Whether the service demands tokens, in words. */
             access: string;
-            /**
-             * Alarms
-             * @description Most severe first, newest first within a severity; alarms that have ended come last.
-             */
+            /** @description Most severe first, newest first within a severity; alarms that have ended come last. */
             alarms: components["schemas"]["Alarm"][];
-            /**
-             * Began Unix Time S
-             * @description When this process began to serve; a restarted service has another time.
-             */
+            /** @description When this process began to serve; a restarted service has another time. */
             began_unix_time_s: number;
-            /**
-             * Control Reason
-             * @description Why control is not alive, empty when it is.
-             */
+            /** @description Why control is not alive, empty when it is. */
             control_reason: string;
-            /**
-             * Corrections
-             * @description Corrections for RTK are configured: GET /api/v1/corrections returns their age.
-             */
+            /** @description Corrections for RTK are configured: GET /api/v1/corrections returns their age. */
             corrections: boolean;
             counts: components["schemas"]["Counts"];
             /** @description Estimates at `time_s`; null in a replay. */
             estimates: components["schemas"]["Estimates"] | null;
-            /**
-             * Events
-             * @description The newest 100, the newest last.
-             */
+            /** @description The newest 100, the newest last. */
             events: components["schemas"]["LogEvent"][];
             flight_envelope: components["schemas"]["FlightEnvelope"];
             formation: components["schemas"]["Formation"];
             /** @description An interrupted flight that is not settled yet; null: none. */
             interrupted: components["schemas"]["InterruptedFlight"] | null;
             /**
-             * Lights
              * @description Driver of the vehicles' lights; none: none are sent.
              * @example led-control
              */
             lights: string;
-            /**
-             * Limits
-             * @description Reasons for which the safety filter limits vehicles now, each once.
-             */
+            /** @description Reasons for which the safety filter limits vehicles now, each once. */
             limits: string[];
             /** @description null: none is configured. */
             map: components["schemas"]["GroundMap"] | null;
-            /**
-             * Obstacles
-             * @description Positions of the obstacles at `time_s`.
-             */
+            /** @description Positions of the obstacles at `time_s`. */
             obstacles: components["schemas"]["Obstacle"][];
             orbit: components["schemas"]["Orbit"];
             origin: components["schemas"]["ShowFrame"];
             /** @description null: this is no replay. */
             replay: components["schemas"]["Playback"] | null;
-            /**
-             * Revision
-             * @description Increases with every change; a frame names the revision it belongs to.
-             */
+            /** @description Increases with every change; a frame names the revision it belongs to. */
             revision: number;
             /** @description The worst severity of the alarms that last. */
             severity: components["schemas"]["OverallSeverity"];
             show: components["schemas"]["Show"];
-            /**
-             * Shows Refused
-             * @description Why show files cannot be uploaded to this service, empty when they can.
-             */
+            /** @description Why show files cannot be uploaded to this service, empty when they can. */
             shows_refused: string;
-            /**
-             * Stations
-             * @description Of the site, with the values at `time_s`; empty: one station flies all vehicles.
-             */
+            /** @description Of the site, with the values at `time_s`; empty: one station flies all vehicles. */
             stations: components["schemas"]["StationView"][];
             /** @description Position of the target at `time_s`. */
             target: components["schemas"]["Target"];
-            /**
-             * Time S
-             * @description The service's monotonic clock.
-             */
+            /** @description The service's monotonic clock. */
             time_s: number;
             /** @description That shows follow, with the values at `time_s`; null: none is configured. */
             timecode: components["schemas"]["TimecodeView"] | null;
-            /**
-             * Timeline
-             * @description Cues of the selected show, loops written out.
-             */
+            /** @description Cues of the selected show, loops written out. */
             timeline: components["schemas"]["CueMark"][];
-            /** Unix Time S */
             unix_time_s: number;
-            /**
-             * Vehicles
-             * @description In the order of the rows of a frame's columns.
-             */
+            /** @description In the order of the rows of a frame's columns. */
             vehicles: components["schemas"]["VehicleRecord"][];
             yaw: components["schemas"]["Yaw"];
         };
-        /**
-         * StoredShow
-         * @description A stored show file.
-         */
+        /** @description A stored show file. */
         StoredShow: {
-            /**
-             * Drawing
-             * @description File of the drawing that the show names.
-             */
+            /** @description File of the drawing that the show names. */
             drawing?: string | null;
-            /** Name */
             name: string;
-            /**
-             * Sha256
-             * @description Hash of the file; what is flown has a hash of its own.
-             */
+            /** @description Hash of the file; what is flown has a hash of its own. */
             sha256: string;
-            /** Size Bytes */
             size_bytes: number;
         };
-        /**
-         * Target
-         * @description Position and velocity of the target now, in both frames.
-         */
+        /** @description Position and velocity of the target now, in both frames. */
         Target: {
-            /** Latitude Deg */
             latitude_deg: number | null;
-            /** Longitude Deg */
             longitude_deg: number | null;
-            /** Velocity East M S */
             velocity_east_m_s: number;
-            /** Velocity North M S */
             velocity_north_m_s: number;
-            /** Velocity X M S */
             velocity_x_m_s: number;
-            /** Velocity Y M S */
             velocity_y_m_s: number;
-            /** X M */
             x_m: number | null;
-            /** Y M */
             y_m: number | null;
         };
-        /**
-         * TickView
-         * @description Timing of the control loop.
-         */
+        /** @description Timing of the control loop. */
         TickView: {
-            /** Count */
             count: number;
-            /** Duration P50 Ms */
             duration_p50_ms: number | null;
-            /** Duration P99 Ms */
             duration_p99_ms: number | null;
-            /** Lateness P99 Ms */
             lateness_p99_ms: number | null;
-            /**
-             * Missed
-             * @description Dropped, never made up.
-             */
+            /** @description Dropped, never made up. */
             missed: number;
-            /** Rate Hz */
             rate_hz: number | null;
             /**
              * @default {
@@ -3410,380 +2314,197 @@ export interface components {
              */
             scheduling: components["schemas"]["Scheduling"];
         };
-        /**
-         * TimecodeBody
-         * @description Whether shows follow the timecode.
-         */
+        /** @description Whether shows follow the timecode. */
         TimecodeBody: {
-            /** Follow */
             follow: boolean;
         };
-        /**
-         * TimecodeView
-         * @description The timecode that shows follow.
-         */
+        /** @description The timecode that shows follow. */
         TimecodeView: {
-            /**
-             * Age S
-             * @description Since the newest reading that was followed; null: none.
-             */
+            /** @description Since the newest reading that was followed; null: none. */
             age_s: number | null;
-            /**
-             * Behind S
-             * @description By how much the show is behind it; null while the show does not follow.
-             */
+            /** @description By how much the show is behind it; null while the show does not follow. */
             behind_s: number | null;
-            /**
-             * Dropped
-             * @description Dropped unread: too many, or too long.
-             */
+            /** @description Dropped unread: too many, or too long. */
             dropped: number;
-            /**
-             * Followed
-             * @description false: an operator has shows run by this station's clock.
-             */
+            /** @description false: an operator has shows run by this station's clock. */
             followed: boolean;
-            /**
-             * Frame Rate
-             * @example 25
-             */
+            /** @example 25 */
             frame_rate: string;
-            /**
-             * Frozen Since Unix Time S
-             * @description Since when a running show stands still, or comes to rest, because the timecode does; null: it does not. `state` and `problem` say why.
-             */
+            /** @description Since when a running show stands still, or comes to rest, because the timecode does; null: it does not. `state` and `problem` say why. */
             frozen_since_unix_time_s: number | null;
-            /**
-             * Garbage
-             * @description Messages that make no sense.
-             */
+            /** @description Messages that make no sense. */
             garbage: number;
             /**
-             * Label
              * @description Where it is, or stands; empty: nowhere yet.
              * @example 01:00:02:12
              */
             label: string;
-            /**
-             * Problem
-             * @description Why the show waits or stands still; empty: it does not.
-             */
+            /** @description Why the show waits or stands still; empty: it does not. */
             problem: string;
-            /**
-             * Readings
-             * @description That arrived.
-             */
+            /** @description That arrived. */
             readings: number;
-            /**
-             * Slope
-             * @description How fast it runs by this station's clock; 1 at its rate.
-             */
+            /** @description How fast it runs by this station's clock; 1 at its rate. */
             slope: number | null;
-            /**
-             * Source
-             * @example rtp-midi://0.0.0.0:5004
-             */
+            /** @example rtp-midi://0.0.0.0:5004 */
             source: string;
             /**
-             * State
              * @description stopped: its source says so. lost: nothing arrives any more. refused: it has jumped to where the show does not follow.
              * @enum {string}
              */
             state: "none" | "running" | "dropped-out" | "stopped" | "lost" | "refused";
-            /**
-             * Tempo
-             * @description How fast the show runs; 0: it stands still; null: none.
-             */
+            /** @description How fast the show runs; 0: it stands still; null: none. */
             tempo: number | null;
         };
-        /**
-         * Vehicle
-         * @description One vehicle, as the service estimates it. Its numbers have the names of a frame's columns.
-         */
+        /** @description One vehicle, as the service estimates it. Its numbers have the names of a frame's columns. */
         Vehicle: {
-            /** Altitude Amsl M */
             altitude_amsl_m: number | null;
-            /** Armed */
             armed: boolean;
-            /**
-             * Autopilot
-             * @description Name of its autopilot's profile, as configured.
-             */
+            /** @description Name of its autopilot's profile, as configured. */
             autopilot: string;
-            /**
-             * Battery
-             * @description Remaining share of the battery, 0 to 1.
-             */
+            /** @description Remaining share of the battery, 0 to 1. */
             battery: number | null;
-            /**
-             * Empty S
-             * @description Time until the battery is empty; null: not known yet.
-             */
+            /** @description Time until the battery is empty; null: not known yet. */
             empty_s: number | null;
-            /**
-             * Fix Type
-             * @description GPS_FIX_TYPE of its receiver, 3 and more with a height; null: not known.
-             */
+            /** @description GPS_FIX_TYPE of its receiver, 3 and more with a height; null: not known. */
             fix_type: number | null;
-            /**
-             * Heading Deg
-             * @description 0 up to, without, 360.
-             */
+            /** @description 0 up to, without, 360. */
             heading_deg: number | null;
-            /** Heartbeat Age S */
             heartbeat_age_s: number | null;
-            /** Height M */
             height_m: number | null;
             /** @description null: it has not taken off. */
             home: components["schemas"]["Home"] | null;
-            /** Id */
             id: string;
             /**
-             * Landed
              * @description Landed state, as the autopilot reports it.
              * @example on_ground
              */
             landed: string;
-            /** Latitude Deg */
             latitude_deg: number | null;
             /**
-             * Light
              * @description Colour of the vehicle in the show now; null: it flies in no show.
              * @example #ff8000
              */
             light: string | null;
-            /**
-             * Limited By
-             * @description Why the safety filter limits the vehicle; empty: it does not.
-             */
+            /** @description Why the safety filter limits the vehicle; empty: it does not. */
             limited_by: string;
-            /** Link */
             link: string;
-            /**
-             * Link Quality
-             * @description Share of the requested positions that arrive, 0 to 1; null in a replay.
-             */
+            /** @description Share of the requested positions that arrive, 0 to 1; null in a replay. */
             link_quality: number | null;
-            /** Longitude Deg */
             longitude_deg: number | null;
-            /**
-             * Low S
-             * @description Time until the battery reaches the low-battery threshold, 0 below it; null: unknown.
-             */
+            /** @description Time until the battery reaches the low-battery threshold, 0 below it; null: unknown. */
             low_s: number | null;
             mode: components["schemas"]["Mode"];
             phase: components["schemas"]["Phase"];
-            /** Position Age S */
             position_age_s: number | null;
-            /** Ready */
             ready: boolean;
-            /**
-             * Reason
-             * @description Why it is in its phase.
-             */
+            /** @description Why it is in its phase. */
             reason: string;
-            /** Setpoint Up M S */
             setpoint_up_m_s: number | null;
-            /**
-             * Setpoint X M S
-             * @description Sent in the last tick; null: not commanded.
-             */
+            /** @description Sent in the last tick; null: not commanded. */
             setpoint_x_m_s: number | null;
-            /** Setpoint Y M S */
             setpoint_y_m_s: number | null;
             /**
-             * Station
              * @description The station that flies it; null: one station flies all, or none is known to fly this.
              * @example north
              */
             station: string | null;
-            /** System Id */
             system_id: number;
-            /**
-             * Uncertainty M
-             * @description Standard deviation sideways: as reported, at least what its kind of fix can mean.
-             */
+            /** @description Standard deviation sideways: as reported, at least what its kind of fix can mean. */
             uncertainty_m: number | null;
-            /** Vup M S */
             vup_m_s: number | null;
-            /** Vx M S */
             vx_m_s: number | null;
-            /** Vy M S */
             vy_m_s: number | null;
-            /** X M */
             x_m: number | null;
-            /** Y M */
             y_m: number | null;
         };
-        /**
-         * VehicleAtPad
-         * @description A vehicle, and the pad that it stands on or nearest to.
-         */
+        /** @description A vehicle, and the pad that it stands on or nearest to. */
         VehicleAtPad: {
-            /** Id */
             id: string;
-            /**
-             * Off M
-             * @description Distance from that pad.
-             */
+            /** @description Distance from that pad. */
             off_m: number | null;
-            /**
-             * Pad
-             * @description Index of its pad; null: it has none.
-             */
+            /** @description Index of its pad; null: it has none. */
             pad: number | null;
-            /**
-             * X M
-             * @description Show frame; null: it is not on the ground, or has no position.
-             */
+            /** @description Show frame; null: it is not on the ground, or has no position. */
             x_m: number | null;
-            /** Y M */
             y_m: number | null;
         };
-        /**
-         * VehicleChecks
-         * @description All checks of one vehicle before a start.
-         */
+        /** @description All checks of one vehicle before a start. */
         VehicleChecks: {
             /**
-             * Autopilot
              * @description Name of its profile, as configured.
              * @default
              */
             autopilot: string;
-            /** Checks */
             checks: components["schemas"]["Check"][];
-            /**
-             * Flies
-             * @description Whether the vehicle takes part in a start when every check passes.
-             */
+            /** @description Whether the vehicle takes part in a start when every check passes. */
             flies: boolean;
-            /** Id */
             id: string;
-            /** Passes */
             readonly passes: boolean;
-            /**
-             * Reason
-             * @description Why it does not fly.
-             */
+            /** @description Why it does not fly. */
             reason: string;
             /**
-             * Version
              * @description Its autopilot's version, as reported; empty: not yet.
              * @default
              */
             version: string;
         };
-        /**
-         * VehicleOutcome
-         * @description One vehicle's part of a command.
-         */
+        /** @description One vehicle's part of a command. */
         VehicleOutcome: {
             outcome: components["schemas"]["Outcome"];
-            /**
-             * Reason
-             * @default
-             */
+            /** @default  */
             reason: string;
         };
-        /**
-         * VehicleRecord
-         * @description Data of one vehicle that changes seldom.
-         */
+        /** @description Data of one vehicle that changes seldom. */
         VehicleRecord: {
-            /**
-             * Autopilot
-             * @description Name of its autopilot's profile, as configured.
-             */
+            /** @description Name of its autopilot's profile, as configured. */
             autopilot: string;
-            /**
-             * Fix Type
-             * @description GPS_FIX_TYPE of its receiver, 3 and more with a height; null: not known.
-             */
+            /** @description GPS_FIX_TYPE of its receiver, 3 and more with a height; null: not known. */
             fix_type: number | null;
             /** @description null: it has not taken off. */
             home: components["schemas"]["Home"] | null;
-            /** Id */
             id: string;
-            /**
-             * Limited By
-             * @description Why the safety filter limits the vehicle; empty: it does not.
-             */
+            /** @description Why the safety filter limits the vehicle; empty: it does not. */
             limited_by: string;
-            /** Link */
             link: string;
-            /**
-             * Reason
-             * @description Why it is in its phase.
-             */
+            /** @description Why it is in its phase. */
             reason: string;
             /**
-             * Station
              * @description The station that flies it; null: one station flies all, or none is known to fly this.
              * @example north
              */
             station: string | null;
-            /** System Id */
             system_id: number;
         };
         /**
-         * VerticalOverlap
          * @description Two vehicles, one above the other during the check: they cannot both descend vertically.
          *
          *     In flight it may be other vehicles, because the law assigns no slots.
          */
         VerticalOverlap: {
-            /**
-             * Cue
-             * @description Cue at that time.
-             */
+            /** @description Cue at that time. */
             cue: string;
-            /** Lower */
             lower: number;
-            /**
-             * Sideways M
-             * @description Least horizontal distance between the two vehicles.
-             */
+            /** @description Least horizontal distance between the two vehicles. */
             sideways_m: number;
-            /**
-             * Upper
-             * @description Vehicle of the show, from 1.
-             */
+            /** @description Vehicle of the show, from 1. */
             upper: number;
         };
-        /**
-         * Written
-         * @description The written show that was flown, and the position in it.
-         */
+        /** @description The written show that was flown, and the position in it. */
         Written: {
-            /** Clock S */
             clock_s: number;
-            /** Cue */
             cue: string;
-            /** Hash */
             hash: string;
-            /** Name */
             name: string;
         };
-        /**
-         * Yaw
-         * @description Yaw policy and heading of the vehicles.
-         */
+        /** @description Yaw policy and heading of the vehicles. */
         Yaw: {
-            /**
-             * Heading Deg
-             * @description Heading of the policy `fixed`.
-             */
+            /** @description Heading of the policy `fixed`. */
             heading_deg: number;
             policy: components["schemas"]["YawPolicy"];
         };
-        /**
-         * YawChange
-         * @description New yaw policy or heading of the vehicles; the heading applies to the policy `fixed`.
-         */
+        /** @description New yaw policy or heading of the vehicles; the heading applies to the policy `fixed`. */
         YawChange: {
             /**
-             * Heading Deg
              * @description Degrees clockwise from north.
              * @example 90
              */
@@ -3791,7 +2512,6 @@ export interface components {
             policy?: components["schemas"]["YawPolicy"];
         };
         /**
-         * YawPolicy
          * @description Heading of the vehicles: as at engagement, a fixed yaw, or towards the target.
          * @enum {string}
          */
@@ -3804,8072 +2524,4 @@ export interface components {
     pathItems: never;
 }
 export type $defs = Record<string, never>;
-export interface operations {
-    get_access: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Access"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    list_alarms: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["AlarmList"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    acknowledge_alarm: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                alarm_id: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Alarm"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    acknowledge_all_alarms: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Alarm"][];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    list_commands: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["CommandRecord"][];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    get_command: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                command_id: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["CommandRecord"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    get_corrections: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["CorrectionsView"] | null;
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    get_fleet: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Fleet"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    hold_fleet: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: {
-            content: {
-                "application/json": components["schemas"]["GroupBody"] | null;
-            };
-        };
-        responses: {
-            /** @description Successful Response */
-            202: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["CommandRecord"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    join_fleet: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: {
-            content: {
-                "application/json": components["schemas"]["GroupBody"] | null;
-            };
-        };
-        responses: {
-            /** @description Successful Response */
-            202: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["CommandRecord"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    land_fleet: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: {
-            content: {
-                "application/json": components["schemas"]["GroupBody"] | null;
-            };
-        };
-        responses: {
-            /** @description Successful Response */
-            202: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["CommandRecord"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    return_fleet: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: {
-            content: {
-                "application/json": components["schemas"]["GroupBody"] | null;
-            };
-        };
-        responses: {
-            /** @description Successful Response */
-            202: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["CommandRecord"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    take_control_fleet: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: {
-            content: {
-                "application/json": components["schemas"]["GroupBody"] | null;
-            };
-        };
-        responses: {
-            /** @description Successful Response */
-            202: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["CommandRecord"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    get_formation: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Formation"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    change_formation: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody: {
-            content: {
-                "application/json": components["schemas"]["FormationChange"];
-            };
-        };
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Formation"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    arm_kill: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: {
-            content: {
-                "application/json": components["schemas"]["GroupBody"] | null;
-            };
-        };
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["KillArmed"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    confirm_kill: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody: {
-            content: {
-                "application/json": components["schemas"]["KillConfirmation"];
-            };
-        };
-        responses: {
-            /** @description Successful Response */
-            202: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["CommandRecord"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    list_obstacles: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Obstacle"][];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    add_obstacle: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody: {
-            content: {
-                "application/json": components["schemas"]["ObstaclePost"];
-            };
-        };
-        responses: {
-            /** @description Successful Response */
-            201: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Obstacle"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    get_obstacle: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                obstacle_id: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Obstacle"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    change_obstacle: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                obstacle_id: string;
-            };
-            cookie?: never;
-        };
-        requestBody: {
-            content: {
-                "application/json": components["schemas"]["ObstaclePut"];
-            };
-        };
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Obstacle"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    remove_obstacle: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                obstacle_id: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            204: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content?: never;
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    get_orbit: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Orbit"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    change_orbit: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody: {
-            content: {
-                "application/json": components["schemas"]["OrbitChange"];
-            };
-        };
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Orbit"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    get_preflight: {
-        parameters: {
-            query?: {
-                /** @description Vehicles that shall fly; absent: every vehicle that is online. */
-                vehicles?: string[] | null;
-            };
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["PreflightReport"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    get_replay: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Playback"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    change_replay: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody: {
-            content: {
-                "application/json": components["schemas"]["ReplayChange"];
-            };
-        };
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Playback"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    get_replay_marks: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ReplayMarks"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    get_flight_report: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ReportState"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    get_show: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Show"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    abort_show: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            202: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["CommandRecord"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    begin_show: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody: {
-            content: {
-                "application/json": components["schemas"]["BeginBody"];
-            };
-        };
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["SelectedShow"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    cancel_begin: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["SelectedShow"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    bring_home_show: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            202: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["CommandRecord"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    deselect_show: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            204: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content?: never;
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    pause_show: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            202: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["CommandRecord"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    resume_show: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            202: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["CommandRecord"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    seek_show: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody: {
-            content: {
-                "application/json": components["schemas"]["SeekBody"];
-            };
-        };
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["SelectedShow"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    start_show: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: {
-            content: {
-                "application/json": components["schemas"]["StartBody"] | null;
-            };
-        };
-        responses: {
-            /** @description Successful Response */
-            202: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["CommandRecord"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    stop_show: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            202: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["CommandRecord"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    take_over_show: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            202: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["CommandRecord"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    follow_timecode: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody: {
-            content: {
-                "application/json": components["schemas"]["TimecodeBody"];
-            };
-        };
-        responses: {
-            /** @description Successful Response */
-            204: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content?: never;
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    list_shows: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["StoredShow"][];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    import_drawing: {
-        parameters: {
-            query: {
-                /** @description skyc: Skybrush; zip: a CSV file of each vehicle; csv: Crazyswarm's polynomials. */
-                format: "skyc" | "zip" | "csv";
-                name: string;
-                /** @description service: the service's place on Earth replaces the one in the drawing. */
-                origin?: "drawing" | "service";
-            };
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        /** @description The file of the drawing, at most 32 MiB. */
-        requestBody: {
-            content: {
-                "application/octet-stream": string;
-            };
-        };
-        responses: {
-            /** @description Successful Response */
-            201: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ImportedShow"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    get_show_file: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                name: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ShowText"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    put_show_file: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                name: string;
-            };
-            cookie?: never;
-        };
-        /** @description A show file, in UTF-8, at most 64 KiB. Kept as it is; its check finds what is wrong. */
-        requestBody: {
-            content: {
-                /**
-                 * @example about: A ring that stands.
-                 *     origin: {latitude_deg: 47.397742, ...}
-                 */
-                "application/yaml": unknown;
-            };
-        };
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["StoredShow"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    remove_show_file: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                name: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            204: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content?: never;
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    get_show_check: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                name: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ShowCheck"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    check_show: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                name: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            202: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ShowCheck"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    get_drawing: {
-        parameters: {
-            query?: {
-                from_s?: number;
-                /** @description Lowered where there would be too many samples. */
-                rate_hz?: number;
-                to_s?: number | null;
-            };
-            header?: never;
-            path: {
-                name: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["DrawnSamples"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    get_placement: {
-        parameters: {
-            query?: {
-                /** @description Fit the pads to where the vehicles stand, from the given placement on. */
-                fit?: boolean;
-                turn_deg?: number | null;
-                x_m?: number | null;
-                y_m?: number | null;
-            };
-            header?: never;
-            path: {
-                name: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["PlacedShow"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    put_placement: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                name: string;
-            };
-            cookie?: never;
-        };
-        requestBody: {
-            content: {
-                "application/json": components["schemas"]["PlacementPut"];
-            };
-        };
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["PlacedShow"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    select_show: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                name: string;
-            };
-            cookie?: never;
-        };
-        requestBody: {
-            content: {
-                "application/json": components["schemas"]["SelectBody"];
-            };
-        };
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["SelectedShow"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    list_stations: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    /**
-                     * @example [
-                     *       {
-                     *         "delay_s": 0,
-                     *         "leads": true,
-                     *         "name": "north",
-                     *         "offers": [],
-                     *         "own": true,
-                     *         "received": true,
-                     *         "show": "running",
-                     *         "silent_s": 0,
-                     *         "term": 1,
-                     *         "vehicles": 250
-                     *       },
-                     *       {
-                     *         "delay_s": 0.002,
-                     *         "leads": false,
-                     *         "name": "south",
-                     *         "offers": [],
-                     *         "own": false,
-                     *         "received": true,
-                     *         "show": "running",
-                     *         "silent_s": 0.03,
-                     *         "term": 1,
-                     *         "vehicles": 250
-                     *       },
-                     *       {
-                     *         "delay_s": 0.002,
-                     *         "leads": false,
-                     *         "name": "west",
-                     *         "offers": [],
-                     *         "own": false,
-                     *         "received": false,
-                     *         "show": "running",
-                     *         "silent_s": 2.5,
-                     *         "term": 1,
-                     *         "vehicles": 250
-                     *       }
-                     *     ]
-                     */
-                    "application/json": components["schemas"]["StationView"][];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    take_over_station: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                name: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            202: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["CommandRecord"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    take_lead: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    /**
-                     * @example [
-                     *       {
-                     *         "delay_s": 0,
-                     *         "leads": true,
-                     *         "name": "north",
-                     *         "offers": [],
-                     *         "own": true,
-                     *         "received": true,
-                     *         "show": "running",
-                     *         "silent_s": 0,
-                     *         "term": 1,
-                     *         "vehicles": 250
-                     *       },
-                     *       {
-                     *         "delay_s": 0.002,
-                     *         "leads": false,
-                     *         "name": "south",
-                     *         "offers": [],
-                     *         "own": false,
-                     *         "received": true,
-                     *         "show": "running",
-                     *         "silent_s": 0.03,
-                     *         "term": 1,
-                     *         "vehicles": 250
-                     *       },
-                     *       {
-                     *         "delay_s": 0.002,
-                     *         "leads": false,
-                     *         "name": "west",
-                     *         "offers": [],
-                     *         "own": false,
-                     *         "received": false,
-                     *         "show": "running",
-                     *         "silent_s": 2.5,
-                     *         "term": 1,
-                     *         "vehicles": 250
-                     *       }
-                     *     ]
-                     */
-                    "application/json": components["schemas"]["StationView"][];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    get_status: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Status"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    get_target: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Target"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    put_target: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody: {
-            content: {
-                "application/json": components["schemas"]["ShowTarget"] | components["schemas"]["GeodeticTarget"];
-            };
-        };
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Target"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    list_vehicles: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Vehicle"][];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    get_vehicle: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                vehicle_id: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Vehicle"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    confirm_down_vehicle: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                vehicle_id: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            202: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["CommandRecord"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    exclude_vehicle: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                vehicle_id: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: {
-            content: {
-                "application/json": components["schemas"]["ExcludeBody"] | null;
-            };
-        };
-        responses: {
-            /** @description Successful Response */
-            202: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["CommandRecord"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    find_vehicle: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                vehicle_id: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            202: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["CommandRecord"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    hold_vehicle: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                vehicle_id: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            202: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["CommandRecord"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    include_vehicle: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                vehicle_id: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            202: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["CommandRecord"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    join_vehicle: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                vehicle_id: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            202: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["CommandRecord"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    land_vehicle: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                vehicle_id: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            202: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["CommandRecord"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    return_vehicle: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                vehicle_id: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            202: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["CommandRecord"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    take_control_vehicle: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path: {
-                vehicle_id: string;
-            };
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            202: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["CommandRecord"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No such thing. */
-            404: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    get_yaw: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Yaw"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    change_yaw: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody: {
-            content: {
-                "application/json": components["schemas"]["YawChange"];
-            };
-        };
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Yaw"];
-                };
-            };
-            /** @description The body cannot be read. */
-            400: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body did not come in time. */
-            408: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Proper, but not now; `detail` says why and what to do. */
-            409: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is too large. */
-            413: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description The body is compressed (`Content-Encoding`), which is not accepted. */
-            415: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Bad input; `problems` names each field, its value and what is allowed. */
-            422: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    healthz: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Health"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    metrics: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "text/plain": string;
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-    readyz: {
-        parameters: {
-            query?: never;
-            header?: never;
-            path?: never;
-            cookie?: never;
-        };
-        requestBody?: never;
-        responses: {
-            /** @description Successful Response */
-            200: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["Readiness"];
-                };
-            };
-            /** @description No token, or one that is not known. */
-            401: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A token without the role for this, a foreign web page, or a host name that is not accepted. */
-            403: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Too many calls; `Retry-After` says when to retry. */
-            429: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description A bug of this service. */
-            500: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-            /** @description Control is not alive, or too many connections are open; `detail` says why. */
-            503: {
-                headers: {
-                    [name: string]: unknown;
-                };
-                content: {
-                    "application/json": components["schemas"]["ErrorBody"];
-                };
-            };
-        };
-    };
-}
+export type operations = Record<string, never>;
