@@ -368,11 +368,13 @@ class Flight:
         failures: Sequence[LinkError] = (),
         record: Record | None = None,
         heart: Heart | None = None,
+        step_s: float | None = None,
         **fleet_settings: Any,
     ) -> None:
         proper = settings_of(plan, str(fleet_settings.get("version", "")))
         kinds = list(dict.fromkeys(str(vehicle.autopilot) for vehicle in plan.fleet))
         autopilot = kinds[0] if len(kinds) == 1 else "mixed"  # in turn
+        self._step_s = step_s or (TICK_STEP_S if autopilot == DEFAULT.name else FLEET_STEP_S)
         soon = SOON_DISARMED if DEFAULT.name in kinds else {}
         usual = {"grid_columns": 2, "rates_hz": STREAMS_HZ, "quirks": READY_AT_ONCE, "autopilot": autopilot}
         self._settings = {"count": len(plan.ids), **usual, **fleet_settings}
@@ -397,8 +399,7 @@ class Flight:
     ) -> tuple[Show, set[asyncio.Task[None]]]:
         unix, planning, now_s = UnixClock(), AtOnce(), asyncio.get_running_loop().time()
         settings = Settings(**self._settings)
-        step_s = TICK_STEP_S if settings.autopilot == DEFAULT.name else FLEET_STEP_S
-        made = fleet_of(settings, **begin_of(now_s, unix()), step_s=step_s)
+        made = fleet_of(settings, **begin_of(now_s, unix()), step_s=self._step_s)
         fleet = cast("Fleet", made)  # a mixed one has what stories of mixed fleets use
         link = VirtualLink(plan, fleet)
         for failure in failures:
@@ -455,7 +456,8 @@ def fly(
         failures: of the link, set before it first runs.
         record: the recording of the flight, already entered.
         heart: receives the heartbeats of control.
-        fleet_settings: of `sim.fleet.Settings`; `parameters` beside those that the configuration asks for.
+        fleet_settings: of `sim.fleet.Settings`, and `step_s` of the fleet; `parameters` are added to those
+            that the configuration asks for.
     """
     plan = show_config(4) if config is None else config
     if after is not None:

@@ -197,6 +197,7 @@ def test_lost_vehicle_alarm_names_its_cause_until_it_is_back() -> None:
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=running)
 
 
+@pytest.mark.soak
 def test_kill_is_an_emergency_until_seen_on_the_ground() -> None:
     async def story(show: Show) -> None:
         command = show.service.commands.kill(["d2"])

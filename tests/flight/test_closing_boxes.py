@@ -33,7 +33,7 @@ def test_no_vehicle_is_inside_a_box(count: int, seed: int) -> None:
     assert figure(figures, "separation.violations") == 0
 
 
-@pytest.mark.keeps("1")
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", [1, 2])
 def test_those_that_are_left_come_home_beside_the_lost(seed: int) -> None:
     """Vehicles are lost while all return: where they may come down, no other does."""

@@ -105,7 +105,7 @@ def test_plan_set_before_recovery_stands_beside_the_recorded(
     after_interruption(tmp_path / "moved", (four(), move))
 
 
-@pytest.mark.keeps("stop")
+@pytest.mark.soak
 @pytest.mark.parametrize("command", ["bring-home", "stop", "abort"])
 def test_recorded_obstacles_stand_on_the_way_down(tmp_path: Path, command: str) -> None:
     async def go_on(show: Show) -> None:

@@ -150,6 +150,7 @@ def test_a_vehicle_lost_after_the_cue_is_not_replaced(spared: LoadedShow) -> Non
     assert f"no spare takes the place of {verdict.lost[0]}" in table(verdict)
 
 
+@pytest.mark.soak
 def test_loss_of_the_station_is_predicted_as_it_would_be_flown(rings: LoadedShow) -> None:
     """Seven of eight vehicles lose their links at a time for which one action is predicted to be unsafe."""
     flight = Rehearsal(rings, QUIET, 3)

@@ -12,13 +12,13 @@ from gcs.shows.importing import show_text
 from gcs.simulation.metrics import separation
 from gcs.simulation.rehearsal import Rehearsal
 from gcs.simulation.scenario import World
-from tests.support.drawn_traffic import KINDS, traffic_show
+from tests.support.drawn_traffic import traffic_show
 
 SPACING_M = 3.0
 RMS_M, MOST_M = 0.3, 1.5
 
 SEEDS = range(100)
-FEW = len(KINDS)
+FEW = 1
 
 
 def loaded(folder: Path, seed: int) -> LoadedShow:

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from gcs.failsafe.policy import Cause
 from gcs.recording.session import Record
 from gcs.testing.virtual_show import Show, fly, show_config
@@ -17,6 +19,7 @@ async def low_battery(show: Show) -> None:
     await show.wait(0.1)
 
 
+@pytest.mark.soak
 def test_failsafe_is_audited_as_a_command_with_its_cause(tmp_path: Path) -> None:
     config = show_config(3)
     vehicles = {name: (row + 1, "loop") for row, name in enumerate(config.ids)}

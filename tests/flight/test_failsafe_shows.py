@@ -85,6 +85,7 @@ def test_flyable_wind_triggers_nothing() -> None:
     fly(story, show_config(4, orbit={"radius_m": 12.0, "speed_m_s": 2.0}))
 
 
+@pytest.mark.soak
 def test_too_many_vehicles_lost_brings_the_show_home() -> None:
     async def story(show: Show) -> None:
         await show.start()

@@ -111,7 +111,7 @@ def flown(kind: str, count: int, share: float, seed: int) -> Reported:
     return fly(story, config(count), after=running, **wide)
 
 
-SHORT: Final = ("repeats", "late", "jump")
+SHORT: Final = ("repeats", "jump")
 """Kinds of lies of `make test`."""
 
 

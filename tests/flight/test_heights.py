@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+import pytest
 
 from gcs.model.state import Array
 from gcs.service.alarms import AlarmCause
@@ -25,6 +26,7 @@ class Outcome(NamedTuple):
     drifted: list[str]  # checks that fail before the start
 
 
+@pytest.mark.soak
 def test_scale_of_heights_is_named_and_floor_holds() -> None:
     async def story(show: Show) -> Outcome:
         await show.standby()

@@ -58,6 +58,7 @@ def standing(folder: Path) -> dict[str, Any]:
     }
 
 
+@pytest.mark.soak
 def test_a_show_fitted_to_its_vehicles_is_ready_and_flies(folder: Path) -> None:
     async def story(show: Show) -> tuple[PreflightReport, PreflightReport, float]:
         await show.standby()

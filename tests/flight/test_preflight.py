@@ -167,6 +167,7 @@ FAULTS: dict[str, tuple[Callable[[Show], object], str]] = {
 }
 
 
+@pytest.mark.alternates(0)
 @pytest.mark.parametrize("name", FAULTS)
 def test_each_check_that_fails_is_named_and_refuses_the_start(tmp_path: Path, name: str) -> None:
     fault, says = FAULTS[name]
@@ -296,6 +297,7 @@ def test_bad_exclusions_change_nothing(tmp_path: Path) -> None:
     fly(story, show_config(3))
 
 
+@pytest.mark.soak
 def test_vehicles_that_fail_to_climb_are_listed_as_not_flying() -> None:
     async def story(show: Show) -> None:
         show.ports.silence("d4")

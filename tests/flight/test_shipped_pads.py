@@ -28,7 +28,7 @@ def failing(show: Show) -> list[str]:
     return [f"{check.name}: {check.problem}" for check in found if not check.passes]
 
 
-@pytest.mark.keeps("px4")
+@pytest.mark.soak
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_two_to_ten_vehicles_are_accepted_on_shipped_pads(autopilot: str) -> None:
     async def story(show: Show) -> None:

@@ -104,7 +104,7 @@ def test_second_show_flies_after_the_first(kinds: tuple[str, str]) -> None:
     assert modes == [Mode.HOLD if kinds[row % 2] == PX4 else Mode.OFFBOARD for row in range(COUNT)]
 
 
-@pytest.mark.keeps("mixed")
+@pytest.mark.soak
 @FLEETS
 def test_vehicle_that_loses_its_link_is_kept_clear_of(kinds: tuple[str, str]) -> None:
     async def story(show: Show) -> tuple[Phase, Phase, int]:
@@ -123,7 +123,7 @@ def test_vehicle_that_loses_its_link_is_kept_clear_of(kinds: tuple[str, str]) ->
     assert (lost, again, violations) == (Phase.LOST, Phase.FORMATION, 0)
 
 
-@pytest.mark.keeps("mixed")
+@pytest.mark.soak
 @FLEETS
 def test_pilot_takes_an_ardupilot_vehicle_and_gives_it_back(kinds: tuple[str, str]) -> None:
     async def story(show: Show) -> tuple[Phase, str, int, Outcome]:
@@ -144,7 +144,7 @@ def test_pilot_takes_an_ardupilot_vehicle_and_gives_it_back(kinds: tuple[str, st
     assert "did not command" in reason
 
 
-@pytest.mark.keeps("4-hold-holds")
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("action", "mode", "does"),
     [(4, Mode.HOLD, "holds"), (1, Mode.RETURN, "returns"), (2, Mode.LAND, "lands")],
@@ -215,7 +215,7 @@ def test_fleet_with_different_loss_times_is_refused() -> None:
     assert ("loss times", State.PASS) in fly(checked, config(3.0))
 
 
-@pytest.mark.keeps("mixed")
+@pytest.mark.soak
 @FLEETS
 def test_stalled_service_finds_every_vehicle_and_lands_all(kinds: tuple[str, str]) -> None:
     """For 5 s nothing is sent: PX4 holds by itself, ArduCopter hovers in GUIDED."""
@@ -295,6 +295,7 @@ def test_killed_ardupilot_closes_the_air_below_it_until_it_lies() -> None:
     assert seen[-1][0] == "ON_GROUND"
 
 
+@pytest.mark.soak
 def test_acceleration_as_read_is_what_the_filter_counts_on() -> None:
     async def story(show: Show) -> list[float]:
         await show.start()
@@ -304,6 +305,7 @@ def test_acceleration_as_read_is_what_the_filter_counts_on() -> None:
     assert fly(story, config_of((PX4, ARDUPILOT), 2), parameters=set_to) == [np.inf, pytest.approx(2.4)]
 
 
+@pytest.mark.soak
 def test_vehicle_slower_than_its_parameters_said_is_named() -> None:
     """Its WPNAV_ACCEL falls after the check, as a script on board may have it."""
 

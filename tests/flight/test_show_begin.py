@@ -11,7 +11,7 @@ from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import BeginState, BeginView, SelectedShow, ShowAction
 from gcs.service.alarms import AlarmCause
-from gcs.testing.virtual_show import Show, refused
+from gcs.testing.virtual_show import FLEET_STEP_S, Show, refused
 from gcs.testing.virtual_time import run_virtual
 from tests.support.written_show import TEXT, config, fly, select
 
@@ -85,12 +85,13 @@ def test_the_fleet_begins_within_20_ms_of_the_time(tmp_path: Path, phase_s: floa
         clock_s = selected(show).clock_s
         return First(first_motion_s(show, begins_s), clock_s - (show.view.time_s - begins_s))
 
-    first = fly(story, config(tmp_path))
+    first = fly(story, config(tmp_path), step_s=FLEET_STEP_S)
     assert all(-0.001 <= one <= ALLOWED_S for one in first.after_s), first
     assert np.ptp(first.after_s) <= ALLOWED_S
     assert abs(first.clock_off_s) < 0.001
 
 
+@pytest.mark.soak
 def test_a_waiting_show_says_so_and_does_not_move(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         show_hash = select(show, MOVING)

@@ -59,6 +59,7 @@ def allowed(true_s: float) -> float:
     return max(SPARE_S, SPARE_SHARE * true_s)
 
 
+@pytest.mark.soak
 def test_assembly_time_is_estimated_correctly(flight: Flight) -> None:
     forming = [
         (sample.time_s, estimates_of(sample).assembled_s)
@@ -70,6 +71,7 @@ def test_assembly_time_is_estimated_correctly(flight: Flight) -> None:
     assert max(abs(found_s - true_s) - allowed(true_s) for true_s, found_s in known) < 1.0  # once a second
 
 
+@pytest.mark.soak
 def test_time_home_is_estimated_before_and_during_the_return(flight: Flight) -> None:
     at_stop = estimates_of(flight.track.between(0.0, flight.stop_s).samples[-1]).home_s
     took_s = flight.landed_s - flight.stop_s
@@ -84,6 +86,7 @@ def test_time_home_is_estimated_before_and_during_the_return(flight: Flight) -> 
     assert max(off_s) < 1.0  # once a second
 
 
+@pytest.mark.soak
 def test_unknown_or_past_estimate_is_absent(flight: Flight) -> None:
     for sample in flight.track.samples:
         estimates, show = estimates_of(sample), sample.view.show
@@ -96,6 +99,7 @@ def test_unknown_or_past_estimate_is_absent(flight: Flight) -> None:
     assert np.isnan(early.empty_s).all()  # less than three percent were used
 
 
+@pytest.mark.soak
 def test_battery_time_is_estimated_correctly(flight: Flight) -> None:
     sample = flight.track.between(0.0, flight.stop_s).samples[-1]
     estimates, remaining = estimates_of(sample), sample.view.rows.battery_remaining

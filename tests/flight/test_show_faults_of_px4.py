@@ -2,6 +2,8 @@
 
 from typing import Any
 
+import pytest
+
 from gcs.failsafe.autopilot_failsafe import FailsafeCause
 from gcs.model.lifecycle import Phase
 from gcs.service import Outcome, ShowAction, VehicleAction
@@ -48,6 +50,7 @@ async def blind(show: Show) -> dict[str, Any]:
     }
 
 
+@pytest.mark.soak
 def test_blind_vehicle_is_told_as_one_that_cannot_be_steered() -> None:
     found = fly(blind, FOUR, after=running)
     reported = found["first"][AlarmCause.BAD_POSITION]
@@ -105,6 +108,7 @@ async def asked_to_land(show: Show) -> dict[str, Any]:
     return {"seen": seen, "landed": landed.outcome}
 
 
+@pytest.mark.soak
 def test_landing_that_px4_asks_for_is_told_and_works() -> None:
     found = fly(asked_to_land, FOUR, after=running)
     alarm = found["seen"][AlarmCause.LAND_NOW]

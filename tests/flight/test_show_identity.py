@@ -118,6 +118,7 @@ def lies() -> list[Any]:
     ]
 
 
+@pytest.mark.soak
 def test_components_received_first_change_no_vehicle() -> None:
     async def story(show: Show) -> Seen:
         parts = [Part(show, number, kind) for number in range(1, 5) for kind in (COMPANION, GIMBAL, RADIO)]

@@ -160,6 +160,7 @@ def test_written_show_resumes_where_it_was_and_as_checked(tmp_path: Path) -> Non
     sessions(root, (configs, into_the_walk), (configs, changed), (configs, flies_on))
 
 
+@pytest.mark.soak
 def test_a_time_to_begin_that_a_restart_forgets_is_reported_once(tmp_path: Path) -> None:
     shows, root = tmp_path / "shows", tmp_path / "runs"
     shows.mkdir()
@@ -217,6 +218,7 @@ def _merged(section: dict[str, object]) -> dict[str, object]:
     }
 
 
+@pytest.mark.soak
 def test_vehicle_under_pilot_control_is_left_to_the_pilot(tmp_path: Path) -> None:
     async def fly_and_lose_one(show: Show) -> None:
         await fly_for_a_while(show)

@@ -39,7 +39,7 @@ async def late_from_the_pads_on(show: Show, delay_s: float) -> Rested:
     )
 
 
-@pytest.mark.keeps("0.3")
+@pytest.mark.soak
 @pytest.mark.parametrize("delay_s", [0.0, 0.12, 0.3])
 def test_formation_rests_over_links_of_any_constant_delay(delay_s: float) -> None:
     config = show_config(COUNT, formation={"radius_m": 10.0, "height_m": 20.0}, operation=HOLDS_WHEN_LOST)

@@ -16,7 +16,7 @@ from gcs.simulation.metrics import report
 from gcs.testing.virtual_show import HEIGHT_M, RADIUS_M, Show, fly, refused, show_config
 
 
-@pytest.mark.keeps("neighbours")
+@pytest.mark.soak
 @pytest.mark.parametrize("law", [LawName.ARTICLE, LawName.NEIGHBOURS])
 def test_law_chosen_on_the_ground_forms_the_sphere_and_rests(law: LawName) -> None:
     async def story(show: Show) -> None:
@@ -66,7 +66,7 @@ def test_law_is_in_the_configuration_and_in_the_record() -> None:
     assert Plan(Formation(5.0, 10.0)).formation.law is LawName.SLOTS
 
 
-@pytest.mark.keeps("law-article-8")
+@pytest.mark.keeps("law-article-8", "law-neighbours-8")
 @pytest.mark.parametrize(("name", "count"), [("law-article", 8), ("law-neighbours", 8), ("carried", 20)])
 def test_scenario_of_the_law_is_kept(name: str, count: int) -> None:
     record = simulate(scenarios.load(scenarios.find(name)), count, 3)

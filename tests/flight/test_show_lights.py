@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from gcs.config.schema import Config
 from gcs.flight.shows.lights import FOUND, FULL, LOW, OFF
 from gcs.model.errors import RefusedError
@@ -62,6 +64,7 @@ def test_find_is_refused_in_the_air_and_without_lights() -> None:
     fly(without_lights)
 
 
+@pytest.mark.soak
 def test_flying_vehicles_show_the_colours_of_the_show(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         show_hash = written_show.select(show)

@@ -12,6 +12,7 @@ from gcs.model.plan import Target
 from gcs.model.state import Mode
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.testing.virtual_show import (
+    FLEET_STEP_S,
     HOLDS_WHEN_LOST,
     JUMP_M_S,
     SLOWLY_DISARMED,
@@ -83,7 +84,9 @@ async def silent_for_a_while(show: Show) -> Silence:
 
 @pytest.fixture(scope="module")
 def silence() -> Silence:
-    return fly(silent_for_a_while, show_config(4, operation=HOLDS_WHEN_LOST), after=running)
+    return fly(
+        silent_for_a_while, show_config(4, operation=HOLDS_WHEN_LOST), after=running, step_s=FLEET_STEP_S
+    )
 
 
 def test_a_vehicle_silent_in_the_air_is_lost_within_the_limit(silence: Silence) -> None:
@@ -245,7 +248,7 @@ async def back_when_all_others_are_down(
     return show.track.between(back_s), verbs, show.floor_violations(), off_pad_m
 
 
-@pytest.mark.keeps("abort-aborting-landing")
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("action", "ends", "flown"),
     [

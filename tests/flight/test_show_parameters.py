@@ -14,7 +14,7 @@ from gcs.model.plan import Formation
 from gcs.model.state import VehicleId
 from gcs.service import ShowAction
 from gcs.testing.views import vehicles_of
-from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Refusal, Show, fly, refused, show_config
+from gcs.testing.virtual_show import FLEET_STEP_S, HOLDS_WHEN_LOST, Refusal, Show, fly, refused, show_config
 from tests.support.show_phases import running
 
 SAFE = {**HOLDS_WHEN_LOST, "require_safe_setpoint_loss": True}
@@ -45,7 +45,7 @@ def test_start_is_refused_for_a_wrong_parameter_until_fixed() -> None:
         await show.until(lambda: not show.vehicle("d2").ready)
         return await mended(show)
 
-    refusal, flies = fly(story, show_config(3, operation=HOLDS_WHEN_LOST))
+    refusal, flies = fly(story, show_config(3, operation=HOLDS_WHEN_LOST), step_s=FLEET_STEP_S)
     assert refusal.kind is RefusedError
     assert refusal.text.startswith("d2: COM_OBL_RC_ACT is 0, 5 is needed")
     assert "gcs params apply --config FILE" in refusal.text
@@ -212,6 +212,7 @@ def test_params_of_a_named_vehicle_that_is_not_received() -> None:
     assert {vehicle for vehicle, _ in unnamed} == {"d1"}
 
 
+@pytest.mark.soak
 def test_jumping_position_lists_first_and_widens_the_margin() -> None:
     async def story(show: Show) -> tuple[list[float], list[float], list[Phase], str, str]:
         await show.wait(10.0)

@@ -64,14 +64,17 @@ def review() -> Poor:
     return fly(lambda show: poor_links(show, 0.2), config(), after=running, grid_columns=5, seed=5)
 
 
+@pytest.mark.soak
 def test_no_vehicle_is_lost_while_a_fifth_of_all_messages_is(review: Poor) -> None:
     assert {phase for phases in review.phases.values() for phase in phases} == {Phase.FORMATION}
 
 
+@pytest.mark.soak
 def test_late_links_are_no_wind(review: Poor) -> None:
     assert not [notice for notice in review.texts if "wind" in notice]
 
 
+@pytest.mark.soak
 def test_the_floor_is_kept_over_poor_links(review: Poor) -> None:
     assert review.violations == 0
 

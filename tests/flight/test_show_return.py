@@ -199,6 +199,7 @@ async def return_past_a_lost_one(show: Show) -> PastLost:
     )
 
 
+@pytest.mark.soak
 def test_pad_below_a_lost_vehicle_is_left_for_a_free_place() -> None:
     """It hovered beside the space of the lost vehicle until its battery was empty."""
     config = show_config(COUNT, formation={"radius_m": 9.0, "height_m": 20.0}, operation=HOLDS_WHEN_LOST)

@@ -13,7 +13,7 @@ from gcs.model.lifecycle import Phase
 from gcs.model.state import Array, Setpoints
 from gcs.sim.vehicle.px4 import Quirks
 from gcs.testing.virtual_link import VirtualLink
-from gcs.testing.virtual_show import Show, fly, show_config
+from gcs.testing.virtual_show import FLEET_STEP_S, Show, fly, show_config
 from gcs.testing.virtual_time import run_virtual
 from tests.support.show_phases import running
 
@@ -86,7 +86,9 @@ async def a_second_without_telemetry(show: Show) -> tuple[list[float], list[floa
 
 
 def test_stale_telemetry_sends_no_setpoint_others_unaffected() -> None:
-    others_s, own_s, phases = fly(a_second_without_telemetry, show_config(2), after=running, quirks=Quirks())
+    others_s, own_s, phases = fly(
+        a_second_without_telemetry, show_config(2), after=running, step_s=FLEET_STEP_S, quirks=Quirks()
+    )
     gap = int(np.argmax(np.diff(own_s)))
     assert 0.4 < own_s[gap] < 0.56
     assert 1.19 < own_s[gap + 1] < 1.3

@@ -130,6 +130,7 @@ def test_a_flying_show_is_within_20_ms_of_its_timecode(tmp_path: Path, rate: Rat
     assert not reported
 
 
+@pytest.mark.soak
 def test_a_show_freezes_with_its_timecode_and_goes_on(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         await take_off(show)

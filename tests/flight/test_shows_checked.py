@@ -49,7 +49,7 @@ def checked(capsys: pytest.CaptureFixture[str], file: Path) -> tuple[int, dict[s
     return code, json.loads(capsys.readouterr().out)
 
 
-@pytest.mark.keeps("lighthouse", "drawn-30")
+@pytest.mark.keeps("lighthouse")
 @pytest.mark.parametrize("path", shipped(), ids=lambda path: path.stem)
 def test_a_shipped_show_is_good_to_fly(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, verdict = checked(capsys, path)
@@ -119,6 +119,7 @@ def test_the_hash_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert len(capsys.readouterr().out.strip()) == 64
 
 
+@pytest.mark.soak
 def test_a_show_is_drawn(tmp_path: Path) -> None:
     picture = tmp_path / "show.png"
     assert main(["show", "plot", "figure-of-eight", str(picture)]) == 0

@@ -19,6 +19,7 @@ from tests.support.written_show import config, fly, select
 ALL = ("d1", "d2", "d3", "d4")
 
 
+@pytest.mark.soak
 def test_a_show_is_recorded_with_its_fence_and_its_lights(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

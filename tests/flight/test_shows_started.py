@@ -309,6 +309,7 @@ def test_on_the_ground_a_show_is_set_to_a_cue_and_begins_there(tmp_path: Path) -
     fly(story, config(tmp_path))
 
 
+@pytest.mark.soak
 def test_vehicle_found_airborne_does_not_begin_an_unstarted_show(tmp_path: Path) -> None:
     async def story(show: Show) -> None:
         service = show.service

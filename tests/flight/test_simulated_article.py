@@ -26,7 +26,7 @@ def around_a_box() -> FlightRecord:
     return flown("article-obstacle", 7)
 
 
-@pytest.mark.keeps("article-tracking")
+@pytest.mark.keeps("article-assembly")
 @pytest.mark.parametrize("name", ["article-assembly", "article-tracking"])
 def test_four_drones_form_a_tetrahedron_round_the_target(name: str) -> None:
     record = flown(name, 7)
@@ -36,6 +36,7 @@ def test_four_drones_form_a_tetrahedron_round_the_target(name: str) -> None:
     assert figures["tracking"]["center_speed_m_s"] == pytest.approx(12.0, abs=0.5)  # type: ignore[index]
 
 
+@pytest.mark.soak
 def test_the_formation_passes_a_box_and_is_a_tetrahedron_again(around_a_box: FlightRecord) -> None:
     flight = around_a_box.scenario.flight
     assert isinstance(flight, ArticleFlight)
@@ -54,6 +55,7 @@ def test_same_seed_same_flight_another_seed_another() -> None:
     assert article_figures(again) == article_figures(once)
 
 
+@pytest.mark.soak
 def test_section_5_is_drawn(around_a_box: FlightRecord, tmp_path: Path) -> None:
     draw(around_a_box, tmp_path / "article.png")
     assert (tmp_path / "article.png").stat().st_size > 50_000

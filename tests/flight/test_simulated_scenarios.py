@@ -83,6 +83,7 @@ def test_unmet_demands_of_a_scenario_set_the_exit_code(
     assert "separation.minimum_m" in capsys.readouterr().out
 
 
+@pytest.mark.soak
 def test_side_by_side_on_two_cores_the_figures_are_the_same(
     trial: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -139,6 +140,7 @@ def test_both_autopilots_fly_the_story_as_one(seed: int, capsys: pytest.CaptureF
     assert figures["obstacles"]["penetrations"] == 0
 
 
+@pytest.mark.keeps("target-held")
 @pytest.mark.parametrize("scenario", ["target-in-hall", "target-held"])
 def test_target_that_cannot_be_had_is_followed_from_beside_it(
     scenario: str, capsys: pytest.CaptureFixture[str]

@@ -70,6 +70,7 @@ async def counted(show: SiteShow, station: str) -> dict[str, float]:
     return {name.removeprefix("gcs_bus_").removesuffix("_total"): float(value) for name, value in values}
 
 
+@pytest.mark.soak
 def test_metrics_count_what_crosses_the_bus() -> None:
     async def story(show: SiteShow) -> None:
         passed: list[int] = []  # bytes of each message with its topic, as a third party receives them

@@ -1,5 +1,7 @@
 """A start of several stations: refused until each has reported that its vehicles are ready."""
 
+import pytest
+
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import CommandRecord, ShowAction
@@ -20,6 +22,7 @@ async def asked_until_s(show: SiteShow, seconds: float) -> tuple[CommandRecord |
     return None, reasons
 
 
+@pytest.mark.soak
 def test_start_waits_until_every_station_has_reported() -> None:
     async def story(show: SiteShow) -> None:
         show.network.cut({"north", "south"}, {"west"})

@@ -64,11 +64,11 @@ CASES = [
         turn,
         PHASES[turn % len(PHASES)],
         STALLS_S[turn % len(STALLS_S)],
-        marks=() if turn < 3 else pytest.mark.soak,
+        marks=() if turn < 2 else pytest.mark.soak,
     )
     for turn in range(20)
 ]
-"""`make test` flies three phases once, `make soak` each with two moments and lengths."""
+"""`make test` flies two phases once, `make soak` each with two moments and lengths."""
 
 
 def assert_true(show: Show) -> None:

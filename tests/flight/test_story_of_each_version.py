@@ -46,7 +46,7 @@ async def story(show: Show) -> Outcomes:
     return Outcomes(ready_s, reported, outcomes, show.floor_violations(), alarms)
 
 
-@pytest.mark.keeps("px4-1.14", "ardupilot-4.0")
+@pytest.mark.keeps("px4-1.14")
 @pytest.mark.parametrize(("kind", "version"), VERSIONS, ids=lambda part: part or "recorded")
 def test_version_flies_the_story_with_what_is_shipped(kind: str, version: str) -> None:
     flown = fly(story, shipped(4, kind), version=version, grid_columns=3, quirks=Quirks())

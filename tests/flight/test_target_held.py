@@ -67,11 +67,13 @@ def flight() -> Flight:
     return fly(story, show_config(4, control=FENCE))
 
 
+@pytest.mark.soak
 def test_the_hall_is_named_and_what_the_formation_does(flight: Flight) -> None:
     assert flight.named_after_s <= 10.0
     assert any("obstacle hall: the whole formation has no room" in text for text in flight.reported)
 
 
+@pytest.mark.soak
 def test_the_whole_formation_rests_beside_the_hall(flight: Flight) -> None:
     half_m = HALL.half_length_x_m, HALL.half_length_y_m
     beside_m = np.abs(flight.center_m[:2] - (HALL.x_m, HALL.y_m)) - half_m
@@ -81,9 +83,11 @@ def test_the_whole_formation_rests_beside_the_hall(flight: Flight) -> None:
     assert flight.floor_violations == 0
 
 
+@pytest.mark.soak
 def test_it_follows_a_target_that_drives_inside(flight: Flight) -> None:
     assert -7.0 < flight.along_m < -3.0  # of 6 m: along the sides of the hall's ellipse
 
 
+@pytest.mark.soak
 def test_it_returns_to_a_target_that_is_outside_again(flight: Flight) -> None:
     assert flight.back_off_m < 1.0

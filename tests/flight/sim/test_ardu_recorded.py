@@ -76,6 +76,7 @@ def recorded(recording: dict[str, Any], kind: str) -> list[tuple[float, list[Any
     ]
 
 
+@pytest.mark.keeps("session")
 @pytest.mark.parametrize("name", ["session", "frame_takeoff", "failsafe"])
 def test_a_recorded_session_gets_the_recorded_answers(name: str) -> None:
     recording = digest(name)

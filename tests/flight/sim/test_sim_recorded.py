@@ -80,6 +80,7 @@ def recorded(recording: dict[str, Any], kind: str) -> list[tuple[float, list[Any
     return [(time_s, values) for time_s, name, values in recording["replies"] if name == kind]
 
 
+@pytest.mark.keeps("session")
 @pytest.mark.parametrize("name", ["session", "failsafe"])
 def test_a_recorded_session_gets_the_recorded_answers(name: str) -> None:
     bench, begin_s, recording = play(name)
