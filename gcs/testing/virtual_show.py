@@ -374,7 +374,7 @@ class Flight:
         proper = settings_of(plan, str(fleet_settings.get("version", "")))
         kinds = list(dict.fromkeys(str(vehicle.autopilot) for vehicle in plan.fleet))
         autopilot = kinds[0] if len(kinds) == 1 else "mixed"  # in turn
-        self._step_s = step_s or (TICK_STEP_S if autopilot == DEFAULT.name else FLEET_STEP_S)
+        self._step_s = step_s or (TICK_STEP_S if kinds == [DEFAULT.name] else FLEET_STEP_S)
         soon = SOON_DISARMED if DEFAULT.name in kinds else {}
         usual = {"grid_columns": 2, "rates_hz": STREAMS_HZ, "quirks": READY_AT_ONCE, "autopilot": autopilot}
         self._settings = {"count": len(plan.ids), **usual, **fleet_settings}

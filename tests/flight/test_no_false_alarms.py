@@ -12,7 +12,7 @@ from gcs.model.plan import LawName, Orbit
 from gcs.service import Outcome, ShowAction
 from gcs.service.alarms import AlarmSeverity
 from gcs.testing.views import vehicles_of
-from gcs.testing.virtual_show import READY_AT_ONCE, Show, fly
+from gcs.testing.virtual_show import FLEET_STEP_S, READY_AT_ONCE, Show, fly
 from tests.flight.test_show_autopilots import ARDUPILOT, PX4, config_of
 
 COUNT, RADIUS_M, HEIGHT_M = 5, 9.0, 18.0
@@ -60,7 +60,7 @@ def alarms_of(
 
     # beside PX4 the scale of ArduCopter's heights is named, and rightly: tests/flight/test_heights.py
     quirks = replace(READY_AT_ONCE, height_scale=len(set(kinds)) == 1)
-    wide = {"noise_scale": 1.0, "spacing_m": PADS_M, "quirks": quirks, **fleet}
+    wide = {"noise_scale": 1.0, "spacing_m": PADS_M, "quirks": quirks, "step_s": FLEET_STEP_S, **fleet}
     return fly(story, config(kinds, law, delay_s), **wide)
 
 
