@@ -354,9 +354,10 @@ BEFORE_TICK_S: Final = 0.005
 """The steps come so long before the ticks: telemetry is new then, and a setpoint acts in the next step."""
 
 
-def begin_of(now_s: float, unix_s: float) -> dict[str, float]:
-    """Beginning of a fake fleet, so that it steps a little before each tick."""
-    return {"start_s": now_s - BEFORE_TICK_S, "unix_at_start_s": unix_s - BEFORE_TICK_S}
+def begin_of(now_s: float, unix_s: float, step_s: float = TICK_STEP_S) -> dict[str, float]:
+    """Settings of time for a fake fleet. With one step a tick it steps a little before each tick."""
+    before_s = BEFORE_TICK_S if step_s == TICK_STEP_S else 0.0
+    return {"start_s": now_s - before_s, "unix_at_start_s": unix_s - before_s, "step_s": step_s}
 
 
 class Flight:
@@ -399,7 +400,7 @@ class Flight:
     ) -> tuple[Show, set[asyncio.Task[None]]]:
         unix, planning, now_s = UnixClock(), AtOnce(), asyncio.get_running_loop().time()
         settings = Settings(**self._settings)
-        made = fleet_of(settings, **begin_of(now_s, unix()), step_s=self._step_s)
+        made = fleet_of(settings, **begin_of(now_s, unix(), self._step_s))
         fleet = cast("Fleet", made)  # a mixed one has what stories of mixed fleets use
         link = VirtualLink(plan, fleet)
         for failure in failures:

@@ -157,7 +157,7 @@ class Station:
         self.radios: list[tuple[Fleet, MirroredPorts, VirtualLink]] = []  # none of a pure standby
         if count:
             own_ids, clock = self.config.ids[:count], asyncio.get_running_loop().time
-            fleet = Fleet(settings, **begin_of(now_s, self.unix()), step_s=TICK_STEP_S)
+            fleet = Fleet(settings, **begin_of(now_s, self.unix()))
             ports = MirroredPorts(own_ids, fleet, clock)
             self.radios = [(fleet, ports, VirtualLink(self.config, fleet, ids=own_ids, ports=ports))]
 

@@ -12,7 +12,7 @@ from gcs.planning.return_paths.paths import WELL_IN_PLACE_M, PathProgress
 from gcs.service import ShowAction
 from gcs.simulation.formation_run import FormationRun
 from gcs.simulation.scenario import FormationFlight, Judged, Scenario
-from gcs.testing.virtual_show import Show, fly, show_config
+from gcs.testing.virtual_show import FLEET_STEP_S, Show, fly, show_config
 
 COUNT = 6
 TICK_S, GOAL_M_S = 0.05, 5.0
@@ -101,7 +101,7 @@ async def flown_return(show: Show) -> tuple[PathProgress, Array, list[Step]]:
 @pytest.mark.soak
 def test_rehearsal_and_flight_follow_one_plan_alike() -> None:
     """The rehearsal is given the flight's plan and positions: goals and descents are the flight's."""
-    progress, home_m, steps = fly(flown_return, show_config(COUNT))
+    progress, home_m, steps = fly(flown_return, show_config(COUNT), step_s=FLEET_STEP_S)
     run = run_of(FLIGHT)
     run.pads_m = home_m
     run._return_paths = lambda *_: progress.return_paths  # type: ignore[method-assign]

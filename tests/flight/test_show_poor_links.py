@@ -11,7 +11,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
 from gcs.service.alarms import AlarmCause
 from gcs.sim.vehicle.px4 import Mode as PilotMode
-from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
+from gcs.testing.virtual_show import FLEET_STEP_S, HOLDS_WHEN_LOST, Show, fly, show_config
 from tests.support.show_phases import running
 
 COUNT = 20
@@ -81,7 +81,14 @@ def test_the_floor_is_kept_over_poor_links(review: Poor) -> None:
 
 @pytest.mark.soak
 def test_lost_vehicle_over_poor_links_rejoins_by_itself() -> None:
-    poor = fly(lambda show: poor_links(show, 0.67), config(), after=running, grid_columns=5, seed=5)
+    poor = fly(
+        lambda show: poor_links(show, 0.67),
+        config(),
+        after=running,
+        step_s=FLEET_STEP_S,
+        grid_columns=5,
+        seed=5,
+    )
     left = {phase for phases in poor.phases.values() for phase in phases}
     assert {Phase.LOST, Phase.PILOT} <= left, "at such a loss some vehicles fall out, some by their failsafe"
     assert {phases[-1] for phases in poor.phases.values()} == {Phase.FORMATION}

@@ -27,7 +27,6 @@ from gcs.testing.virtual_show import (
     HOLDS_WHEN_LOST,
     READY_AT_ONCE,
     SOON_DISARMED,
-    TICK_STEP_S,
     Show,
     Story,
     T,
@@ -86,7 +85,7 @@ class Vehicles:
             **on_pads(),
         )
         now_s = asyncio.get_running_loop().time()
-        return Fleet(settings, **begin_of(now_s, self._unix()), step_s=TICK_STEP_S)
+        return Fleet(settings, **begin_of(now_s, self._unix()))
 
     async def _session(self, config: Config, root: Path, story: Story[T], late: Sequence[VehicleId]) -> T:
         vehicles = {name: (row + 1, "loop") for row, name in enumerate(config.ids)}
