@@ -160,7 +160,8 @@ def test_the_next_lead_goes_on_with_the_drawing(folder: Path) -> None:
         assert all(show.in_phase(name, Phase.STANDBY) == COUNT // 4 for name in rest)
         assert show.violations == 0
 
-    fly_on_pads(story, config(folder, 4), on_pads(folder), **BUS)
+    exact = {**on_pads(folder), "ideal": True}  # honest receivers have them wander by 0.7 m in 2 s
+    fly_on_pads(story, config(folder, 4), exact, **BUS)
 
 
 @pytest.mark.soak
