@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, fly, show_config
+from gcs.testing.virtual_show import FLEET_STEP_S, HOLDS_WHEN_LOST, Show, alarm_texts, fly, show_config
 from tests.support.show_phases import running
 
 COUNT = 8
@@ -43,7 +43,9 @@ async def late_from_the_pads_on(show: Show, delay_s: float) -> Rested:
 @pytest.mark.parametrize("delay_s", [0.0, 0.12, 0.3])
 def test_formation_rests_over_links_of_any_constant_delay(delay_s: float) -> None:
     config = show_config(COUNT, formation={"radius_m": 10.0, "height_m": 20.0}, operation=HOLDS_WHEN_LOST)
-    rested = fly(lambda show: late_from_the_pads_on(show, delay_s), config, ideal=True, seed=3)
+    rested = fly(
+        lambda show: late_from_the_pads_on(show, delay_s), config, ideal=True, seed=3, step_s=FLEET_STEP_S
+    )
     assert rested.measured_s == pytest.approx([delay_s] * COUNT, abs=0.04)
     assert delay_s <= rested.counted_s + 1e-9 <= delay_s + 0.1 + 1e-6
     assert rested.rest_m_s <= REST_M_S
