@@ -16,7 +16,7 @@ from gcs.api.drawings import Drawings
 from gcs.api.map_tiles import GroundMap
 from gcs.api.schemas import binary_frame as frames
 from gcs.api.schemas import convert
-from gcs.api.schemas.fleet import Status
+from gcs.api.schemas.fleet import FRAME_COLUMNS, Status
 from gcs.model.errors import LinkError, RefusedError
 from gcs.model.plan import Plan
 from gcs.model.state import VehicleId
@@ -89,6 +89,7 @@ class Feed:
             limits=sorted(set(view.rows.limited_by) - {""}),
             replay=view.playback,
             events=list(service.events.newest()),
+            columns=FRAME_COLUMNS,
             vehicles=convert.records(view.rows),
         )
 

@@ -6,9 +6,8 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from math import isfinite
-from typing import Final, get_args
+from typing import get_args
 
-import numpy as np
 from fastapi import APIRouter
 from prometheus_client import CollectorRegistry
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, InfoMetricFamily, Metric
@@ -19,20 +18,11 @@ from gcs.api.context import ContextDep
 from gcs.api.openapi import TOKEN
 from gcs.api.schemas.convert import current_alarms as current
 from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.vehicle_columns import COLUMNS
 from gcs.service import FleetView, StationView, TimecodeState
 from gcs.service.alarms import AlarmCause, AlarmSeverity, OverallSeverity, overall
 
 router = APIRouter()
-
-VEHICLE_GAUGES: Final = {
-    "gcs_vehicle_link_quality": "Share of the requested positions that arrive, 0 to 1.",
-    "gcs_vehicle_position_age_seconds": "Since the newest position arrived.",
-    "gcs_vehicle_heartbeat_age_seconds": "Since the newest heartbeat arrived.",
-    "gcs_vehicle_battery_ratio": "Battery remaining, 0 to 1.",
-    "gcs_vehicle_position_uncertainty_meters": "Standard deviation of its position, sideways.",
-    "gcs_vehicle_ready": "1: could be started now.",
-    "gcs_vehicle_limited": "1: the safety filter held it back in the newest tick.",
-}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,14 +123,16 @@ def _stations(view: FleetView) -> Iterator[Metric]:
 
 def _vehicles(view: FleetView) -> Iterator[Metric]:
     rows = view.rows
-    ready, limited = np.array(rows.ready, float), np.array([why != "" for why in rows.limited_by], float)
-    columns = (
-        *(rows.link_quality, rows.position_age_s, rows.heartbeat_age_s, rows.battery_remaining),
-        *(rows.uncertainty_m, ready, limited),
-    )
-    for (name, text), column in zip(VEHICLE_GAUGES.items(), columns, strict=True):
-        values = zip(rows.ids, column.tolist(), strict=True)
-        yield _labelled(name, text, "vehicle", {key: value for key, value in values if isfinite(value)})
+    for name, column in COLUMNS.items():
+        if column.metric:
+            values = zip(rows.ids, getattr(rows, name).tolist(), strict=True)
+            known = {key: value for key, value in values if isfinite(value)}
+            yield _labelled(column.metric, f"{column.meaning}.", "vehicle", known)
+    ready = dict(zip(rows.ids, map(float, rows.ready), strict=True))
+    yield _labelled("gcs_vehicle_ready", "1: could be started now.", "vehicle", ready)
+    limited = {key: float(why != "") for key, why in zip(rows.ids, rows.limited_by, strict=True)}
+    text = "1: the safety filter held it back in the newest tick."
+    yield _labelled("gcs_vehicle_limited", text, "vehicle", limited)
     counts = {"airborne": view.counts.airborne, **asdict(view.counts)}
     yield _labelled(
         "gcs_vehicles_counted", "How many are airborne, on the ground and so on.", "where", counts

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode
+from gcs.model.vehicle_columns import COMPUTED, FRAME, IN_FRAME
 from gcs.service import Estimates, FleetView, TimecodeView
 from gcs.service.vehicle_table import VehicleTable
 
-VERSION: Final = 3
+VERSION: Final = 4
 
 HEADER: Final = np.dtype(
     {
@@ -39,12 +40,7 @@ HEADER: Final = np.dtype(
     }
 )
 
-FLOATS: Final = (
-    *("x_m", "y_m", "height_m", "vx_m_s", "vy_m_s", "vup_m_s", "heading_deg"),
-    *("setpoint_x_m_s", "setpoint_y_m_s", "setpoint_up_m_s"),
-    *("battery", "position_age_s", "heartbeat_age_s", "uncertainty_m", "link_quality"),
-    *("low_s", "empty_s"),
-)
+FLOATS: Final = tuple(FRAME)
 """Columns in single precision, in their order."""
 
 BYTES: Final = ("phase", "mode", "landed", "flags", "red", "green", "blue")
@@ -67,7 +63,7 @@ _SHOW: Final = {phase: number for number, phase in enumerate(ShowPhase)}
 
 
 def encode(view: FleetView, frame: ShowFrame, *, revision: int, alive: bool) -> bytes:
-    """Encode one state and the revision of its status: `HEADER.itemsize` bytes + 75 bytes per vehicle."""
+    """Encode one state and the revision of its status: `HEADER.itemsize` bytes, then the columns."""
     rows = view.rows
     n = len(rows.ids)
     floats_at = HEADER.itemsize
@@ -129,11 +125,10 @@ def fill_floats(
     table[3:6] = (rows.velocity_m_s * UPWARDS).T
     table[6] = (np.degrees(rows.yaw_rad) + frame.heading_deg) % 360.0
     table[7:10] = (rows.setpoint_m_s * UPWARDS).T
-    table[10:13] = rows.battery_remaining, rows.position_age_s, rows.heartbeat_age_s
-    table[13:15] = rows.uncertainty_m, rows.link_quality
-    table[15:17] = np.nan
+    table[10:12] = np.nan
     if found is not None:  # of the vehicles that this station flies: the first rows
-        table[15:17, : len(found.low_s)] = found.low_s, found.empty_s
+        table[10:12, : len(found.low_s)] = found.low_s, found.empty_s
+    table[len(COMPUTED) :] = [getattr(rows, name) for name in IN_FRAME]
     table[6][table[6] == 360.0] = 0.0  # single precision rounds headings just below 360 up
     table += 0.0  # no -0
     table[~np.isfinite(table)] = np.nan

@@ -16,6 +16,7 @@ from gcs.model.errors import InvalidError
 from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import AIRBORNE, SHOW_NEXT, ShowEvent
 from gcs.model.state import Array
+from gcs.model.vehicle_columns import COLUMNS, REST_ONLY
 from gcs.service import FleetView, ShowAction
 from gcs.service.alarms import CAUSES, Alarm, AlarmCause, overall
 from gcs.service.vehicle_table import VehicleTable
@@ -96,9 +97,7 @@ def vehicles(view: FleetView, frame: ShowFrame) -> list[schemas.Vehicle]:
         "armed": rows.armed,
         "landed": [landed.name.lower() for landed in rows.landed],
         "ready": rows.ready,
-        "latitude_deg": rows.latitude_deg.tolist(),
-        "longitude_deg": rows.longitude_deg.tolist(),
-        "altitude_amsl_m": rows.altitude_amsl_m.tolist(),
+        **{COLUMNS[name].api: getattr(rows, name).tolist() for name in REST_ONLY},
         "light": rows.lights(),
     }
     return _models(schemas.Vehicle, columns)

@@ -3,9 +3,9 @@
 Units and frames as in `gcs.api.schemas.requests`. An unknown number is null, never NaN.
 """
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, create_model
 
 from gcs.api.map_tiles import GroundMap
 from gcs.model.frames import ShowFrame
@@ -14,6 +14,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import LawName, Obstacle, Orbit, YawPolicy
 from gcs.model.settings import Measured
 from gcs.model.state import Counts, Mode
+from gcs.model.vehicle_columns import COLUMNS, FRAME, REST_ONLY
 from gcs.service import (
     CorrectionsView,
     CueMark,
@@ -85,7 +86,7 @@ class VehicleRecord(Outward):
     )
 
 
-class Vehicle(VehicleRecord, Motion):
+class _Vehicle(VehicleRecord, Motion):
     """One vehicle, as the service estimates it. Its numbers have the names of a frame's columns."""
 
     phase: Phase
@@ -93,26 +94,48 @@ class Vehicle(VehicleRecord, Motion):
     armed: bool
     landed: str = Field(description="Landed state, as the autopilot reports it.", examples=["on_ground"])
     ready: bool
-    heading_deg: Measured = Field(description="0 up to, without, 360.")
-    setpoint_x_m_s: Measured = Field(description="Sent in the last tick; null: not commanded.")
-    setpoint_y_m_s: Measured
-    setpoint_up_m_s: Measured
-    battery: Measured = Field(description="Remaining share of the battery, 0 to 1.")
-    position_age_s: Measured
-    heartbeat_age_s: Measured
-    uncertainty_m: Measured = Field(
-        description="Standard deviation sideways: as reported, at least what its kind of fix can mean."
-    )
-    link_quality: Measured = Field(
-        description="Share of the requested positions that arrive, 0 to 1; null in a replay."
-    )
-    low_s: Measured = Field(
-        description="Time until the battery reaches the low-battery threshold, 0 below it; null: unknown."
-    )
-    empty_s: Measured = Field(description="Time until the battery is empty; null: not known yet.")
     light: str | None = Field(
         description="Colour of the vehicle in the show now; null: it flies in no show.", examples=["#ff8000"]
     )
+    # of `gcs.model.vehicle_columns`, named for typed code: the schema has all of them
+    heading_deg: Measured
+    setpoint_x_m_s: Measured
+    setpoint_y_m_s: Measured
+    setpoint_up_m_s: Measured
+    battery: Measured
+    position_age_s: Measured
+    heartbeat_age_s: Measured
+    uncertainty_m: Measured
+    link_quality: Measured
+    low_s: Measured
+    empty_s: Measured
+
+
+_NUMBERS = {**FRAME, **{COLUMNS[name].api: COLUMNS[name] for name in REST_ONLY}}
+
+if TYPE_CHECKING:
+    Vehicle = _Vehicle
+else:
+    Vehicle = create_model(
+        "Vehicle",
+        __base__=_Vehicle,
+        __doc__=_Vehicle.__doc__,
+        __module__=__name__,
+        **{name: (Measured, Field(description=column.described)) for name, column in _NUMBERS.items()},
+    )
+
+
+class FrameColumn(Outward):
+    """A column of single precision in a frame."""
+
+    name: str = Field(description="As in `Vehicle`.", json_schema_extra={"enum": list(FRAME)})
+    unit: str = Field(description="share: 0 to 1.")
+    label: str = Field(description="On the console's page of a vehicle; empty: it has its own place there.")
+
+
+FRAME_COLUMNS = [
+    FrameColumn(name=name, unit=column.unit, label=column.label) for name, column in FRAME.items()
+]
 
 
 class Estimates(Outward):
@@ -265,4 +288,5 @@ class Status(FleetSummary):
     )
     replay: Playback | None = Field(description="null: this is no replay.")
     events: list[LogEvent] = Field(description="The newest 100, the newest last.")
+    columns: list[FrameColumn] = Field(description="Of a frame, in their order.")
     vehicles: list[VehicleRecord] = Field(description="In the order of the rows of a frame's columns.")

@@ -6,7 +6,7 @@ cost as little as ten. The rest has this project's schemas (`gcs.Tick`, `gcs.Sta
 """
 
 import json
-from base64 import b64encode
+from base64 import b64decode, b64encode
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
@@ -22,12 +22,16 @@ from pydantic_core import to_json
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Plan
 from gcs.model.state import Array, Mask, Mode, VehicleId
+from gcs.model.vehicle_columns import RECORDED
 from gcs.recording.sample import Sample
 from gcs.service import SelectedShow, TickView
 from gcs.service.alarms import Alarm
 from gcs.service.vehicle_table import VehicleTable
 
-VERSION: Final = 4
+VERSION: Final = 5
+READABLE: Final = ("4", "5")
+"""Versions; 4 has the same messages, and programs that read its points by fixed places."""
+
 CHECKSUM: Final = "crc32"
 PROFILE: Final = "formation-gcs"
 SHOW, MAP = "show", "map"
@@ -46,11 +50,7 @@ LIGHT: Final = ("red", "green", "blue", "alpha")
 VEHICLE: Final = np.dtype(
     [
         *((name, "<f4") for name in (*POSITION, *VELOCITY, *SETPOINT)),
-        ("yaw_rad", "<f4"),  # from the show's x axis
-        ("position_age_s", "<f4"),
-        ("position_uncertainty_m", "<f4"),
-        ("heartbeat_age_s", "<f4"),
-        ("battery_remaining", "<f4"),
+        *((name, "<f4") for name in RECORDED.values()),
         ("phase", "u1"),  # indices of the names in the file's metadata
         ("mode", "u1"),
         ("landed", "u1"),  # MAV_LANDED_STATE
@@ -64,12 +64,13 @@ VEHICLE: Final = np.dtype(
 _BLOCKS: Final = np.dtype(
     [
         *((name, "<f4", 3) for name in ("position", "velocity", "setpoint")),
-        *((name, VEHICLE[name]) for name in (VEHICLE.names or ())[9 : -len(LIGHT)]),
+        ("numbers", "<f4", len(RECORDED)),
+        *((name, "u1") for name in ("phase", "mode", "landed", "armed", "ready")),
         ("light", "u1", 3),
         ("alpha", "u1"),
     ]
 )
-"""The same bytes as `VEHICLE` with vectors as one column: each column that is set costs time."""
+"""The same bytes as `VEHICLE` with vectors, and all numbers, as one column: each that is set costs time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,11 +135,12 @@ SCHEMAS: Final[dict[str, tuple[str, dict[str, object]]]] = {
 TOPICS: Final = dict(enumerate(SCHEMAS, start=1))
 """Topics by channel number, the same in every file: for a file with a damaged first chunk."""
 
-_FLOAT32, _UINT8 = 7, 1  # foxglove.NumericType
+_FORMATS: Final = {7: "<f4", 1: "u1"}  # by foxglove.NumericType
 _FIELDS: Final = [
-    {"name": name, "offset": offset, "type": _UINT8 if kind == np.dtype("u1") else _FLOAT32}
+    {"name": name, "offset": offset, "type": 1 if kind == np.dtype("u1") else 7}
     for name, (kind, offset) in ((name, VEHICLE.fields[name][:2]) for name in VEHICLE.names or ())  # type: ignore[index]
 ]
+_NUMBERS: Final = frozenset(RECORDED.values())
 _AT_ORIGIN: Final = {"position": {"x": 0, "y": 0, "z": 0}, "orientation": {"x": 0, "y": 0, "z": 0, "w": 1}}
 _CLOUD: Final = json.dumps(
     {"frame_id": SHOW, "pose": _AT_ORIGIN, "point_stride": VEHICLE.itemsize, "fields": _FIELDS}
@@ -203,12 +205,8 @@ def packed(rows: VehicleTable) -> NDArray[np.void]:
         rows.position_m,
         rows.velocity_m_s,
         rows.setpoint_m_s,
+        {name: getattr(rows, name) for name in RECORDED},
         {
-            "yaw_rad": rows.yaw_rad,
-            "position_age_s": rows.position_age_s,
-            "position_uncertainty_m": rows.uncertainty_m,
-            "heartbeat_age_s": rows.heartbeat_age_s,
-            "battery_remaining": rows.battery_remaining,
             "phase": np.fromiter(map(_PHASE_NUMBER.__getitem__, rows.phases), np.uint8, count),
             "mode": np.fromiter(map(_MODE_NUMBER.__getitem__, rows.modes), np.uint8, count),
             "landed": np.fromiter(rows.landed, np.uint8, count),
@@ -221,14 +219,24 @@ def packed(rows: VehicleTable) -> NDArray[np.void]:
 
 
 def packed_state(
-    position_m: Array, velocity_m_s: Array, setpoint_m_s: Array, columns: Mapping[str, NDArray[Any]]
+    position_m: Array,
+    velocity_m_s: Array,
+    setpoint_m_s: Array,
+    numbers: Mapping[str, Array],
+    columns: Mapping[str, NDArray[Any]],
 ) -> NDArray[np.void]:
-    """(n,) Rows of VEHICLE: of vectors (n, 3) in the show frame, and further columns (n,) by their names.
+    """(n,) Rows of VEHICLE.
 
-    `light` is a column (n, 3); a column that is not given is 0.
+    Args:
+        position_m: (n, 3) show frame, as both velocities.
+        velocity_m_s: (n, 3) measured.
+        setpoint_m_s: (n, 3) commanded.
+        numbers: (n,) each, at least those of `RECORDED`.
+        columns: (n,) each, the rest by their names; `light` (n, 3). One that is not given is 0.
     """
     table = np.zeros(len(position_m), _BLOCKS)
     table["position"], table["velocity"], table["setpoint"] = position_m, velocity_m_s, setpoint_m_s
+    table["numbers"].T[:] = [numbers[name] for name in RECORDED]
     for name, values in columns.items():
         table[name] = values
     return table.view(VEHICLE)
@@ -282,6 +290,25 @@ def vehicles_message(unix_s: float, rows: NDArray[np.void]) -> bytes:
     when, data = stamp(unix_s), b64encode(rows.tobytes())
     times = when["sec"], when["nsec"]
     return b'{"timestamp":{"sec":%d,"nsec":%d},%s,"data":"%s"}' % (*times, _CLOUD, data)
+
+
+def rows_of(message: bytes) -> NDArray[np.void]:
+    """(n,) Rows of VEHICLE in a message; a number that its points do not have is NaN.
+
+    Raises: KeyError, TypeError or ValueError where it is no such message.
+    """
+    cloud = json.loads(message)
+    data, fields = b64decode(cloud["data"]), cloud["fields"]
+    if fields == _FIELDS:
+        return np.frombuffer(data, VEHICLE)
+    formats = [_FORMATS[field["type"]] for field in fields]
+    names, offsets = [field["name"] for field in fields], [field["offset"] for field in fields]
+    point: Any = {"names": names, "formats": formats, "offsets": offsets, "itemsize": cloud["point_stride"]}
+    points: NDArray[np.void] = np.frombuffer(data, np.dtype(point))
+    rows = np.empty(len(points), VEHICLE)
+    for name in VEHICLE.names or ():
+        rows[name] = np.nan if name in _NUMBERS and name not in names else points[name]
+    return rows
 
 
 def tick_message(sample: Sample, number: int | None = None) -> bytes:

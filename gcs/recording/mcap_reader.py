@@ -6,7 +6,6 @@ is skipped up to the next chunk, which is found by its byte pattern, and reporte
 
 import json
 import struct
-from base64 import b64decode
 from bisect import bisect_right
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -214,8 +213,8 @@ class About:
     @classmethod
     def read(cls, metadata: Mapping[str, str]) -> Self:
         """Parse the metadata. Raises: KeyError or ValueError for another version or invalid data."""
-        if metadata["version"] != str(layout.VERSION):
-            known = f"this program knows version {layout.VERSION}"
+        if metadata["version"] not in layout.READABLE:
+            known = f"this program knows versions {' and '.join(layout.READABLE)}"
             raise ValueError(f"they are of version {metadata['version']}; {known}")
         if metadata.get(layout.CHECKSUM) != layout.checksum(metadata):
             raise ValueError("what it says of itself (configuration, vehicles) is damaged")
@@ -366,7 +365,7 @@ class FlightData:
             if self._status is None or self._status[0] is not sample.status:
                 self._status = sample.status, layout.STATUS.validate_json(sample.status)
             vehicles, tick = self._vehicles(sample), layout.TICK.validate_json(sample.tick)
-        except (KeyError, ValueError, GcsError) as error:
+        except (KeyError, TypeError, ValueError, GcsError) as error:
             raise GcsError(f"{self.path}: a recorded message cannot be read: {error}") from None
         return RecordedSample(sample.unix_s, vehicles, tick, self._status[1])
 
@@ -401,19 +400,13 @@ class FlightData:
 
     def _vehicles(self, sample: Sample) -> NDArray[np.void]:
         """Decode the rows of all vehicles at the tick. Raises: ValueError when their number does not fit."""
-        table = _table(sample.vehicles)
+        table = layout.rows_of(sample.vehicles)
         if sample.elsewhere:
-            table = np.concatenate(
-                [table, _later(_table(sample.elsewhere), sample.unix_s - sample.elsewhere_s)]
-            )
+            theirs = layout.rows_of(sample.elsewhere)
+            table = np.concatenate([table, _later(theirs, sample.unix_s - sample.elsewhere_s)])
         if len(table) != len(self.about.ids):
             raise ValueError(f"{len(table)} vehicles where the file names {len(self.about.ids)}")
         return table
-
-
-def _table(data: bytes) -> NDArray[np.void]:
-    """Rows of VEHICLE in a message. Raises: ValueError."""
-    return np.frombuffer(b64decode(json.loads(data)["data"]), layout.VEHICLE)
 
 
 def _later(table: NDArray[np.void], after_s: float) -> NDArray[np.void]:

@@ -1,6 +1,6 @@
 """Per-vehicle state of one snapshot, as columns."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Final
 
@@ -9,16 +9,13 @@ from numpy.typing import NDArray
 
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Array, Counts, Landed, Mask, Mode, VehicleId, counts_of, freeze
+from gcs.model.vehicle_columns import COLUMNS, VehicleNumbers, unknown
 
 VECTORS: Final = ("position_m", "velocity_m_s", "setpoint_m_s")
-VALUES: Final = (
-    *("yaw_rad", "latitude_deg", "longitude_deg", "altitude_amsl_m", "battery_remaining", "position_age_s"),
-    *("uncertainty_m", "heartbeat_age_s", "link_quality", "fix_type"),
-)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class VehicleTable:
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class VehicleTable(VehicleNumbers):
     """Estimated and reported state of all vehicles; n rows, show frame. NaN (or inf): not known.
 
     A thousand vehicles as columns cost what ten cost as objects. Raises: ShapeError.
@@ -37,16 +34,6 @@ class VehicleTable:
     position_m: Array  # (n, 3)
     velocity_m_s: Array  # (n, 3)
     setpoint_m_s: Array  # (n, 3) sent in the last tick; NaN: not commanded
-    yaw_rad: Array  # (n,)
-    latitude_deg: Array  # (n,)
-    longitude_deg: Array  # (n,)
-    altitude_amsl_m: Array  # (n,)
-    battery_remaining: Array  # (n,)
-    position_age_s: Array  # (n,)
-    uncertainty_m: Array  # (n,)
-    heartbeat_age_s: Array  # (n,)
-    link_quality: Array  # (n,)
-    fix_type: Array  # (n,) GPS_FIX_TYPE
     limited_by: Sequence[str]
     colour: NDArray[np.uint8]  # (n, 3) red, green, blue that the show sets now
     lit: Mask  # (n,) whether it sets one
@@ -57,7 +44,7 @@ class VehicleTable:
         n = len(self.ids)
         for name in VECTORS:
             freeze(getattr(self, name), (n, 3), name)
-        for name in VALUES:
+        for name in COLUMNS:
             freeze(getattr(self, name), (n,), name)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -77,6 +64,17 @@ class VehicleTable:
                 arrays = isinstance(column, np.ndarray)
                 columns[field.name] = column[rows] if arrays else [column[row] for row in chosen]
         return VehicleTable(**columns)
+
+    def followed_by(self, columns: Mapping[str, Sequence[Any] | NDArray[Any]]) -> "VehicleTable":
+        """These rows, then others with these columns, in which numbers may be missing: they are not known."""
+        columns = {**unknown(len(columns["ids"])), **columns}
+        joined: dict[str, Any] = {}
+        for field in fields(self):
+            first, then = getattr(self, field.name), columns[field.name]
+            joined[field.name] = (
+                np.concatenate([first, then]) if isinstance(first, np.ndarray) else [*first, *then]
+            )
+        return VehicleTable(**joined)
 
     def counts(self) -> Counts:
         return counts_of(self.phases, self.landed, self.armed, self.heartbeat_age_s.tolist())

@@ -10,22 +10,25 @@ from gcs.config.schema import Config
 from gcs.control import Tick
 from gcs.flight.monitors.snapshots import finite
 from gcs.model.lifecycle import GROUNDED, Phase
-from gcs.model.state import Landed
+from gcs.model.state import Array, Landed
+from gcs.model.vehicle_columns import unknown
 from gcs.recording.mcap_layout import packed_state
 from gcs.recording.sample import Elsewhere
 from gcs.service import BusView, FleetView, StationView
-from gcs.service.vehicle_table import VehicleTable
 from gcs.site.member import SiteMember
 from gcs.site.sender import EXPLAINED
-from gcs.stations.messages import MODES, PHASES
+from gcs.stations.messages import MODES, PHASES, numbers_of
 
 RECORDED_S: Final = 1.0
 """Interval at which the vehicles of other stations are recorded: their own stations record every tick."""
 
 _PHASES: Final = np.array([*PHASES], object)
+_MODES: Final = np.array([*MODES], object)
 _GROUNDED: Final = np.array([phase in GROUNDED for phase in PHASES])
 _EXPLAINED: Final = np.array([phase in EXPLAINED | {Phase.STANDBY} for phase in PHASES])  # or excluded
-"""By the number of a phase on the wire."""
+"""By the number of a phase, or mode, on the wire."""
+
+_LANDED: Final = np.array([Landed.ON_GROUND, Landed.IN_AIR], object)
 
 
 class SiteDisplay:
@@ -77,48 +80,42 @@ class SiteDisplay:
         site, others = member.site, member.others
         rows = own.rows
         n, k = len(rows.ids), site.count
-        now_s, unknown = own.time_s, np.full(k, np.nan)
-        reported, age_s = site.known, now_s - site.known.measured_s
+        reported = site.known
         latitude_deg, longitude_deg, altitude_m = member.flight.config.frame.geodetic(others.position_m)
-        airborne = others.airborne
-        whole = VehicleTable(
-            ids=[*rows.ids, *site.ids],
-            system_ids=[*rows.system_ids, *self._system_ids],
-            links=[*rows.links, *self._links],
-            autopilots=[*rows.autopilots, *self._autopilots],
-            phases=[*rows.phases, *_PHASES[site.phases].tolist()],
-            reasons=[*rows.reasons, *self._reasons_newest()],
-            modes=[*rows.modes, *(MODES[code] for code in reported.modes.tolist())],
-            armed=[*rows.armed, *reported.armed.tolist()],
-            landed=[*rows.landed, *(Landed.IN_AIR if up else Landed.ON_GROUND for up in airborne.tolist())],
-            ready=[*rows.ready, *reported.ready.tolist()],
-            position_m=np.concatenate([rows.position_m, others.position_m]),
-            velocity_m_s=np.concatenate([rows.velocity_m_s, others.velocity_m_s]),
-            setpoint_m_s=np.concatenate([rows.setpoint_m_s, reported.setpoint_m_s]),
-            yaw_rad=np.concatenate([rows.yaw_rad, reported.yaw_rad]),
-            latitude_deg=np.concatenate([rows.latitude_deg, latitude_deg]),
-            longitude_deg=np.concatenate([rows.longitude_deg, longitude_deg]),
-            altitude_amsl_m=np.concatenate([rows.altitude_amsl_m, altitude_m]),
-            battery_remaining=np.concatenate([rows.battery_remaining, reported.battery_remaining]),
-            position_age_s=np.concatenate([rows.position_age_s, age_s]),
-            uncertainty_m=np.concatenate([rows.uncertainty_m, others.uncertainty_m]),
-            heartbeat_age_s=np.concatenate([rows.heartbeat_age_s, age_s]),
-            link_quality=np.concatenate([rows.link_quality, reported.link_quality]),
-            fix_type=np.concatenate([rows.fix_type, unknown]),
-            limited_by=[*rows.limited_by, *[""] * k],
-            colour=np.concatenate([rows.colour, np.zeros((k, 3), np.uint8)]),
-            lit=np.concatenate([rows.lit, np.zeros(k, np.bool_)]),
-            homes_m=[*rows.homes_m, *site.homes_m],
-            stations=[*[site.own] * n, *site.owners],
+        whole = replace(rows, stations=[site.own] * n).followed_by(
+            {
+                "ids": site.ids,
+                "system_ids": self._system_ids,
+                "links": self._links,
+                "autopilots": self._autopilots,
+                "phases": _PHASES[site.phases].tolist(),
+                "reasons": self._reasons_newest(),
+                "modes": _MODES[reported.modes].tolist(),
+                "armed": reported.armed.tolist(),
+                "landed": _LANDED[others.airborne.astype(np.intp)].tolist(),
+                "ready": reported.ready.tolist(),
+                "position_m": others.position_m,
+                "velocity_m_s": others.velocity_m_s,
+                "setpoint_m_s": reported.setpoint_m_s,
+                **self._numbers(own.time_s),
+                "latitude_deg": latitude_deg,
+                "longitude_deg": longitude_deg,
+                "altitude_amsl_m": altitude_m,
+                "limited_by": [""] * k,
+                "colour": np.zeros((k, 3), np.uint8),
+                "lit": np.zeros(k, np.bool_),
+                "homes_m": site.homes_m,
+                "stations": site.owners,
+            }
         )
         shown = site.shown
         table = whole if len(shown) == n + k else whole.of(shown)
-        unknown = np.full(len(shown) - n, np.nan)
+        elsewhere = np.full(len(shown) - n, np.nan)
         changed: dict[str, Any] = {"rows": table, "stations": self.stations(), "show": member.show}
         changed["bus"] = self._bus()
         changed["minimum_separation_m"] = finite(result.minimum_separation_m)
         if (found := own.estimates) is not None:  # of the own vehicles only
-            low_s, empty_s = np.append(found.low_s, unknown), np.append(found.empty_s, unknown)
+            low_s, empty_s = np.append(found.low_s, elsewhere), np.append(found.empty_s, elsewhere)
             changed["estimates"] = replace(found, low_s=low_s, empty_s=empty_s)
         return replace(own, **changed)
 
@@ -134,23 +131,32 @@ class SiteDisplay:
         if before is not None and not twice and before.show is member.show and now_s < self._record_due_s:
             return before
         self._record_due_s = now_s + RECORDED_S - 1e-3
-        others, reported, age_s = member.others, site.known, now_s - site.known.measured_s
+        others, reported = member.others, site.known
         columns: dict[str, NDArray[Any]] = {
-            "yaw_rad": reported.yaw_rad,
-            "position_age_s": age_s,
-            "position_uncertainty_m": others.uncertainty_m,
-            "heartbeat_age_s": age_s,
-            "battery_remaining": reported.battery_remaining,
             "phase": site.phases,
             "mode": reported.modes,
             "landed": np.where(others.airborne, Landed.IN_AIR, Landed.ON_GROUND),
             "armed": reported.armed,
             "ready": reported.ready,
         }
-        rows = packed_state(others.position_m, others.velocity_m_s, reported.setpoint_m_s, columns)
+        vectors = others.position_m, others.velocity_m_s, reported.setpoint_m_s
+        rows = packed_state(*vectors, self._numbers(now_s), columns)
         reasons = self._reasons_newest()
         self._recorded = Elsewhere(site.ids, rows, reasons, shown if twice else None, member.show)
         return self._recorded
+
+    def _numbers(self, now_s: float) -> dict[str, Array]:
+        """(k,) each: what is known of the numbers of the other stations' vehicles."""
+        site, others = self._member.site, self._member.others
+        age_s = now_s - site.known.measured_s
+        return {
+            **unknown(site.count),
+            **numbers_of(site.known.numbers),
+            "yaw_rad": site.known.yaw_rad,
+            "position_age_s": age_s,
+            "heartbeat_age_s": age_s,
+            "uncertainty_m": others.uncertainty_m,
+        }
 
     def _bus(self) -> BusView:
         """Totals of this station's bus."""

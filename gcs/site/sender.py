@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 from gcs.bus import Bus
 from gcs.bus.interface import PAYLOAD_MAX
 from gcs.control import Tick
+from gcs.flight.monitors.snapshots import measured
 from gcs.flight.state.flight import Flight
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import Phase
 from gcs.model.plan import Plan, plan_json
 from gcs.model.state import Array, Mask, Mode
+from gcs.model.vehicle_columns import SENT
 from gcs.planning.return_paths.paths import ReturnPaths
 from gcs.site.led_show import ShowTraffic
 from gcs.stations.letters import Letters
@@ -159,7 +161,7 @@ class SiteSender:
         return json.dumps({"why_not_ready": why, "offers": self.offers, "reasons": reasons}).encode()
 
     def _reported(self, *, all_up: bool) -> Reported:
-        flight, telemetry = self.flight, self.flight.telemetry
+        flight, telemetry, numbers = self.flight, self.flight.telemetry, measured(self.flight)
         ready = self._column("ready", telemetry.ready, _mask)
         checked = self._column("checked", self._ready_when_checked or (False,), _mask)
         return Reported(
@@ -167,8 +169,7 @@ class SiteSender:
             self._column("mode", telemetry.mode, _mode_codes),
             self._column("armed", telemetry.armed, _mask),
             ready & checked,
-            telemetry.battery_remaining,
-            flight.link_quality.share,
+            [numbers[name] for name in SENT],
             flight.show,
             all_up,
             self.plan_version,

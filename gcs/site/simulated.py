@@ -13,6 +13,7 @@ from gcs.control import ControlSettings, Memory, Tasks, tick
 from gcs.model.lifecycle import Phase
 from gcs.model.plan import Plan
 from gcs.model.state import Array, FleetState, Mode, Setpoints, Traits, VehicleId
+from gcs.model.vehicle_columns import SENT
 from gcs.simulation.decide import Decided
 from gcs.simulation.scenario import Divided
 from gcs.simulation.world import TrueWorld
@@ -121,11 +122,11 @@ class SimulatedStations:
     ) -> list[tuple[str, bytes]]:
         """Topics and payloads of this tick."""
         n, site = len(fleet.ids), station.site
-        unknown, flying = np.full(n, np.nan), np.ones(n, np.bool_)
+        unknown, flying = [np.full(n, np.nan)] * len(SENT), np.ones(n, np.bool_)
         formed = np.isfinite(station.memory.engaged_time_s[:n])
         phases = np.where(formed, PHASE_CODE[Phase.FORMATION], PHASE_CODE[Phase.HOLD]).astype(np.uint8)
         modes = np.full(n, MODE_CODE[Mode.OFFBOARD], np.uint8)
-        reported = Reported(phases, modes, flying, flying, unknown, unknown)
+        reported = Reported(phases, modes, flying, flying, unknown)
         made = batch(site, fleet, tasks, traits.uncertainty_m, station.memory, reported)
         messages: list[tuple[str, bytes]] = [(STATES, made.encode())]
         if site.lead.leads:

@@ -6,7 +6,7 @@
 
 import json
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from typing import Final, NamedTuple, TypeAlias
@@ -21,10 +21,11 @@ from gcs.model.errors import LinkError
 from gcs.model.jit import kernel
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, Mask, Mode, VehicleId
+from gcs.model.vehicle_columns import SENT
 
 Codes: TypeAlias = NDArray[np.uint8]
 
-VERSION: Final = 2
+VERSION: Final = 3
 
 STATES, FORMATION, SLOTS, HOMES = 1, 2, 3, 4
 """Kinds of messages."""
@@ -45,7 +46,7 @@ ALL_UP = 1
 EPOCH_MAX: Final = 255
 
 UNKNOWN: Final = 0xFFFF
-UNKNOWN_PERCENT: Final = 0xFF
+UNKNOWN_STEPS: Final = 0xFF
 
 AIRBORNE, FORMED, SLOT_STAYS, ARMED, READY, OWNED, COMMANDED = (1 << bit for bit in range(7))
 """Flags of a vehicle."""
@@ -63,8 +64,7 @@ ROW: Final = np.dtype(
         ("uncertainty_cm", "<u2"),
         ("age_ms", "<u2"),  # of the position when the batch was made
         ("yaw", "<i2"),  # 1 / 10,000 rad
-        ("battery_percent", "u1"),
-        ("quality_percent", "u1"),  # of its link
+        ("numbers", "u1", len(SENT)),  # steps of each number of `SENT`
     ]
 )
 
@@ -73,16 +73,18 @@ _ECHO: Final = struct.Struct("<HIf")
 _FORMATION: Final = struct.Struct("<BBIIHIBBff9d")
 _SLOTS: Final = struct.Struct("<BBIIHH")
 SLOT_STEPS: Final = 32767.0
-COUNT_MAX: Final = 1200
+COUNT_MAX: Final = min(1200, (60_000 - _STATION.size - 1 - 99 * _ECHO.size) // ROW.itemsize)
 """Vehicles of one station: their batch stays below 60,000 bytes."""
+
+_STEPS: Final = np.array([*SENT.values()])  # (k, 2) step and least of each number sent
 
 SIDES_MAX: Final = 20_000
 """Bytes of the sides on which obstacles are passed."""
 
 
 def site_number(fleets: Mapping[str, tuple[VehicleId, ...]]) -> int:
-    """A number of the site's stations and vehicles: stations with other lists ignore each other."""
-    return crc32(json.dumps(list(fleets.items())).encode())
+    """A number of the site's stations, vehicles and numbers sent: stations with others ignore each other."""
+    return crc32(json.dumps([*fleets.items(), SENT]).encode())
 
 
 class Echo(NamedTuple):
@@ -135,19 +137,25 @@ class StateBatch(NamedTuple):
     owned: Mask  # (n,) flown by this station; False: another station's, whose telemetry it also receives
     epochs: Codes  # (n,) of their ownership
     yaw_rad: Array
-    battery_remaining: Array  # NaN: unknown
-    link_quality: Array  # 0 to 1, NaN: unknown
+    numbers: Sequence[Array]  # (n,) each, those of `SENT`
 
     def encode(self) -> bytes:
-        """The bytes: the head, and 48 for each vehicle."""
+        """The bytes: the head, and a row for each vehicle."""
         velocities = (self.velocity_m_s, self.unfiltered_m_s, self.desired_m_s, self.setpoint_m_s)
-        columns = (self.uncertainty_m, self.age_s, self.yaw_rad, self.battery_remaining, self.link_quality)
+        columns = (self.uncertainty_m, self.age_s, self.yaw_rad, *self.numbers)
         masks = (self.airborne, self.formed, self.slot_stays, self.armed, self.ready, self.owned)
-        codes = (self.phases, self.modes, self.epochs)
+        codes = (*masks, self.phases, self.modes, self.epochs)
         # put together first: the compiled code then always gets the same kinds of arrays
         motion = np.concatenate([self.position_m, *velocities], axis=1)
-        rows = _packed(motion, np.concatenate(columns), np.concatenate(masks), np.concatenate(codes))
+        rows = np.empty(len(motion), ROW)
+        _pack(rows, motion, np.concatenate(columns), _STEPS, np.concatenate(codes))
         return self.head.encode(len(motion)) + rows.tobytes()
+
+
+def numbers_of(steps: Codes) -> dict[str, Array]:
+    """The numbers of `SENT`, of (n, k) steps as in `ROW`; NaN: not known."""
+    values = np.where(steps == UNKNOWN_STEPS, np.nan, _STEPS[:, 1] + _STEPS[:, 0] * steps)
+    return dict(zip(SENT, values.T, strict=True))
 
 
 def decode_batch(payload: bytes) -> tuple[BatchHead, NDArray[np.void]]:
@@ -283,20 +291,25 @@ def _directions(steps: NDArray[np.int16]) -> Array:
 
 
 @kernel
-def _packed(
-    motion: Array, columns: Array, masks: NDArray[np.bool_], codes: NDArray[np.uint8]
-) -> NDArray[np.void]:
-    """(n,) rows of `ROW`.
+def _pack(
+    rows: NDArray[np.void],
+    motion: Array,
+    columns: Array,
+    steps: Array,
+    codes: NDArray[np.uint8],
+) -> None:
+    """Fill the rows of a batch.
 
     Args:
+        rows: (n,) of `ROW`, all fields of which are set. Given, as compiled code that is kept would not notice another `ROW`.
         motion: (n, 15) position, velocity, velocity before the safety filter and after it, setpoint.
-        columns: (5 n,) uncertainty, age, yaw, battery, link quality.
-        masks: (6 n,) in the order of the flags.
-        codes: (3 n,) phase, mode, epoch.
+        columns: ((3 + k) n,) uncertainty, age, yaw, and the numbers of `SENT`.
+        steps: (k, 2) step and least of those.
+        codes: (9 n,) masks in the order of the flags, phase, mode, epoch.
     """
     n = len(motion)
-    rows = np.zeros(n, ROW)
     position_m, motion_cm_s, flags = rows["position_m"], rows["motion_cm_s"], rows["flags"]
+    numbers = rows["numbers"]
     for i in range(n):
         for axis in range(3):
             position_m[i, axis] = motion[i, axis]
@@ -304,15 +317,14 @@ def _packed(
             motion_cm_s[i, axis] = _cm_s(motion[i, 3 + axis])
         flags[i] = COMMANDED if np.isfinite(motion[i, 9]) else 0
         for bit in range(6):
-            flags[i] |= masks[bit * n + i] << bit
-        rows[i].phase, rows[i].mode, rows[i].epoch = codes[i], codes[n + i], codes[2 * n + i]
+            flags[i] |= codes[bit * n + i] << bit
+        rows[i].phase, rows[i].mode, rows[i].epoch = codes[6 * n + i], codes[7 * n + i], codes[8 * n + i]
         rows[i].uncertainty_cm = _bounded(100.0 * columns[i])
         rows[i].age_ms = _bounded(1000.0 * columns[n + i])
         yaw_rad = columns[2 * n + i]
         rows[i].yaw = 0 if np.isnan(yaw_rad) else int(np.rint(1e4 * yaw_rad))
-        rows[i].battery_percent = _percent(columns[3 * n + i])
-        rows[i].quality_percent = _percent(columns[4 * n + i])
-    return rows
+        for k in range(len(steps)):
+            numbers[i, k] = _in_steps((columns[(3 + k) * n + i] - steps[k, 1]) / steps[k, 0])
 
 
 @kernel
@@ -332,7 +344,7 @@ def _bounded(value: float) -> int:
 
 
 @kernel
-def _percent(share: float) -> int:
-    if not np.isfinite(share):
-        return UNKNOWN_PERCENT
-    return int(np.rint(100.0 * min(max(share, 0.0), 1.0)))
+def _in_steps(value: float) -> int:
+    if not np.isfinite(value):
+        return UNKNOWN_STEPS
+    return int(np.rint(min(max(value, 0.0), UNKNOWN_STEPS - 1.0)))

@@ -1,6 +1,6 @@
 """What a station sends the others after each tick: its vehicles, and while it leads the whole formation."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from math import nan
 from typing import Final, NamedTuple
 
@@ -33,8 +33,7 @@ class Reported(NamedTuple):
     modes: Codes  # (n,) places in MODES
     armed: Mask
     ready: Mask
-    battery_remaining: Array  # (n,) NaN: unknown
-    link_quality: Array  # (n,) NaN: unknown
+    numbers: Sequence[Array]  # (n,) each, those of `vehicle_columns.SENT`
     show: ShowPhase = ShowPhase.RUNNING
     all_up: bool = True
     plan: int = 0  # version of the plan
@@ -77,8 +76,7 @@ def batch(
         owned=site.owned,
         epochs=site.epochs,
         yaw_rad=fleet.yaw_rad,
-        battery_remaining=reported.battery_remaining,
-        link_quality=reported.link_quality,
+        numbers=reported.numbers,
     )
 
 

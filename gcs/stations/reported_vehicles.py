@@ -10,6 +10,7 @@ from gcs.estimation.fleet_state import FORWARD_MAX_S
 from gcs.model.jit import kernel
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, Mask
+from gcs.model.vehicle_columns import SENT
 from gcs.stations.messages import (
     AIRBORNE,
     ARMED,
@@ -20,7 +21,7 @@ from gcs.stations.messages import (
     READY,
     SLOT_STAYS,
     UNKNOWN,
-    UNKNOWN_PERCENT,
+    UNKNOWN_STEPS,
     BatchHead,
     Codes,
     SlotsMessage,
@@ -65,8 +66,7 @@ class ReportedVehicles(NamedTuple):
     armed: Mask
     ready: Mask
     yaw_rad: Array
-    battery_remaining: Array
-    link_quality: Array
+    numbers: Codes  # (k, ...) steps as in `messages.ROW`
 
     @staticmethod
     def unknown(count: int) -> "ReportedVehicles":
@@ -103,8 +103,7 @@ class ReportedVehicles(NamedTuple):
             armed=none(),
             ready=none(),
             yaw_rad=no_number(),
-            battery_remaining=no_number(),
-            link_quality=no_number(),
+            numbers=np.full((count, len(SENT)), UNKNOWN_STEPS, np.uint8),
         )
 
 
@@ -123,6 +122,7 @@ def take(known: ReportedVehicles, rows: Rows, wire: NDArray[np.void], station: i
         made_s: when the batch was made, own clock.
     """
     position_m, motion_cm_s, flags = wire["position_m"], wire["motion_cm_s"], wire["flags"]
+    numbers = wire["numbers"]
     for j in range(len(rows)):
         row, owned, epoch = rows[j], flags[j] & OWNED != 0, wire[j].epoch
         theirs, before = known.owner[row] == station, known.epochs[row]
@@ -142,10 +142,8 @@ def take(known: ReportedVehicles, rows: Rows, wire: NDArray[np.void], station: i
         known.slot_stays[row] = flags[j] & SLOT_STAYS != 0
         known.armed[row], known.ready[row] = flags[j] & ARMED != 0, flags[j] & READY != 0
         known.yaw_rad[row] = wire[j].yaw / 1e4
-        percent = wire[j].battery_percent
-        known.battery_remaining[row] = np.nan if percent == UNKNOWN_PERCENT else percent / 100.0
-        percent = wire[j].quality_percent
-        known.link_quality[row] = np.nan if percent == UNKNOWN_PERCENT else percent / 100.0
+        for k in range(known.numbers.shape[1]):
+            known.numbers[row, k] = numbers[j, k]
         x_m, y_m, z_m = position_m[j, 0], position_m[j, 1], position_m[j, 2]
         if not is_known or not (np.isfinite(x_m) and np.isfinite(y_m) and np.isfinite(z_m)):
             continue
@@ -225,8 +223,7 @@ def warm_up() -> None:
         owned=flags,
         epochs=codes,
         yaw_rad=numbers,
-        battery_remaining=numbers,
-        link_quality=numbers,
+        numbers=[numbers] * len(SENT),
     )
     known = ReportedVehicles.unknown(1)
     take(known, np.zeros(1, np.intp), decode_batch(sent.encode())[1], 0, 0.0)

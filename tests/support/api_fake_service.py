@@ -16,6 +16,7 @@ from gcs.model.lifecycle import AIRBORNE, Event, Phase, ShowEvent, ShowPhase, ad
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw
 from gcs.model.preflight_report import Check, Exclusion, PreflightReport, State, VehicleChecks
 from gcs.model.state import Landed, Mode
+from gcs.model.vehicle_columns import unknown
 from gcs.service import (
     CALLER,
     Audit,
@@ -382,7 +383,9 @@ class FakeService:
         received = [phase not in (Phase.OFFLINE, Phase.LOST) for phase in phases]
         known = np.where(received, 1.0, np.nan)
         place_m = np.stack([np.zeros(n), 5.0 * np.arange(n), np.where(up, -20.0, 0.0)], axis=1)
-        columns: dict[str, Any] = {name: value * known for name, value in REPORTED.items()}
+        columns: dict[str, Any] = {**unknown(n), "fix_type": 3.0 * known}
+        columns["heartbeat_age_s"] = np.append(np.full(n - 1, np.inf), 0.4)
+        columns |= {name: value * known for name, value in REPORTED.items()}
         columns |= {name: np.full(n, value) for name, value in MEASURED.items()}
         return VehicleTable(
             ids=list(self.phases),
@@ -398,8 +401,6 @@ class FakeService:
             position_m=place_m * known[:, None],
             velocity_m_s=np.array([0.1, 0.2, 0.3]) * known[:, None],
             setpoint_m_s=np.where(formed[:, None], [1.0, 0.0, -1.0], np.nan),
-            heartbeat_age_s=np.append(np.full(n - 1, np.inf), 0.4),
-            fix_type=3.0 * known,
             limited_by=["separation from d9" if row == 0 and formed[0] else "" for row in range(n)],
             colour=np.tile(np.array([[255, 128, 0]], np.uint8), (n, 1)),
             lit=formed,

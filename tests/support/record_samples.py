@@ -9,6 +9,7 @@ from gcs.control import ControlSettings
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation, Plan
 from gcs.model.state import Landed, Mode
+from gcs.model.vehicle_columns import unknown
 from gcs.recording.sample import Sample
 from gcs.service import FleetView, FlightEnvelope, SelectedShow, TickView
 from gcs.service.alarms import Alarm, AlarmCause, AlarmSeverity
@@ -61,10 +62,8 @@ def sample(
             "position_m": here_m,
             "velocity_m_s": np.zeros((count, 3)),
             "setpoint_m_s": setpoint_m_s,
+            **unknown(count),
             "yaw_rad": np.zeros(count),
-            "latitude_deg": np.full(count, np.nan),
-            "longitude_deg": np.full(count, np.nan),
-            "altitude_amsl_m": np.full(count, np.nan),
             "battery_remaining": np.full(count, 0.9),
             "position_age_s": np.full(count, 0.05),
             "uncertainty_m": np.full(count, 0.35),

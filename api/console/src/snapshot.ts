@@ -56,8 +56,14 @@ export interface Tick {
   lateness_p99_ms: number;
 }
 
-/** One instant of the fleet: columns over one buffer, n long; vehicle i is `status.vehicles[i]`. Unknown is NaN. */
-export interface Frame {
+/** A column of single precision in a frame, by its row in gcs/model/vehicle_columns.py. */
+export type FrameColumn = Schemas["FrameColumn"];
+
+/** Columns of numbers over one buffer, n long; vehicle i is `status.vehicles[i]`. Unknown is NaN. Meanings: schema `Vehicle`. */
+export type Numbers = Readonly<Record<FrameColumn["name"], Float32Array>>;
+
+/** One instant of the fleet. */
+export interface Frame extends Numbers {
   /** Of the status that it belongs to. */
   revision: number;
   /** The service's monotonic clock. */
@@ -95,26 +101,6 @@ export interface Frame {
   tempo: number;
   /** Row of the vehicle with the least battery; beyond all rows: none. */
   batteryLeastRow: number;
-  x_m: Float32Array;
-  y_m: Float32Array;
-  height_m: Float32Array;
-  vx_m_s: Float32Array;
-  vy_m_s: Float32Array;
-  vup_m_s: Float32Array;
-  heading_deg: Float32Array;
-  setpoint_x_m_s: Float32Array;
-  setpoint_y_m_s: Float32Array;
-  setpoint_up_m_s: Float32Array;
-  /** 0 to 1. */
-  battery: Float32Array;
-  position_age_s: Float32Array;
-  heartbeat_age_s: Float32Array;
-  uncertainty_m: Float32Array;
-  /** 0 to 1. */
-  link_quality: Float32Array;
-  /** Until the low-battery threshold, and until empty. */
-  low_s: Float32Array;
-  empty_s: Float32Array;
   /** Index in `PHASES`. */
   phase: Uint8Array;
   /** Index in `MODES`. */

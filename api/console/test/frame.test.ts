@@ -2,6 +2,7 @@ import { describe, expect, test } from "vitest";
 
 import { decode, FrameError } from "../src/schemas/frame";
 import { bytes, frame } from "./frames";
+import { COLUMNS } from "./statuses";
 
 describe("a frame", () => {
   test("is read as it was written", () => {
@@ -33,12 +34,12 @@ describe("a frame", () => {
   test.each([
     ["nothing", new ArrayBuffer(0), "0 bytes: the header alone has 128"],
     ["half a header", new ArrayBuffer(64), "64 bytes: the header alone has 128"],
-    ["another version", bytes({ version: 2 }), "version 2: this page reads 3; load the page again"],
+    ["another version", bytes({ version: 3 }), "version 3: this page reads 4; load the page again"],
     ["too few bytes", bytes({ vehicles: [{}, {}] }).slice(0, 200), "200 bytes: with 2 vehicles it has 278"],
     ["too many bytes", new Uint8Array([...new Uint8Array(bytes({ vehicles: [{}] })), 0]).buffer, "204 bytes: with 1 vehicles it has 203"],
     ["a phase that is none", bytes({ showPhase: 11 }), "show phase 11: there are 11"],
   ])("is refused, and why: %s", (_name, buffer, why) => {
-    expect(() => decode(buffer, 0)).toThrowError(FrameError);
-    expect(() => decode(buffer, 0)).toThrowError(why);
+    expect(() => decode(buffer, 0, COLUMNS)).toThrowError(FrameError);
+    expect(() => decode(buffer, 0, COLUMNS)).toThrowError(why);
   });
 });

@@ -2,6 +2,7 @@
 
 import { decode, HEADER_BYTES, size } from "../src/schemas/frame";
 import { PHASES, type Frame, type Phase } from "../src/state";
+import { COLUMNS } from "./statuses";
 
 export interface Vehicle {
   x_m?: number;
@@ -36,9 +37,10 @@ export interface Written {
 export function bytes(written: Written): ArrayBuffer {
   const vehicles = written.vehicles ?? [];
   const n = vehicles.length;
-  const buffer = new ArrayBuffer(size(n));
+  const floats = COLUMNS.length;
+  const buffer = new ArrayBuffer(size(n, floats));
   const view = new DataView(buffer);
-  view.setUint8(0, written.version ?? 3);
+  view.setUint8(0, written.version ?? 4);
   view.setUint8(1, written.controlAlive === false ? 0 : 1);
   view.setUint8(2, written.center_m === undefined ? 0 : 1);
   view.setUint8(3, written.showPhase ?? 5);
@@ -61,12 +63,12 @@ export function bytes(written: Written): ArrayBuffer {
   view.setFloat32(120, written.behind_s ?? NaN, true);
   view.setFloat32(124, 1, true);
   vehicles.forEach((each, i) => {
-    const floats: Record<number, number | undefined> = { 0: each.x_m, 1: each.y_m, 2: each.height_m, 10: each.battery, 15: each.low_s, 16: each.empty_s };
-    for (let k = 0; k < 17; k++) view.setFloat32(HEADER_BYTES + 4 * (n * k + i), floats[k] ?? NaN, true);
-    view.setUint8(HEADER_BYTES + 68 * n + i, PHASES.indexOf(each.phase ?? "formation"));
-    view.setUint8(HEADER_BYTES + 71 * n + i, each.flags ?? 0);
+    const numbers: Partial<Record<string, unknown>> = { ...each };
+    COLUMNS.forEach(({ name }, k) => view.setFloat32(HEADER_BYTES + 4 * (n * k + i), Number(numbers[name] ?? NaN), true));
+    view.setUint8(HEADER_BYTES + 4 * floats * n + i, PHASES.indexOf(each.phase ?? "formation"));
+    view.setUint8(HEADER_BYTES + (4 * floats + 3) * n + i, each.flags ?? 0);
   });
   return buffer;
 }
 
-export const frame = (written: Written, received_ms = 0): Frame => decode(bytes(written), received_ms);
+export const frame = (written: Written, received_ms = 0): Frame => decode(bytes(written), received_ms, COLUMNS);

@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 
-import { fixed, minutes, nextClockTime, parsed, percent, plain, seconds, withUnit } from "../src/panels/format";
+import { fixed, measured, minutes, nextClockTime, parsed, percent, plain, seconds, withUnit } from "../src/panels/format";
 
 describe("numbers for an operator", () => {
   it("says what is not known with a dash, never with a zero", () => {
@@ -25,6 +25,10 @@ describe("numbers for an operator", () => {
   it("writes times as they are read", () => {
     expect([minutes(75.9), minutes(-5.2), minutes(3725), minutes(-0.4)]).toEqual(["1:15", "−0:05", "1:02:05", "0:00"]);
     expect([seconds(0.31), seconds(31.4), seconds(125)]).toEqual(["0.3 s", "31 s", "2:05"]);
+  });
+
+  it("writes a number by its unit", () => {
+    expect([measured(0.5, "share"), measured(31.4, "s"), measured(3, "m/s"), measured(NaN, "s")]).toEqual(["50 %", "31 s", "3.0 m/s", "–"]);
   });
 });
 

@@ -1,6 +1,19 @@
 // What a service says, for tests; each field as the types demand.
 
-import type { Command, Status } from "../src/state";
+import type { Command, FrameColumn, Status } from "../src/state";
+
+const NAMES = [
+  "x_m", "y_m", "height_m", "vx_m_s", "vy_m_s", "vup_m_s", "heading_deg", "setpoint_x_m_s", "setpoint_y_m_s", "setpoint_up_m_s",
+  "low_s", "empty_s", "battery", "uncertainty_m",
+] as const;
+
+/** Of the frames that `frames.ts` writes. */
+export const COLUMNS: readonly FrameColumn[] = [
+  ...NAMES.map((name) => ({ name, unit: "", label: "" })),
+  { name: "position_age_s", unit: "s", label: "Position age" },
+  { name: "heartbeat_age_s", unit: "s", label: "Heartbeat age" },
+  { name: "link_quality", unit: "share", label: "Link quality" },
+];
 
 export function status(change: Partial<Status> = {}): Status {
   return {
@@ -19,7 +32,7 @@ export function status(change: Partial<Status> = {}): Status {
     obstacles: [], flight_envelope: {
       height_min_m: 3, height_max_m: 100, distance_max_m: 300, floor_horizontal_m: 2, floor_vertical_m: 3.2, margin_m: 0.5,
     },
-    interrupted: null, estimates: null, severity: "normal", alarms: [], access: "off", limits: [], replay: null, events: [],
+    interrupted: null, estimates: null, severity: "normal", alarms: [], access: "off", limits: [], replay: null, events: [], columns: [...COLUMNS],
     vehicles: [{ id: "d1", system_id: 1, link: "d1", autopilot: "px4", station: null, reason: "", limited_by: "", home: null, fix_type: 3 }],
     ...change,
   };

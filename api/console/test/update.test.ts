@@ -4,7 +4,7 @@ import { fresh, HISTORY_ROWS, initial, STALE_MS, TOAST_MS, type State } from "..
 import { update, type Message } from "../src/update";
 import { read } from "../src/schemas/stream";
 import { frame } from "./frames";
-import { command, status } from "./statuses";
+import { COLUMNS, command, status } from "./statuses";
 
 const after = (...messages: Message[]): State => messages.reduce(update, initial(0));
 const framed = (time_s: number, received_ms: number, alive = true): Message => ({
@@ -116,6 +116,6 @@ test("an order's outcome takes its own place, a new order the first", () => {
 });
 
 test("what cannot be read is an error, and the state is as it was", () => {
-  expect(() => read("{")).toThrowError(SyntaxError);
-  expect(() => read(new ArrayBuffer(3))).toThrowError("a frame of 3 bytes");
+  expect(() => read("{", COLUMNS)).toThrowError(SyntaxError);
+  expect(() => read(new ArrayBuffer(3), COLUMNS)).toThrowError("a frame of 3 bytes");
 });

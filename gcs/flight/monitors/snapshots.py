@@ -74,6 +74,23 @@ def fleet_view(
     )
 
 
+def measured(flight: Flight) -> dict[str, Array]:
+    """(n,) each: the numbers of `gcs.model.vehicle_columns`, as of the newest tick."""
+    fleet, telemetry = flight.state, flight.telemetry
+    return {
+        "yaw_rad": fleet.yaw_rad,
+        "latitude_deg": telemetry.latitude_deg,
+        "longitude_deg": telemetry.longitude_deg,
+        "altitude_amsl_m": telemetry.altitude_amsl_m,
+        "battery_remaining": telemetry.battery_remaining,
+        "position_age_s": fleet.age_s,
+        "heartbeat_age_s": fleet.time_s - telemetry.heartbeat_time_s,
+        "uncertainty_m": flight.traits.uncertainty_m,
+        "link_quality": flight.link_quality.share,
+        "fix_type": telemetry.fix_type,
+    }
+
+
 def _rows(flight: Flight, tick: Tick) -> VehicleTable:
     fleet, telemetry, show_run = flight.state, flight.telemetry, flight.show_run
     vehicles, known = flight.vehicles.values(), flight.known  # only those with all data can be ready
@@ -98,20 +115,12 @@ def _rows(flight: Flight, tick: Tick) -> VehicleTable:
         position_m=fleet.position_m,
         velocity_m_s=fleet.velocity_m_s,
         setpoint_m_s=setpoint_m_s,
-        yaw_rad=fleet.yaw_rad,
-        latitude_deg=telemetry.latitude_deg,
-        longitude_deg=telemetry.longitude_deg,
-        altitude_amsl_m=telemetry.altitude_amsl_m,
-        battery_remaining=telemetry.battery_remaining,
-        position_age_s=fleet.age_s,
-        uncertainty_m=flight.traits.uncertainty_m,
-        heartbeat_age_s=fleet.time_s - telemetry.heartbeat_time_s,
-        link_quality=flight.link_quality.share,
-        fix_type=telemetry.fix_type,
+        **measured(flight),
         limited_by=tick.limited_by[: len(fleet.ids)],
         colour=colour,
         lit=lit,
         homes_m=[vehicle.home_m for vehicle in vehicles],
+        stations=(),
     )
 
 

@@ -15,7 +15,8 @@ from gcs import service
 from gcs.model.errors import GcsError, InvalidError, RefusedError, UnknownError
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Plan
-from gcs.model.state import Array, Landed
+from gcs.model.state import Landed
+from gcs.model.vehicle_columns import RECORDED, unknown
 from gcs.recording import mcap_layout as layout
 from gcs.recording.flight_report import EXIT_CODES
 from gcs.recording.mcap_reader import About, FlightData, RecordedSample, Sample, Standard
@@ -26,9 +27,6 @@ from gcs.service.check_process import LOWER, answered
 from gcs.service.event_log import LogEvent
 from gcs.service.snapshots import ReportBody
 from gcs.service.vehicle_table import VehicleTable
-
-_COLUMNS: Final = ("yaw_rad", "battery_remaining", "position_age_s", "heartbeat_age_s")
-"""Of the record, as in `VehicleTable`."""
 
 SPEED_MAX: Final = 100.0
 
@@ -343,10 +341,13 @@ class Replay:
         latitude_deg, longitude_deg, altitude_m = self.frame.geodetic(position_m)
         colour, lit = layout.lights(table)
         limited_by = flown.tick.limited_by
-
-        def column(name: str) -> Array:
-            return table[name].astype(np.float64)
-
+        numbers = {
+            **unknown(n),
+            **{name: table[recorded].astype(np.float64) for name, recorded in RECORDED.items()},
+            "latitude_deg": latitude_deg,
+            "longitude_deg": longitude_deg,
+            "altitude_amsl_m": altitude_m,
+        }
         return VehicleTable(
             ids=about.ids,
             system_ids=about.system_ids,
@@ -361,12 +362,7 @@ class Replay:
             position_m=position_m,
             velocity_m_s=layout.vectors(table, layout.VELOCITY).astype(np.float64),
             setpoint_m_s=layout.vectors(table, layout.SETPOINT).astype(np.float64),
-            latitude_deg=latitude_deg,
-            longitude_deg=longitude_deg,
-            altitude_amsl_m=altitude_m,
-            uncertainty_m=column("position_uncertainty_m"),
-            **{name: column(name) for name in _COLUMNS},
-            **dict.fromkeys(("link_quality", "fix_type"), np.full(n, np.nan)),
+            **numbers,
             limited_by=[limited_by.get(name, "") for name in about.ids],
             colour=colour,
             lit=lit,

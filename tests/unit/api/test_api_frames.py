@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from gcs.api.schemas import binary_frame as frames
 from gcs.api.schemas import convert
+from gcs.api.schemas.fleet import FRAME_COLUMNS
 from gcs.estimation.time_estimates import Estimates
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode
@@ -26,10 +27,12 @@ def decoded(data: bytes) -> tuple[Any, dict[str, NDArray[Any]]]:
     """As docs/stream.md says."""
     header = np.frombuffer(data, frames.HEADER, 1)[0]
     n = int(header["n"])
-    assert len(data) == 128 + 75 * n
-    floats = np.frombuffer(data, "<f4", 17 * n, 128).reshape(17, n)
-    small = np.frombuffer(data, np.uint8, 7 * n, 128 + 68 * n).reshape(7, n)
-    return header, dict(zip(frames.FLOATS, floats, strict=True)) | dict(zip(frames.BYTES, small, strict=True))
+    names = [column.name for column in FRAME_COLUMNS]
+    f = len(names)
+    assert len(data) == 128 + (4 * f + 7) * n
+    floats = np.frombuffer(data, "<f4", f * n, 128).reshape(f, n)
+    small = np.frombuffer(data, np.uint8, 7 * n, 128 + 4 * f * n).reshape(7, n)
+    return header, dict(zip(names, floats, strict=True)) | dict(zip(frames.BYTES, small, strict=True))
 
 
 def encoded(service: FakeService, **changes: Any) -> tuple[Any, dict[str, NDArray[Any]]]:
@@ -44,7 +47,7 @@ def test_frame_encodes_the_snapshot() -> None:
     service.tick()
     header, columns = encoded(service, countdown_s=3.5)
     view = service.view.value
-    assert (header["version"], header["control_alive"], header["n"], header["revision"]) == (3, 1, 3, 7)
+    assert (header["version"], header["control_alive"], header["n"], header["revision"]) == (4, 1, 3, 7)
     assert list(ShowPhase)[header["show"]] is ShowPhase.RUNNING
     assert (header["time_s"], header["unix_time_s"]) == (view.time_s, view.unix_time_s)
     assert (header["center_x_m"], header["center_y_m"], header["center_height_m"]) == (1.0, 2.0, 20.0)
@@ -113,11 +116,11 @@ def test_document_describes_the_bytes_as_they_are() -> None:
         for at in row.split(",")
     }
     assert reported == {offset for _, offset, *_ in fields.values()}
-    for names in (frames.FLOATS, frames.BYTES):
-        places = [re.search(rf"\b{name}\b", DOCUMENT.partition("From byte 128 on")[2]) for name in names]
-        found = [place.start() for place in places if place is not None]
-        assert len(found) == len(names)
-        assert found == sorted(found)
+    behind = DOCUMENT.partition("From byte 128 + 4 f n on")[2]
+    places = [re.search(rf"\b{name}\b", behind) for name in frames.BYTES]
+    found = [place.start() for place in places if place is not None]
+    assert len(found) == len(frames.BYTES)
+    assert found == sorted(found)
     for kinds in (Phase, Mode, ShowPhase):
         assert ", ".join(f"{number} {kind.value}" for number, kind in enumerate(kinds)) in DOCUMENT
 

@@ -16,6 +16,7 @@ from gcs.model.errors import GcsError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Obstacle
 from gcs.model.state import Mode
+from gcs.model.vehicle_columns import unknown
 from gcs.recording import mcap_layout as layout
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.mcap_writer import WAITING_MAX, FlightFile, LogLine
@@ -61,7 +62,8 @@ def others_at(x_m: float, shown: list[int] | None = None) -> Elsewhere:
         np.array([[x_m, 5.0, -20.0], [x_m, 9.0, -20.0]]),
         np.tile([2.0, 0.0, 0.0], (2, 1)),
         np.tile([2.0, 0.0, 0.0], (2, 1)),
-        {"position_age_s": np.full(2, 0.1)},
+        {**unknown(2), "position_age_s": np.full(2, 0.1)},
+        {},
     )
     one_each = None if shown is None else np.array(shown)
     return Elsewhere(("e1", "e2"), rows, ("flown by station east",) * 2, one_each, ShowPhase.RUNNING)
@@ -229,6 +231,21 @@ def test_mcap_of_another_program_is_refused(tmp_path: Path) -> None:
         FlightData(tmp_path / "other.mcap")
 
 
+def test_fields_of_points_are_found_by_their_names() -> None:
+    """As in a file of version 4, or of a program that records fewer numbers."""
+    rows = layout.packed(sample(battery_remaining=np.array([0.5, 0.25])).view.rows)
+    cloud = json.loads(layout.vehicles_message(1.0, rows))
+    cloud["fields"] = [field for field in reversed(cloud["fields"]) if field["name"] != "battery_remaining"]
+    read = layout.rows_of(json.dumps(cloud).encode())
+    assert np.isnan(read["battery_remaining"]).all()
+    rest = [name for name in layout.VEHICLE.names or () if name != "battery_remaining"]
+    for name in rest:
+        np.testing.assert_array_equal(read[name], rows[name])
+    cloud["fields"] = [field for field in cloud["fields"] if field["name"] != "phase"]
+    with pytest.raises(ValueError, match="phase"):
+        layout.rows_of(json.dumps(cloud).encode())
+
+
 def test_another_version_is_refused(tmp_path: Path) -> None:
     file = FlightFile(tmp_path, {**ABOUT, "version": "9"})
     file.open()
@@ -236,7 +253,7 @@ def test_another_version_is_refused(tmp_path: Path) -> None:
     file.close()
     with pytest.raises(
         GcsError,
-        match=r"flight\.mcap: not flight data of this program: they are of version 9; .* knows version 4",
+        match=r"flight\.mcap: not flight data of this program: they are of version 9; .* versions 4 and 5",
     ):
         FlightData(tmp_path / "flight.mcap")
 

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from gcs.formation.orbit import Center
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import ShowPhase
+from gcs.model.vehicle_columns import SENT
 from gcs.stations.messages import (
     COUNT_MAX,
     BatchHead,
@@ -16,6 +17,7 @@ from gcs.stations.messages import (
     SlotsMessage,
     StateBatch,
     decode_batch,
+    numbers_of,
     site_number,
 )
 from gcs.stations.reported_vehicles import ReportedVehicles, take
@@ -62,8 +64,7 @@ def batch(count: int, head: BatchHead = HEAD) -> StateBatch:
         owned=mask[5],
         epochs=rng.integers(0, 256, count).astype(np.uint8),
         yaw_rad=rng.uniform(-3.1, 3.1, count),
-        battery_remaining=np.where(mask[0], 0.5, np.nan),
-        link_quality=np.where(mask[1], 0.9, np.nan),
+        numbers=[np.where(mask[row % 2], 0.9, np.nan) for row in range(len(SENT))],
     )
 
 
@@ -84,8 +85,8 @@ def test_batch_arrives_as_it_was(count: int) -> None:
     assert received.uncertainty_m == pytest.approx(sent.uncertainty_m, abs=0.0051)
     assert 100.0 - received.measured_s == pytest.approx(sent.age_s, abs=0.00051)
     assert received.yaw_rad == pytest.approx(sent.yaw_rad, abs=0.000051)
-    for name in ("battery_remaining", "link_quality"):
-        assert getattr(received, name) == pytest.approx(getattr(sent, name), nan_ok=True)
+    for name, values in zip(SENT, sent.numbers, strict=True):
+        assert numbers_of(received.numbers)[name] == pytest.approx(values, nan_ok=True)
     for name in ("phases", "modes", "airborne", "formed", "slot_stays", "armed", "ready", "epochs"):
         assert (getattr(received, name) == getattr(sent, name)).all()
     assert (received.owner == 1).all()

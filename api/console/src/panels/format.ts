@@ -43,6 +43,12 @@ export function seconds(value: Maybe): string {
   return minutes(value);
 }
 
+/** A number with its unit in gcs/model/vehicle_columns.py. */
+export function measured(value: Maybe, unit: string): string {
+  if (unit === "share") return percent(value);
+  return unit === "s" ? seconds(value) : withUnit(value, unit);
+}
+
 /** 75.4 -> "1:15", also below zero and beyond an hour. */
 export function minutes(value: Maybe): string {
   if (!known(value)) return UNKNOWN;

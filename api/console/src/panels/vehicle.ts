@@ -5,7 +5,7 @@ import { FLAG, indexOf, type State } from "../state";
 import { texts } from "../texts";
 import type { PanelActions } from "./actions";
 import { button } from "./controls";
-import { fixed, percent, seconds, UNKNOWN, withUnit } from "./format";
+import { fixed, measured, percent, UNKNOWN, withUnit } from "./format";
 import { group, lastOrder } from "./group";
 import { roughly } from "./energy";
 import { icon, PHASE_ICON, type IconName } from "./icons";
@@ -25,9 +25,11 @@ const ACTION_ICON: Record<VehicleAction, IconName> = {
 
 const t = texts.vehicle;
 
-function pair(name: keyof typeof t.rows, value: unknown): TemplateResult {
-  return html`<div><dt>${t.rows[name]}</dt><dd class="value" data-testid="vehicle-${name}">${value}</dd></div>`;
+function fact(name: string, label: string, value: unknown): TemplateResult {
+  return html`<div><dt>${label}</dt><dd class="value" data-testid="vehicle-${name}">${value}</dd></div>`;
 }
+
+const pair = (name: keyof typeof t.rows, value: unknown): TemplateResult => fact(name, t.rows[name], value);
 
 function place2(x_m: number | undefined, y_m: number | undefined): string {
   return Number.isFinite(x_m) ? `${fixed(x_m)}, ${fixed(y_m)} m` : UNKNOWN;
@@ -35,7 +37,8 @@ function place2(x_m: number | undefined, y_m: number | undefined): string {
 
 function facts(state: State, row: Row): TemplateResult {
   const frame = state.frame!;
-  const vehicle = state.status!.vehicles[row.index]!;
+  const status = state.status!;
+  const vehicle = status.vehicles[row.index]!;
   const i = row.index;
   const speed = Math.hypot(frame.vx_m_s[i]!, frame.vy_m_s[i]!);
   const asked = Math.hypot(frame.setpoint_x_m_s[i]!, frame.setpoint_y_m_s[i]!);
@@ -55,9 +58,7 @@ function facts(state: State, row: Row): TemplateResult {
     ${pair("battery", percent(row.battery))}
     ${pair("left", left(state, row.id))}
     ${pair("fix", `${row.fix || UNKNOWN}, ${withUnit(row.fix_m, "m")}`)}
-    ${pair("age", seconds(row.age_s))}
-    ${pair("heartbeat", seconds(frame.heartbeat_age_s[i]))}
-    ${pair("quality", percent(row.link))}
+    ${status.columns.filter(({ label }) => label !== "").map(({ name, unit, label }) => fact(name, label, measured(frame[name][i], unit)))}
     ${pair("mode", row.mode)}
     ${pair("armed", row.armed ? t.yes : t.no)}
     ${pair("landed", t.landed[frame.landed[i]!] ?? UNKNOWN)}

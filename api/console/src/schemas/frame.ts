@@ -1,22 +1,24 @@
 // A binary message of the console's stream: docs/stream.md. A header of 128 bytes, then columns, little-endian.
 
-import { SHOW_PHASES, type Frame } from "../state";
+import { SHOW_PHASES, type Frame, type FrameColumn, type Numbers } from "../state";
 
-export const VERSION = 3;
+export const VERSION = 4;
 export const HEADER_BYTES = 128;
-const FLOATS = 17;
 const BYTES = 7;
 /** Of each number of a timecode that there is none. */
 const NO_TIMECODE = 255;
 
-/** Bytes of a frame of n vehicles. */
-export const size = (n: number): number => HEADER_BYTES + n * (4 * FLOATS + BYTES);
+/** Bytes of a frame of n vehicles with so many columns of numbers. */
+export const size = (n: number, floats: number): number => HEADER_BYTES + n * (4 * floats + BYTES);
 
 /** The sender uses another format than this page. */
 export class FrameError extends Error {}
 
-/** Read a frame; its columns are views of `buffer`. Throws FrameError, with what is wrong, for what is none. */
-export function decode(buffer: ArrayBuffer, received_ms: number): Frame {
+/**
+ * Read a frame with the columns that its status lists; they are views of `buffer`. Throws FrameError, with what is wrong, for
+ * what is none.
+ */
+export function decode(buffer: ArrayBuffer, received_ms: number, columns: readonly FrameColumn[]): Frame {
   if (buffer.byteLength < HEADER_BYTES) {
     throw new FrameError(`a frame of ${buffer.byteLength} bytes: the header alone has ${HEADER_BYTES}`);
   }
@@ -26,8 +28,9 @@ export function decode(buffer: ArrayBuffer, received_ms: number): Frame {
     throw new FrameError(`a frame of version ${version}: this page reads ${VERSION}; load the page again`);
   }
   const n = header.getUint32(4, true);
-  if (buffer.byteLength !== size(n)) {
-    throw new FrameError(`a frame of ${buffer.byteLength} bytes: with ${n} vehicles it has ${size(n)}`);
+  const expected = size(n, columns.length);
+  if (buffer.byteLength !== expected) {
+    throw new FrameError(`a frame of ${buffer.byteLength} bytes: with ${n} vehicles it has ${expected}`);
   }
   const showPhase = SHOW_PHASES[header.getUint8(3)];
   if (showPhase === undefined) {
@@ -35,9 +38,10 @@ export function decode(buffer: ArrayBuffer, received_ms: number): Frame {
   }
   const float = (at: number): number => header.getFloat32(at, true);
   const column = (k: number): Float32Array => new Float32Array(buffer, HEADER_BYTES + 4 * n * k, n);
-  const bytes = (k: number): Uint8Array => new Uint8Array(buffer, HEADER_BYTES + n * (4 * FLOATS + k), n);
+  const bytes = (k: number): Uint8Array => new Uint8Array(buffer, HEADER_BYTES + n * (4 * columns.length + k), n);
   const label = [44, 45, 46, 47].map((at) => header.getUint8(at));
   return {
+    ...(Object.fromEntries(columns.map(({ name }, k) => [name, column(k)])) as Numbers),
     revision: header.getUint32(8, true),
     time_s: header.getFloat64(16, true),
     unix_time_s: header.getFloat64(24, true),
@@ -69,23 +73,6 @@ export function decode(buffer: ArrayBuffer, received_ms: number): Frame {
     timecode: label.includes(NO_TIMECODE) ? "" : label.map((part) => String(part).padStart(2, "0")).join(":"),
     behind_s: float(120),
     tempo: float(124),
-    x_m: column(0),
-    y_m: column(1),
-    height_m: column(2),
-    vx_m_s: column(3),
-    vy_m_s: column(4),
-    vup_m_s: column(5),
-    heading_deg: column(6),
-    setpoint_x_m_s: column(7),
-    setpoint_y_m_s: column(8),
-    setpoint_up_m_s: column(9),
-    battery: column(10),
-    position_age_s: column(11),
-    heartbeat_age_s: column(12),
-    uncertainty_m: column(13),
-    link_quality: column(14),
-    low_s: column(15),
-    empty_s: column(16),
     phase: bytes(0),
     mode: bytes(1),
     landed: bytes(2),

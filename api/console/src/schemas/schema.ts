@@ -375,6 +375,18 @@ export interface components {
              */
             radius_m?: number;
         };
+        /** @description A column of single precision in a frame. */
+        FrameColumn: {
+            /** @description On the console's page of a vehicle; empty: it has its own place there. */
+            label: string;
+            /**
+             * @description As in `Vehicle`.
+             * @enum {string}
+             */
+            name: "x_m" | "y_m" | "height_m" | "vx_m_s" | "vy_m_s" | "vup_m_s" | "heading_deg" | "setpoint_x_m_s" | "setpoint_y_m_s" | "setpoint_up_m_s" | "low_s" | "empty_s" | "battery" | "position_age_s" | "heartbeat_age_s" | "uncertainty_m" | "link_quality";
+            /** @description share: 0 to 1. */
+            unit: string;
+        };
         /** @description The target's position and velocity in WGS84. */
         GeodeticTarget: {
             /** @example 47.3977 */
@@ -2227,6 +2239,8 @@ export interface components {
             alarms: components["schemas"]["Alarm"][];
             /** @description When this process began to serve; a restarted service has another time. */
             began_unix_time_s: number;
+            /** @description Of a frame, in their order. */
+            columns: components["schemas"]["FrameColumn"][];
             /** @description Why control is not alive, empty when it is. */
             control_reason: string;
             /** @description Corrections for RTK are configured: GET /api/v1/corrections returns their age. */
@@ -2357,19 +2371,22 @@ export interface components {
         };
         /** @description One vehicle, as the service estimates it. Its numbers have the names of a frame's columns. */
         Vehicle: {
+            /** @description Above mean sea level. Measured by the autopilot. */
             altitude_amsl_m: number | null;
             armed: boolean;
             /** @description Name of its autopilot's profile, as configured. */
             autopilot: string;
-            /** @description Remaining share of the battery, 0 to 1. */
+            /** @description Remaining share of the battery, 0 to 1. Measured by the autopilot. */
             battery: number | null;
-            /** @description Time until the battery is empty; null: not known yet. */
+            /** @description Time until the battery is empty; null: not known yet. Measured by the station. */
             empty_s: number | null;
             /** @description GPS_FIX_TYPE of its receiver, 3 and more with a height; null: not known. */
             fix_type: number | null;
-            /** @description 0 up to, without, 360. */
+            /** @description Heading clockwise from north: 0 up to, without, 360. Measured by the autopilot. */
             heading_deg: number | null;
+            /** @description Time since the newest heartbeat arrived. Measured by the station. */
             heartbeat_age_s: number | null;
+            /** @description Height above the show's origin, brought forward to the tick. Measured by the station. */
             height_m: number | null;
             /** @description null: it has not taken off. */
             home: components["schemas"]["Home"] | null;
@@ -2379,6 +2396,7 @@ export interface components {
              * @example on_ground
              */
             landed: string;
+            /** @description Latitude, WGS84. Measured by the autopilot. */
             latitude_deg: number | null;
             /**
              * @description Colour of the vehicle in the show now; null: it flies in no show.
@@ -2388,20 +2406,24 @@ export interface components {
             /** @description Why the safety filter limits the vehicle; empty: it does not. */
             limited_by: string;
             link: string;
-            /** @description Share of the requested positions that arrive, 0 to 1; null in a replay. */
+            /** @description Share of the requested positions that arrive, 0 to 1; null in a replay. Measured by the station. */
             link_quality: number | null;
+            /** @description Longitude, WGS84. Measured by the autopilot. */
             longitude_deg: number | null;
-            /** @description Time until the battery reaches the low-battery threshold, 0 below it; null: unknown. */
+            /** @description Time until the battery reaches the low-battery threshold, 0 below it; null: unknown. Measured by the station. */
             low_s: number | null;
             mode: components["schemas"]["Mode"];
             phase: components["schemas"]["Phase"];
+            /** @description Time since the newest position arrived. Measured by the station. */
             position_age_s: number | null;
             ready: boolean;
             /** @description Why it is in its phase. */
             reason: string;
+            /** @description Velocity sent in the last tick, upwards. Measured by the station. */
             setpoint_up_m_s: number | null;
-            /** @description Sent in the last tick; null: not commanded. */
+            /** @description Velocity sent in the last tick; null: not commanded. Measured by the station. */
             setpoint_x_m_s: number | null;
+            /** @description Velocity sent in the last tick, to the right. Measured by the station. */
             setpoint_y_m_s: number | null;
             /**
              * @description The station that flies it; null: one station flies all, or none is known to fly this.
@@ -2409,12 +2431,17 @@ export interface components {
              */
             station: string | null;
             system_id: number;
-            /** @description Standard deviation sideways: as reported, at least what its kind of fix can mean. */
+            /** @description Standard deviation sideways: as reported, at least what its kind of fix can mean. Measured by the station. */
             uncertainty_m: number | null;
+            /** @description Velocity upwards. Measured by the autopilot. */
             vup_m_s: number | null;
+            /** @description Velocity along the show's heading. Measured by the autopilot. */
             vx_m_s: number | null;
+            /** @description Velocity to the right of the show's heading. Measured by the autopilot. */
             vy_m_s: number | null;
+            /** @description Position along the show's heading, brought forward to the tick. Measured by the station. */
             x_m: number | null;
+            /** @description Position to the right of the show's heading, brought forward to the tick. Measured by the station. */
             y_m: number | null;
         };
         /** @description A vehicle, and the pad that it stands on or nearest to. */

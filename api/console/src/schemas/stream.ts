@@ -1,6 +1,6 @@
 // The console's stream: requests the identity, opens the WebSocket, and opens it again when it is closed or silent.
 
-import type { Access, Connection, Status } from "../state";
+import type { Access, Connection, FrameColumn, Status } from "../state";
 import { texts } from "../texts";
 import type { Message } from "../update";
 import { decode, FrameError } from "./frame";
@@ -72,13 +72,16 @@ export function openStream(token: () => string, dispatch: (message: Message) => 
     const opened = new WebSocket(url, protocols);
     opened.binaryType = "arraybuffer";
     socket = opened;
+    let columns: readonly FrameColumn[] = []; // the status, which lists them, is sent first
     listen();
     opened.addEventListener("message", (event: MessageEvent<string | ArrayBuffer>) => {
       if (socket !== opened) return;
       listen();
       retry_ms = RETRY_MIN_MS;
       try {
-        dispatch(read(event.data));
+        const message = read(event.data, columns);
+        if (message.kind === "status") columns = message.status.columns;
+        dispatch(message);
       } catch (error) {
         if (!(error instanceof FrameError || error instanceof SyntaxError)) throw error;
         lose(texts.unreadable(error.message));
@@ -102,11 +105,11 @@ export function openStream(token: () => string, dispatch: (message: Message) => 
   };
 }
 
-/** Text is a status, bytes are a frame. Throws FrameError or SyntaxError. */
-export function read(data: string | ArrayBuffer): Message {
+/** Text is a status, bytes are a frame with the columns of the newest status. Throws FrameError or SyntaxError. */
+export function read(data: string | ArrayBuffer, columns: readonly FrameColumn[]): Message {
   return typeof data === "string"
     ? { kind: "status", status: JSON.parse(data) as Status }
-    : { kind: "frame", frame: decode(data, performance.now()) };
+    : { kind: "frame", frame: decode(data, performance.now(), columns) };
 }
 
 /** A browser does not report why a WebSocket was refused; this call does. */
