@@ -301,7 +301,7 @@ def _pack(
     """Fill the rows of a batch.
 
     Args:
-        rows: (n,) of `ROW`, all fields of which are set. An argument, so that compiled code notices another `ROW`.
+        rows: (n,) of `ROW`, all fields set. An argument, so that compiled code notices another `ROW`.
         motion: (n, 15) position, velocity, velocity before the safety filter and after it, setpoint.
         columns: ((3 + k) n,) uncertainty, age, yaw, and the numbers of `SENT`.
         steps: (k, 2) step and least of those.
