@@ -16,7 +16,6 @@ from gcs.testing.virtual_site import SiteShow, fly_assembled, fly_site, site_con
 BUS = {"delay_s": 0.02, "spread_s": 0.01, "loss": 0.01}
 
 
-@pytest.mark.soak
 def test_four_stations_fly_one_formation_and_bring_it_home() -> None:
     async def story(show: SiteShow) -> None:
         with pytest.raises(RefusedError, match="a start needs every station: station south"):
