@@ -40,6 +40,8 @@ def test_setpoints_follow_a_port_that_changes_twenty_times(caplog: pytest.LogCap
                 async with ticks.running():
                     await do(link, Verb.ARM, "v1")
                     await ticks.offboard()
+                    await asyncio.sleep(1.0)  # how often it sends is known by then: a change in the first
+                    # 0.1 s is a duplicate, until the old port has been silent for 3 s
                     for _ in range(CHANGES):
                         peer.line.lose()
                         peer.line.restore()  # from another port, at once
