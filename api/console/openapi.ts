@@ -28,7 +28,7 @@ function parameters(all: readonly Parameter[]): Schema {
   return record(Object.fromEntries(all.map((each) => [each.in, inPlace(each.in)])), [...new Set(all.filter(isRequired).map((each) => each.in))]);
 }
 
-/** Without errors: all have one shape, whose text the page shows. */
+/** Without errors: all have one shape, and the page shows its text. */
 function operation({ parameters: all = [], requestBody, responses }: Operation): Schema {
   const successes = Object.entries(responses).filter(([status]) => status.startsWith("2"));
   const always = { parameters: parameters(all), responses: record(mapped(Object.fromEntries(successes), contents)) };

@@ -315,7 +315,7 @@ class OperationSettings(Settings):
     pilot_takes_over: bool = True
     """Whether moving a stick must give the pilot control (COM_RC_OVERRIDE, COM_RC_IN_MODE)."""
     require_parameters: bool = True
-    """Whether vehicles are refused whose parameters make the loss of this station unsafe."""
+    """Whether vehicles are refused if their parameters make the loss of this station unsafe."""
     require_safe_setpoint_loss: bool = True
     """Whether a start is refused where `setpoint_loss_action` brings vehicles together."""
 

@@ -46,7 +46,7 @@ class Positioning(Settings):
     reset_margin_s: NotNegative = 30.0
     """So long after a jump a position counts as less certain, in s."""
     freeze_s: NotNegative = 3.0
-    """A vehicle whose position jumped first stands still for this time, in s."""
+    """After a jump of its position a vehicle first stands still for this time, in s."""
 
     @model_validator(mode="after")
     def _consistent(self) -> "Positioning":

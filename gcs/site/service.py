@@ -1,20 +1,16 @@
 """The service of a station of a site: that of its own flight, and every role for the vehicles of all."""
 
 import asyncio
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
+from collections.abc import Callable, Iterable
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 from gcs.bus import keep_bus_open
-from gcs.config.schema import Config
 from gcs.control import Tick
 from gcs.flight.orchestrator import Orchestrator
 from gcs.flight.state.elsewhere import TickHooks
-from gcs.links.batch_link import Link
 from gcs.recording.sample import Elsewhere as RecordedElsewhere
-from gcs.recording.session import Record
 from gcs.service import CommandRecord, FleetView, ShowAction
 from gcs.service.alarms import AlarmCause, Condition
 from gcs.site.arrivals import ShowArrivals
@@ -47,7 +43,7 @@ class SiteHooks(TickHooks):
 
     @property
     def may_send(self) -> bool:
-        """Whether no standby may have taken the vehicles over meanwhile."""
+        """Whether every standby has answered, so that none may have taken the vehicles over."""
         return self.member.may_send
 
     def sent(self, result: Tick, *, all_up: bool) -> None:
@@ -73,38 +69,23 @@ class SiteHooks(TickHooks):
 class SiteService:
     """Flies one station's vehicles with those of the others. Implements `gcs.service.Service`."""
 
-    def __init__(
-        self,
-        config: Config,
-        links: Sequence[Link],
-        membership: Membership,
-        record: Record | None = None,
-        *,
-        planning: Executor | None = None,
-        reading: Executor | None = None,
-        **given: Any,
-    ) -> None:
-        """As `Orchestrator`, which flies the own vehicles and takes the other arguments.
+    def __init__(self, local: Orchestrator, membership: Membership, reading: Executor) -> None:
+        """Sends nothing before `run`; must be created on the running event loop.
 
         Args:
-            config: of this station.
-            links: of its vehicles, and of those that it stands by for.
+            local: flies the vehicles of this station, and those that it stands by for; not running yet.
             membership: of the site.
-            record: as `Orchestrator`.
-            planning: as `Orchestrator`.
-            reading: executor that reads shows of other stations; None: that of the planner.
-            given: further arguments of `Orchestrator`.
+            reading: executor that reads shows of other stations.
         """
         publishing.warm_up()
-        planning = planning or ThreadPoolExecutor(1, thread_name_prefix="ways")
-        self.local = local = Orchestrator(config, links, record, planning=planning, **given)
+        self.local = local
         flight, commander, bus = local.flight, local.commands, membership.site.bus
         self._member = member = SiteMember(flight, membership)
         display, routing = SiteDisplay(member, membership.site), SiteRouting(member, flight.book)
         standby = Standby(flight, local.maneuvers, member, bus.lease_s, bus.standby_rejoins)
         pause = partial(commander.execute_own_failsafe, ShowAction.PAUSE)
         holds = SiteHolds(flight, member, pause, partial(commander.command_show, ShowAction.RESUME))
-        arrivals = ShowArrivals(local.shows, reading or planning)
+        arrivals = ShowArrivals(local.shows, reading)
         member.shows = shows = SiteShows(flight, local.player, member, arrivals)
 
         self.plan = SitePlanEditor(local.plan, member)

@@ -1,1 +1,1 @@
-"""Flights in virtual time over fake vehicles, for tests: of this project, and of those who build on it."""
+"""Flights in virtual time over fake vehicles, for the tests of this project and of programs that use it."""

@@ -11,6 +11,7 @@ import numpy as np
 
 from gcs.config.schema import Config
 from gcs.config.site import station_config
+from gcs.flight.orchestrator import Orchestrator
 from gcs.links.batch_link import Link
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, Mask, VehicleId
@@ -183,9 +184,8 @@ class Station:
 
     def _serve(self, links: Sequence[Link], record: Record | None = None, session: int = 1) -> None:
         membership = Membership(self.name, self._site, self._bus, session)
-        self.service = SiteService(
-            self.config, links, membership, record, unix_s=self.unix, planning=self.planning
-        )
+        local = Orchestrator(self.config, links, record, unix_s=self.unix, planning=self.planning)
+        self.service = SiteService(local, membership, self.planning)
         self.task = asyncio.create_task(self.service.run(), name=self.name, context=as_process(self.name))
 
     def restart(self, record: Record) -> None:

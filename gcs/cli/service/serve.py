@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 from pydantic import ValidationError
 
@@ -125,19 +125,18 @@ async def _served(
         links = [make_link(link, config, folder) for link in config.links]
         planning = ThreadPoolExecutor(1, thread_name_prefix="ways", initializer=scheduling.step_down)
         reading = ThreadPoolExecutor(1, thread_name_prefix="shows", initializer=scheduling.step_down)
-        given: dict[str, Any] = {
-            "clock_problem": wall_clock.problem,
-            "heart": heart,
-            "planning": planning,
-            "problems": map_problems(config),
-        }
-        service: StationService
-        if site is None:
-            service = local = Orchestrator(config, links, record, **given)
-        else:
-            membership = make_membership(config, site)
-            service = SiteService(config, links, membership, record, reading=reading, **given)
-            local = service.local
+        local = Orchestrator(
+            config,
+            links,
+            record,
+            clock_problem=wall_clock.problem,
+            heart=heart,
+            planning=planning,
+            problems=map_problems(config),
+        )
+        service: StationService = local
+        if site is not None:
+            service = SiteService(local, make_membership(config, site), reading)
         raise_priority(local, priority)
         with nullcontext() if record is None else record:
             log_access(config)

@@ -118,7 +118,7 @@ class ShowPlayer:
         return show_run.view(flight.state.time_s)
 
     def adopt(self, show_run: ShowRun | None) -> None:
-        """Have a show, its limits and its fence, or none; who leads decides the plan."""
+        """Have a show, its limits and its fence, or none; the flight that leads decides the plan."""
         flight = self.flight
         if show_run is None:
             flight.show_run, flight.control = None, flight.config.control
