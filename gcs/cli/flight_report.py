@@ -14,7 +14,7 @@ from gcs.model.errors import GcsError, visible
 from gcs.recording.audit_reader import AUDIT, last_known
 from gcs.recording.flight_report import EXIT_CODES, FlightReport, make_flight_report
 from gcs.recording.mcap_reader import FlightData, Standard
-from gcs.recording.trajectories import Trajectories, estimated, true
+from gcs.recording.trajectories import FlownTrajectories, estimated, true
 
 MEANING: Final = {
     "kept": "all of the flight was judged, and no limit was broken",
@@ -63,7 +63,7 @@ def _judge(arguments: argparse.Namespace, report: Report) -> tuple[FlightReport,
     desired = arguments.positions or ("true" if truths else "estimated")
     if desired == "true" and not truths:
         raise GcsError("--positions true: there is no truth file; gcs sim --truth writes one")
-    trajectories: Trajectories | None = believed
+    trajectories: FlownTrajectories | None = believed
     if desired == "true":
         read = part_of(report, flight_read, READ_SHARE)
         trajectories = true(

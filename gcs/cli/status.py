@@ -51,7 +51,7 @@ ORDINARY: Final = frozenset({Phase.FORMATION, Phase.TAKEOFF, Phase.RETURN, Phase
 GAP: Final = 2
 
 
-class Column(NamedTuple):
+class TableColumn(NamedTuple):
     """One column: its head, and the cell for a vehicle.
 
     `key` sorts vehicles by it, those that need attention first: unknown values, low battery or link, old
@@ -83,45 +83,45 @@ def _or(value: float | None, unknown: float) -> float:
 
 
 COLUMNS: Final = {
-    "vehicle": Column("vehicle", lambda each: Text(each.id), is_number=False),
-    "station": Column(
+    "vehicle": TableColumn("vehicle", lambda each: Text(each.id), is_number=False),
+    "station": TableColumn(
         "station",
         lambda each: Text(each.station or "?"),
         lambda each: each.station or "",
         is_number=False,
     ),
-    "phase": Column(
+    "phase": TableColumn(
         "phase",
         lambda each: Text(each.phase, STYLE.get(each.phase, "")),
         lambda each: each.phase,
         is_number=False,
     ),
-    "autopilot": Column(
+    "autopilot": TableColumn(
         "autopilot", lambda each: Text(each.autopilot), lambda each: each.autopilot, is_number=False
     ),
-    "mode": Column("mode", lambda each: Text(each.mode.name.lower()), is_number=False),
-    "height": Column(
+    "mode": TableColumn("mode", lambda each: Text(each.mode.name.lower()), is_number=False),
+    "height": TableColumn(
         "height m", lambda each: Text(number(each.height_m)), lambda each: _or(each.height_m, -inf)
     ),
-    "speed": Column(
+    "speed": TableColumn(
         "speed m/s", lambda each: Text(number(_speed_m_s(each))), lambda each: -(_speed_m_s(each) or inf)
     ),
-    "battery": Column(
+    "battery": TableColumn(
         "battery",
         lambda each: _warned(percent(each.battery), _or(each.battery, inf) < LOW_BATTERY),
         lambda each: _or(each.battery, -inf),
     ),
-    "link": Column(
+    "link": TableColumn(
         "link",
         lambda each: _warned(percent(each.link_quality), _or(each.link_quality, 0.0) < POOR_LINK),
         lambda each: _or(each.link_quality, -inf),
     ),
-    "age": Column(
+    "age": TableColumn(
         "age s",
         lambda each: _warned(number(each.position_age_s), _or(each.position_age_s, inf) > OLD_S),
         lambda each: -_or(each.position_age_s, inf),
     ),
-    "why": Column("why", lambda each: Text(_why(each)), is_number=False),
+    "why": TableColumn("why", lambda each: Text(_why(each)), is_number=False),
 }
 
 WHOLE: Final = frozenset({"station", "phase", "autopilot", "mode"})
@@ -146,7 +146,7 @@ def board(
     return Group(*_not_received(fleet.stations), alarms, _head(fleet), Text(), table, *reasons)
 
 
-def _station_column(stations: Sequence[StationView]) -> Column:
+def _station_column(stations: Sequence[StationView]) -> TableColumn:
     """The column that marks vehicles of stations that are not received."""
     missing = {station.name for station in stations if not station.received}
 
@@ -156,12 +156,12 @@ def _station_column(stations: Sequence[StationView]) -> Column:
     return COLUMNS["station"]._replace(cell=cell)
 
 
-def _needed(vehicles: Sequence[schemas.Vehicle], column: Column) -> int:
+def _needed(vehicles: Sequence[schemas.Vehicle], column: TableColumn) -> int:
     return max([len(column.head), *(column.cell(each).cell_len for each in vehicles)])
 
 
 def _fitting(
-    vehicles: Sequence[schemas.Vehicle], width: int, columns: Mapping[str, Column]
+    vehicles: Sequence[schemas.Vehicle], width: int, columns: Mapping[str, TableColumn]
 ) -> tuple[str, ...]:
     """Choose the columns that fit, each as wide as its widest cell."""
     needed = {name: _needed(vehicles, column) for name, column in columns.items()}
@@ -177,7 +177,9 @@ def _fitting(
     return tuple(chosen)
 
 
-def _table(vehicles: Sequence[schemas.Vehicle], columns: Mapping[str, Column], width: int) -> RenderableType:
+def _table(
+    vehicles: Sequence[schemas.Vehicle], columns: Mapping[str, TableColumn], width: int
+) -> RenderableType:
     table = Table(box=None, padding=(0, GAP, 0, 0), pad_edge=False, width=width if "why" in columns else None)
     for name, column in columns.items():
         least = _needed(vehicles, column) if name in WHOLE else None

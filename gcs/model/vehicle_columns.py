@@ -20,7 +20,7 @@ STATION, AUTOPILOT = "station", "autopilot"
 """What measures a number."""
 
 
-class Steps(NamedTuple):
+class ByteSteps(NamedTuple):
     """How one byte holds a number: 0 to 254 steps above the least; 255: not known."""
 
     step: float
@@ -38,7 +38,7 @@ class Column:
     in_frame: bool = True  # False: in REST only
     label: str = ""  # on the console's page of a vehicle; empty: that page has a place of its own for it
     record: str = ""  # in the flight data
-    bus: Steps | None = None  # how a station sends it to the others
+    bus: ByteSteps | None = None  # how a station sends it to the others
     metric: str = ""
 
     @property
@@ -70,7 +70,7 @@ class VehicleNumbers:
             "Remaining share of the battery, 0 to 1",
             api="battery",
             record="battery_remaining",
-            bus=Steps(0.01),
+            bus=ByteSteps(0.01),
             metric="gcs_vehicle_battery_ratio",
         ),
     ]
@@ -117,7 +117,7 @@ class VehicleNumbers:
             "Share of the requested positions that arrive, 0 to 1; null in a replay",
             api="link_quality",
             label="Link quality",
-            bus=Steps(0.01),
+            bus=ByteSteps(0.01),
             metric="gcs_vehicle_link_quality",
         ),
     ]

@@ -14,7 +14,7 @@ from gcs.model.errors import GcsError
 from gcs.model.jit import kernel
 from gcs.model.state import Array, Mask
 from gcs.recording.mcap_reader import Standard
-from gcs.recording.trajectories import OnProgress, Single, Trajectories
+from gcs.recording.trajectories import FlownTrajectories, OnProgress, Single
 from gcs.safety.floor import Floor
 from gcs.service.snapshots import NearestPair, ReportBody, ReportCheck
 
@@ -73,7 +73,7 @@ class PairDistances:
 class FlightReport:
     """The results, and the data for plots."""
 
-    trajectories: Trajectories
+    trajectories: FlownTrajectories
     standards: tuple[Standard, ...]  # that applied, in order
     pairs: PairDistances
     least_m: Single  # (k,) least distance of all pairs
@@ -134,7 +134,7 @@ class FlightReport:
 
 
 def make_flight_report(
-    trajectories: Trajectories,
+    trajectories: FlownTrajectories,
     standard: Standard,
     *,
     by_it_alone: bool = False,
@@ -170,7 +170,7 @@ def make_flight_report(
 
 
 def _approaches(
-    trajectories: Trajectories, standards: Sequence[Standard], on_progress: OnProgress | None
+    trajectories: FlownTrajectories, standards: Sequence[Standard], on_progress: OnProgress | None
 ) -> tuple[PairDistances, Single]:
     """Nearest approaches, each judged by the minimum separation at its time; in pieces, for the progress."""
     at = np.zeros(len(trajectories.time_s), np.intp) if trajectories.held_at is None else trajectories.held_at
@@ -199,7 +199,7 @@ def _approaches(
     return found, least_m
 
 
-def _separation(trajectories: Trajectories, pairs: PairDistances) -> ReportCheck:
+def _separation(trajectories: FlownTrajectories, pairs: PairDistances) -> ReportCheck:
     nearest = pairs.nearest(1)
     named, unit = ("separation, as a share of the floor", 1.0, 1.0), "of the floor"
     if not nearest:
@@ -211,7 +211,7 @@ def _separation(trajectories: Trajectories, pairs: PairDistances) -> ReportCheck
 
 
 def _over_time(
-    trajectories: Trajectories, standards: Sequence[Standard], of: Limit, *, setpoints: bool = False
+    trajectories: FlownTrajectories, standards: Sequence[Standard], of: Limit, *, setpoints: bool = False
 ) -> Array:
     """(k,) The limit at each sample, or at each setpoint."""
     at = trajectories.setpoint_held_at if setpoints else trajectories.held_at
@@ -220,7 +220,7 @@ def _over_time(
     return np.full(0 if times is None else len(times), each[0]) if at is None else each[at]
 
 
-def _fence(trajectories: Trajectories, standards: Sequence[Standard]) -> list[ReportCheck]:
+def _fence(trajectories: FlownTrajectories, standards: Sequence[Standard]) -> list[ReportCheck]:
     limit = partial(_over_time, trajectories, standards)
     place_m, airborne = trajectories.position_m, trajectories.airborne
     out_m, height_m = np.hypot(place_m[..., 0], place_m[..., 1]), -place_m[..., 2]
@@ -251,7 +251,7 @@ def _directions(
     yield "down", lambda standard: standard.safety.limits.down_m_s, velocity_m_s[..., 2]
 
 
-def _speeds(trajectories: Trajectories, standards: Sequence[Standard]) -> list[ReportCheck]:
+def _speeds(trajectories: FlownTrajectories, standards: Sequence[Standard]) -> list[ReportCheck]:
     limit = partial(_over_time, trajectories, standards)
     period_s = float(np.median(np.diff(trajectories.time_s))) if len(trajectories.time_s) > 1 else SMOOTHED_S
     width = max(1, round(SMOOTHED_S / period_s))
@@ -272,7 +272,7 @@ def _speeds(trajectories: Trajectories, standards: Sequence[Standard]) -> list[R
     ]
 
 
-def _setpoints(trajectories: Trajectories, standards: Sequence[Standard]) -> list[ReportCheck]:
+def _setpoints(trajectories: FlownTrajectories, standards: Sequence[Standard]) -> list[ReportCheck]:
     """ReportCheck the commanded setpoints, tick by tick, where they are known."""
     desired_m_s = trajectories.setpoint_m_s
     if desired_m_s is None:
@@ -291,7 +291,7 @@ def _most(
     limit: Array,
     value: Array | Single,
     counts: Mask,
-    trajectories: Trajectories,
+    trajectories: FlownTrajectories,
     unit: str,
     factor: float = 1.0,
     beyond: float = 0.0,
@@ -328,7 +328,7 @@ def _throughout(mask: Mask, width: int) -> Mask:
     return held
 
 
-def nearest_approaches(trajectories: Trajectories, floor: Floor) -> tuple[PairDistances, Single]:
+def nearest_approaches(trajectories: FlownTrajectories, floor: Floor) -> tuple[PairDistances, Single]:
     """Return each pair's least values where one at least flies and not both are low over their pads.
 
     Returns: the pairs, and (k,) the least distance of all in each sample.

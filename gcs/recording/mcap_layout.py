@@ -91,7 +91,7 @@ class TickMessage:
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class RecordedLimits:
     """The limits that applied, of `/fleet/status`: the service's, or the selected show's."""
 
     safety: dict[str, Any]  # as `gcs.safety.filter.SafetySettings.model_validate` takes it
@@ -109,7 +109,7 @@ class StatusMessage:
     start_unix_time_s: float | None
     reasons: list[str]  # of the vehicles' phases
     alarms: tuple[Alarm, ...]
-    limits: Limits | None
+    limits: RecordedLimits | None
 
 
 TICK: Final = TypeAdapter(TickMessage)
@@ -335,7 +335,7 @@ def tick_message(sample: Sample, number: int | None = None) -> bytes:
 def status_message(sample: Sample) -> bytes:
     view, control, limits = sample.view, sample.control, None
     if control is not None:
-        limits = Limits(control.safety.model_dump(mode="json"), control.acceleration_max_m_s2)
+        limits = RecordedLimits(control.safety.model_dump(mode="json"), control.acceleration_max_m_s2)
     return to_json(
         StatusMessage(
             recorded_show(sample),

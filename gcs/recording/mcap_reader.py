@@ -81,7 +81,7 @@ class Damage:
 
 
 @dataclass(frozen=True, slots=True)
-class Found:
+class FoundRecord:
     """A record, and its bytes."""
 
     at: int
@@ -96,7 +96,7 @@ def opened(path: Path) -> Iterator[mmap]:
         yield data
 
 
-def records(data: mmap, offset: int = 0) -> Iterator[Found | Damage]:
+def records(data: mmap, offset: int = 0) -> Iterator[FoundRecord | Damage]:
     """Yield every record from a byte on where one begins, and every damage; messages are in their chunks.
 
     Raises: McapError when the file does not begin as an MCAP file.
@@ -118,7 +118,7 @@ def records(data: mmap, offset: int = 0) -> Iterator[Found | Damage]:
             yield Damage(at, following, plain(error))
             at, has_ended = following, False
             continue
-        yield Found(at, end, record)
+        yield FoundRecord(at, end, record)
         at = end
         has_ended = has_ended or isinstance(record, DataEnd)
         if isinstance(record, Footer):
@@ -244,7 +244,7 @@ class RecordedSample:
 
 
 @dataclass(frozen=True, slots=True)
-class Sample:
+class ReadSample:
     """One recorded tick, undecoded."""
 
     unix_s: float
@@ -316,7 +316,7 @@ class FlightData:
         for sample in self.samples():
             yield self.decoded(sample)
 
-    def samples(self, from_s: float = -inf) -> Iterator[Sample]:
+    def samples(self, from_s: float = -inf) -> Iterator[ReadSample]:
         """Yield every recorded tick from a time on, undecoded, which is fast if few are decoded."""
         self.losses = []
         waiting: Damage | None = None  # until the next tick is known
@@ -341,7 +341,7 @@ class FlightData:
         if waiting is not None:
             self.losses.append(Loss(waiting, last_s, None))
 
-    def _pieces(self, offset: int) -> Iterator[Sample | Damage]:
+    def _pieces(self, offset: int) -> Iterator[ReadSample | Damage]:
         """Yield ticks and damages. After a damage a tick needs a new status: the old one may be outdated."""
         topics, newest = dict(layout.TOPICS), dict[str, Message]()  # newest message of each topic
         needed = {"/fleet/vehicles", "/fleet/status"} | ({ELSEWHERE} if self.about.elsewhere else set())
@@ -359,7 +359,7 @@ class FlightData:
                     else:
                         yield from _ticks(inside, topics, newest, needed)
 
-    def decoded(self, sample: Sample) -> RecordedSample:
+    def decoded(self, sample: ReadSample) -> RecordedSample:
         """Decode a tick. Raises: GcsError naming the file, where it has another format."""
         try:
             if self._status is None or self._status[0] is not sample.status:
@@ -398,7 +398,7 @@ class FlightData:
                 return last_s
         return None
 
-    def _vehicles(self, sample: Sample) -> NDArray[np.void]:
+    def _vehicles(self, sample: ReadSample) -> NDArray[np.void]:
         """Decode the rows of all vehicles at the tick. Raises: ValueError when their number does not fit."""
         table = layout.rows_of(sample.vehicles)
         if sample.elsewhere:
@@ -421,7 +421,7 @@ def _later(table: NDArray[np.void], after_s: float) -> NDArray[np.void]:
 
 def _ticks(
     inside: Sequence[McapRecord], topics: dict[int, str], newest: dict[str, Message], needed: set[str]
-) -> Iterator[Sample]:
+) -> Iterator[ReadSample]:
     """Yield the ticks of a chunk, with the newest messages of the other topics."""
     for record in inside:
         if isinstance(record, Channel):
@@ -433,7 +433,7 @@ def _ticks(
                 vehicles, status = newest["/fleet/vehicles"].data, newest["/fleet/status"].data
                 theirs = newest[ELSEWHERE] if ELSEWHERE in needed else None
                 of_others = (b"", 0.0) if theirs is None else (theirs.data, theirs.log_time * 1e-9)
-                yield Sample(record.log_time * 1e-9, vehicles, record.data, status, *of_others)
+                yield ReadSample(record.log_time * 1e-9, vehicles, record.data, status, *of_others)
 
 
 @dataclass(frozen=True, slots=True)
@@ -457,7 +457,7 @@ class Standard:
         except (KeyError, TypeError, ValueError, ValidationError, GcsError) as error:
             raise GcsError(f"{source}: its configuration does not say what holds: {error}") from None
 
-    def under(self, limits: layout.Limits | None) -> "Standard":
+    def under(self, limits: layout.RecordedLimits | None) -> "Standard":
         """Return these under recorded limits, such as a written show's. Raises: GcsError if invalid."""
         if limits is None:
             return self

@@ -19,7 +19,7 @@ from mcap.writer import Writer
 from gcs.links.disk_writer import DiskWriter, WholeFile
 from gcs.recording import mcap_layout as layout
 from gcs.recording.mcap_layout import SCHEMAS, SHOW, as_json, stamp
-from gcs.recording.sample import Elsewhere, Sample
+from gcs.recording.sample import RecordedElsewhere, Sample
 from gcs.service import FleetView
 
 CHUNK_S: Final = 1.0
@@ -102,7 +102,7 @@ class _OpenFile:
         self._flush_due_s = monotonic()
         self._status_due_s = self._scene_due_s = -1.0
         self._status: tuple[object, ...] = ()
-        self._elsewhere: Elsewhere | None = None  # that was written last
+        self._elsewhere: RecordedElsewhere | None = None  # that was written last
 
     def add(self, what: Sample | LogLine, number: int | None = None) -> None:
         """Add one sample, or event, to the chunk; `number` replaces the sample's own."""

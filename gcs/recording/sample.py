@@ -18,7 +18,7 @@ Reported: TypeAlias = Plan | tuple[str, str, str, tuple[Obstacle, ...], Yaw]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Elsewhere:
+class RecordedElsewhere:
     """The k vehicles of other stations in the same tick, or shortly before. Owns its arrays."""
 
     ids: Sequence[VehicleId]
@@ -36,7 +36,7 @@ class Sample:
     parts: Mapping[VehicleId, int] = field(default_factory=dict)  # row of each vehicle's part in the show
     control: ControlSettings | None = None  # limits that applied: the service's, or the selected show's
     number: int = 0  # of the samples passed to the record, from 1; counted by the record
-    elsewhere: Elsewhere | None = None  # None: the view has all vehicles
+    elsewhere: RecordedElsewhere | None = None  # None: the view has all vehicles
 
     @property
     def reported(self) -> Reported:

@@ -15,7 +15,7 @@ from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import AIRBORNE, FLOWN, Phase
 from gcs.model.state import Array, Landed, Mask, VehicleId
 from gcs.recording import mcap_layout as layout
-from gcs.recording.mcap_layout import Limits
+from gcs.recording.mcap_layout import RecordedLimits
 from gcs.recording.mcap_reader import FlightData, RecordedSample
 
 Single = NDArray[np.float32]
@@ -29,7 +29,7 @@ TRUTH_S: Final = 0.05
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Trajectories:
+class FlownTrajectories:
     """n vehicles at k times; show frame. Unknown values are NaN, and False."""
 
     based_on: str  # "true positions" or "estimated positions"
@@ -45,7 +45,7 @@ class Trajectories:
     setpoint_m_s: Single | None  # (k, n, 3) NaN: none; None: not known
     remarks: tuple[str, ...]  # about the file
     missing: tuple[str, ...] = ()  # parts of the flight that are missing, in words
-    held: tuple[Limits | None, ...] = (None,)  # limits as recorded; None: not recorded
+    held: tuple[RecordedLimits | None, ...] = (None,)  # limits as recorded; None: not recorded
     held_at: NDArray[np.intp] | None = None  # (k,) index of the limits; None: always the first
     setpoint_held_at: NDArray[np.intp] | None = None  # (j,) likewise, at the setpoints' own times
     autopilots: tuple[str, ...] = ()  # (n,) names; empty: not known
@@ -66,7 +66,7 @@ GAP_S: Final = 1.0
 """Between two samples farther apart than this the path is unknown."""
 
 
-def estimated(data: FlightData, on_progress: OnProgress | None = None) -> Trajectories:
+def estimated(data: FlightData, on_progress: OnProgress | None = None) -> FlownTrajectories:
     """Read estimated trajectories. `on_progress` is called with the share that is read, from 0 to 1.
 
     Raises: GcsError when nothing was recorded.
@@ -84,7 +84,7 @@ def estimated(data: FlightData, on_progress: OnProgress | None = None) -> Trajec
     widest_m = float(np.nanmax(uncertainty_m[airborne], initial=0.0))
     position_m = layout.vectors(table, layout.POSITION)
     return _with_gaps(
-        Trajectories(
+        FlownTrajectories(
             "estimated positions",
             "what the autopilots reported, brought forward to each tick; each with a standard deviation"
             f" of up to {widest_m:.2f} m sideways",
@@ -123,9 +123,9 @@ def _reported(data: FlightData, on_progress: OnProgress) -> Iterator[RecordedSam
         yield tick
 
 
-def _held(ticks: Sequence[RecordedSample]) -> tuple[tuple[Limits | None, ...], NDArray[np.intp]]:
+def _held(ticks: Sequence[RecordedSample]) -> tuple[tuple[RecordedLimits | None, ...], NDArray[np.intp]]:
     """Return the recorded limits, each once, and which of them applied at each tick."""
-    held: list[Limits | None] = []
+    held: list[RecordedLimits | None] = []
     at = []
     for tick in ticks:
         limits = tick.status.limits
@@ -171,7 +171,7 @@ def _unknown(ids: Sequence[VehicleId], position_m: Single, airborne: Mask) -> li
     return [f"in the air, at a position that is not known: {', '.join(names)}"] if names else []
 
 
-def _with_gaps(trajectories: Trajectories, before: Sequence[int]) -> Trajectories:
+def _with_gaps(trajectories: FlownTrajectories, before: Sequence[int]) -> FlownTrajectories:
     """Insert an unknown sample before each of these, so that no straight path is assumed."""
     missing = tuple(text for text in trajectories.missing if text)
     if not before:
@@ -203,10 +203,10 @@ def _among(data: FlightData, table: NDArray[np.void], phases: frozenset[Phase] |
 def true(
     files: Sequence[Path],
     frame: ShowFrame,
-    beside: Trajectories | None,
+    beside: FlownTrajectories | None,
     ids: Sequence[VehicleId],
     on_progress: OnProgress | None = None,
-) -> Trajectories:
+) -> FlownTrajectories:
     """Read true trajectories from the files that `gcs sim --truth` writes.
 
     Args:
@@ -236,7 +236,7 @@ def true(
     else:
         formed = np.zeros_like(flown)
     cut = [f"{file}: its last line is cut off" for file in known.cut]
-    return Trajectories(
+    return FlownTrajectories(
         "true positions",
         "the simulation's own states, every 0.05 s and straight between; rounded to 0.1 mm",
         names,
@@ -298,7 +298,7 @@ def read_true_states(
     return TrueStates(numbers, time_s, values, tuple(file for part in parts for file in part.cut))
 
 
-def _outside(beside: Trajectories, time_s: Array) -> list[str]:
+def _outside(beside: FlownTrajectories, time_s: Array) -> list[str]:
     """Describe what flew before or after the times of the true positions."""
     flew_s = beside.time_s[beside.airborne.any(axis=1)]
     if not len(flew_s) or (flew_s[0] > time_s[0] - GAP_S and flew_s[-1] < time_s[-1] + GAP_S):

@@ -13,7 +13,7 @@ from gcs.model.lifecycle import GROUNDED, Phase
 from gcs.model.state import Array, Landed
 from gcs.model.vehicle_columns import unknown
 from gcs.recording.mcap_layout import packed_state
-from gcs.recording.sample import Elsewhere
+from gcs.recording.sample import RecordedElsewhere
 from gcs.service import BusView, FleetView, StationView
 from gcs.site.member import SiteMember
 from gcs.site.sender import EXPLAINED
@@ -44,7 +44,7 @@ class SiteDisplay:
         self._autopilots = [autopilots[name] for name in ids]
         self._reasons: list[str] = []  # of the others' vehicles
         self._reasons_of: tuple[object, ...] = ()  # what decided them
-        self._recorded: Elsewhere | None = None  # the newest
+        self._recorded: RecordedElsewhere | None = None  # the newest
         self._record_due_s = 0.0
 
     def stations(self) -> tuple[StationView, ...]:
@@ -119,7 +119,7 @@ class SiteDisplay:
             changed["estimates"] = replace(found, low_s=low_s, empty_s=empty_s)
         return replace(own, **changed)
 
-    def recorded(self) -> Elsewhere:
+    def recorded(self) -> RecordedElsewhere:
         """The vehicles of the other stations for the flight data, anew every RECORDED_S.
 
         They cost a fraction of their view. Where this station receives some of them as well, they are of
@@ -142,7 +142,7 @@ class SiteDisplay:
         vectors = others.position_m, others.velocity_m_s, reported.setpoint_m_s
         rows = packed_state(*vectors, self._numbers(now_s), columns)
         reasons = self._reasons_newest()
-        self._recorded = Elsewhere(site.ids, rows, reasons, shown if twice else None, member.show)
+        self._recorded = RecordedElsewhere(site.ids, rows, reasons, shown if twice else None, member.show)
         return self._recorded
 
     def _numbers(self, now_s: float) -> dict[str, Array]:

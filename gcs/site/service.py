@@ -10,7 +10,7 @@ from gcs.bus import keep_bus_open
 from gcs.control import Tick
 from gcs.flight.orchestrator import Orchestrator
 from gcs.flight.state.elsewhere import TickHooks
-from gcs.recording.sample import Elsewhere as RecordedElsewhere
+from gcs.recording.sample import RecordedElsewhere
 from gcs.service import CommandRecord, FleetView, ShowAction
 from gcs.service.alarms import AlarmCause, Condition
 from gcs.site.arrivals import ShowArrivals

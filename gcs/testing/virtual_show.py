@@ -37,7 +37,7 @@ from gcs.sim.vehicle.px4 import Quirks
 from gcs.testing.copies import in_a_copy
 from gcs.testing.views import VehicleView, vehicles_of
 from gcs.testing.virtual_link import STREAMS_HZ, VirtualLink
-from gcs.testing.virtual_time import AtOnce, Loop, UnixClock
+from gcs.testing.virtual_time import AtOnce, UnixClock, VirtualLoop
 
 T = TypeVar("T")
 
@@ -80,7 +80,7 @@ def show_config(count: int, **sections: Mapping[str, Any]) -> Config:
     return Config.model_validate(raw)
 
 
-class Sample(NamedTuple):
+class FlownSample(NamedTuple):
     """One tick: the estimates of the service and the true state."""
 
     view: FleetView
@@ -94,16 +94,16 @@ class Sample(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Track:
+class FlownTrack:
     """A part of a flight, tick by tick."""
 
-    samples: tuple[Sample, ...]
+    samples: tuple[FlownSample, ...]
     ids: tuple[VehicleId, ...]
 
-    def between(self, begin_s: float, end_s: float = np.inf) -> "Track":
+    def between(self, begin_s: float, end_s: float = np.inf) -> "FlownTrack":
         """The ticks from `begin_s` to `end_s`."""
         inside = (sample for sample in self.samples if begin_s <= sample.time_s <= end_s)
-        return Track(tuple(inside), self.ids)
+        return FlownTrack(tuple(inside), self.ids)
 
     def of(self, vehicle_id: VehicleId) -> list[VehicleView]:
         """The service's view of one vehicle."""
@@ -155,7 +155,7 @@ class Track:
         return commanded / (len(self.samples) * period_s)
 
 
-class Show:
+class VirtualShow:
     """A running service and its fake fleet, as a story gets them."""
 
     def __init__(
@@ -175,7 +175,7 @@ class Show:
         self.ports = link.ports
         self.service = service
         self.refusals: list[str] = []
-        self._moments: list[Sample] = []
+        self._moments: list[FlownSample] = []
 
     @property
     def now_s(self) -> float:
@@ -188,9 +188,9 @@ class Show:
         return self.service.view.value
 
     @property
-    def track(self) -> Track:
+    def track(self) -> FlownTrack:
         """All ticks so far."""
-        return Track(tuple(self._moments), self.config.ids)
+        return FlownTrack(tuple(self._moments), self.config.ids)
 
     @property
     def true_m(self) -> Array:
@@ -223,7 +223,7 @@ class Show:
         async for view in self.service.view.values():
             wait_for_writer(onto)
             armed = tuple(pilot.commander.armed for pilot in self.fleet.autopilots)
-            self._moments.append(Sample(view, self.true_m, armed))
+            self._moments.append(FlownSample(view, self.true_m, armed))
 
     async def wait(self, seconds: float) -> None:
         """Let time pass."""
@@ -278,7 +278,7 @@ class Show:
         """Command one vehicle and wait until it has done it."""
         return await self.settled(self.service.commands.command_vehicle(vehicle_id, action))
 
-    def floor_violations(self, track: Track | None = None) -> int:
+    def floor_violations(self, track: FlownTrack | None = None) -> int:
         """Ticks with a true pair distance inside the floor; pairs low over their pads do not count."""
         floor, all_vehicles = self.config.control.safety.floor, np.ones(len(self.config.ids), dtype=np.bool_)
         true_m = (self.track if track is None else track).true_m
@@ -297,7 +297,7 @@ def wait_for_writer(record: Record | None) -> None:
         time.sleep(0.01)  # the whole loop waits, and with it virtual time
 
 
-def alarm_texts(show: Show) -> list[str]:
+def alarm_texts(show: VirtualShow) -> list[str]:
     """The text of every present alarm."""
     return [alarm.text for alarm in show.view.alarms]
 
@@ -306,7 +306,7 @@ BADLY_WRITTEN: Final = re.compile(r"[.,;:][,;]|[,;:]\.(?!\.)|(?<!\.)\.\.(?!\.)|\
 """Two marks where there should be one, a space before a mark or two of them, Python."""
 
 
-def badly_written(show: Show) -> list[str]:
+def badly_written(show: VirtualShow) -> list[str]:
     """Texts of a flight that are badly written for an operator."""
     texts = set(show.refusals)
     for view in (sample.view for sample in show.track.samples[::10]):
@@ -318,7 +318,7 @@ def badly_written(show: Show) -> list[str]:
     return sorted(text for text in texts if BADLY_WRITTEN.search(text))
 
 
-class Refusal(NamedTuple):
+class RefusedCall(NamedTuple):
     """The refusal of a request and the changes that it made, which should be none."""
 
     kind: type[GcsError]
@@ -326,7 +326,7 @@ class Refusal(NamedTuple):
     plan_kept: bool
 
 
-async def refused(show: Show, request: Callable[[], object]) -> Refusal:
+async def refused(show: VirtualShow, request: Callable[[], object]) -> RefusedCall:
     """Make a request that must be refused, and compare the plan before and after."""
     await show.wait(2.0 / show.config.tick_rate_hz)
     before = show.view
@@ -336,11 +336,11 @@ async def refused(show: Show, request: Callable[[], object]) -> Refusal:
         await show.wait(2.0 / show.config.tick_rate_hz)
         kept = show.view.plan == before.plan and show.view.show is before.show
         show.refusals.append(str(error))
-        return Refusal(type(error), str(error), kept)
+        return RefusedCall(type(error), str(error), kept)
     raise AssertionError("it was accepted")
 
 
-Story = Callable[[Show], Awaitable[T]]
+Story = Callable[[VirtualShow], Awaitable[T]]
 READY_AT_ONCE: Final = Quirks(late_ready=False)
 """Habits of the fake vehicles: all of PX4's but the 4 to 6 s after booting, in which nothing happens."""
 SOON_DISARMED: Final = {"COM_DISARM_LAND": 0.5, "LNDMC_TRIG_TIME": 0.25}
@@ -360,7 +360,7 @@ def begin_of(now_s: float, unix_s: float, step_s: float = TICK_STEP_S) -> dict[s
     return {"start_s": now_s - before_s, "unix_at_start_s": unix_s - before_s, "step_s": step_s}
 
 
-class Flight:
+class VirtualFlight:
     """A running service over its fake fleet, for one story after another. See `fly`."""
 
     def __init__(
@@ -380,7 +380,7 @@ class Flight:
         usual = {"grid_columns": 2, "rates_hz": STREAMS_HZ, "quirks": READY_AT_ONCE, "autopilot": autopilot}
         self._settings = {"count": len(plan.ids), **usual, **fleet_settings}
         self._settings["parameters"] = {**soon, **proper, **fleet_settings.get("parameters", {})}
-        self._loop = Loop()
+        self._loop = VirtualLoop()
         self._show, self._services = self._loop.play(self._begin(plan, failures, record, heart))
 
     def play(self, story: Story[T]) -> T:
@@ -397,7 +397,7 @@ class Flight:
         failures: Sequence[LinkError],
         record: Record | None,
         heart: Heart | None,
-    ) -> tuple[Show, set[asyncio.Task[None]]]:
+    ) -> tuple[VirtualShow, set[asyncio.Task[None]]]:
         unix, planning, now_s = UnixClock(), AtOnce(), asyncio.get_running_loop().time()
         settings = Settings(**self._settings)
         made = fleet_of(settings, **begin_of(now_s, unix(), self._step_s))
@@ -407,7 +407,7 @@ class Flight:
             link.failures.put_nowait(failure)
         links: list[Link] = [link]
         orchestrator = Orchestrator(plan, links, record, unix_s=unix, heart=heart, planning=planning)
-        show = Show(plan, fleet, link, orchestrator, unix, planning)
+        show = VirtualShow(plan, fleet, link, orchestrator, unix, planning)
         services = {
             asyncio.create_task(show.service.run(), name="service"),
             asyncio.create_task(show.record(record), name="record"),
@@ -433,7 +433,7 @@ def load_machine_code() -> None:
         warm_up()
 
 
-_led_so_far: dict[str, Flight] = {}
+_led_so_far: dict[str, VirtualFlight] = {}
 """Flights that stand still where they were led to, by what made them."""
 
 
@@ -466,10 +466,10 @@ def fly(
         made_of = f"{after.__module__}.{after.__qualname__} {plan.model_dump_json()} {fleet_settings}"
         if made_of not in _led_so_far:
             load_machine_code()
-            flight = Flight(plan, **fleet_settings)
+            flight = VirtualFlight(plan, **fleet_settings)
             atexit.register(flight.close)
             flight.play(after)
             _led_so_far[made_of] = flight
         return in_a_copy(partial(_led_so_far[made_of].play, story))
-    with closing(Flight(plan, failures, record, heart, **fleet_settings)) as flight:
+    with closing(VirtualFlight(plan, failures, record, heart, **fleet_settings)) as flight:
         return flight.play(story)

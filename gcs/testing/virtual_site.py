@@ -37,7 +37,7 @@ from gcs.testing.virtual_show import (
     begin_of,
     load_machine_code,
 )
-from gcs.testing.virtual_time import AtOnce, Loop, ProcessLoop, UnixClock, as_process
+from gcs.testing.virtual_time import AtOnce, ProcessLoop, UnixClock, VirtualLoop, as_process
 
 T = TypeVar("T")
 
@@ -134,7 +134,7 @@ def own_config(site: Config, name: str) -> Config:
     return config.model_copy(update={"shows": shows})
 
 
-class Station:
+class VirtualStation:
     """One running station with its fake fleet."""
 
     def __init__(
@@ -167,7 +167,7 @@ class Station:
         """Vehicles of other stations that it stands by for."""
         return 0 if self.config.site_rows is None else self.config.site_rows.standby
 
-    def run(self, stations: Mapping[str, "Station"], bus: MemoryBus) -> None:
+    def run(self, stations: Mapping[str, "VirtualStation"], bus: MemoryBus) -> None:
         """Start the service."""
         links: list[Link] = [link for _, _, link in self.radios]
         owner = {link: each for each in self._site.stations for link in each.links}
@@ -239,7 +239,7 @@ class SiteShow:
         counts = [sum(links[name] for name in station.links) for station in site.stations]
         columns = int(np.ceil(np.sqrt(sum(counts))))
         self.stations = {
-            station.name: Station(station.name, site, sum(counts[:at]), columns, pads)
+            station.name: VirtualStation(station.name, site, sum(counts[:at]), columns, pads)
             for at, station in enumerate(site.stations)
         }
         for name, each in self.stations.items():
@@ -248,7 +248,7 @@ class SiteShow:
         self.nearest_m = np.inf
         self._watching = asyncio.create_task(self._watch())
 
-    def __getitem__(self, name: str) -> Station:
+    def __getitem__(self, name: str) -> VirtualStation:
         return self.stations[name]
 
     @property
@@ -327,7 +327,7 @@ class SiteFlight:
 
     def __init__(self, site: Config, pads: Mapping[str, Any], **bus: Any) -> None:
         load_machine_code()
-        self._loop = Loop()
+        self._loop = VirtualLoop()
         self._show = self._loop.play(self._begin(site, pads, bus))
 
     def play(self, story: Story[T]) -> T:

@@ -93,7 +93,7 @@ class ProcessLoop(async_solipsism.EventLoop):  # type: ignore[misc] # it has no 
             stopped.append((context, callback, args))
 
 
-class Loop:
+class VirtualLoop:
     """An event loop whose clock jumps to the next event. Between two runs its tasks stand still."""
 
     def __init__(self) -> None:
@@ -116,5 +116,5 @@ class Loop:
 
 def run_virtual(story: Callable[[], Awaitable[T]]) -> T:
     """Run on an event loop whose clock jumps to the next event."""
-    with closing(Loop()) as loop:
+    with closing(VirtualLoop()) as loop:
         return loop.play(story())

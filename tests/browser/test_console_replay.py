@@ -13,7 +13,7 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.recording.session import Record
 from gcs.service import ShowAction
 from gcs.sim.vehicle.px4 import Quirks
-from gcs.testing.virtual_show import SLOWLY_DISARMED, Show, fly, show_config
+from gcs.testing.virtual_show import SLOWLY_DISARMED, VirtualShow, fly, show_config
 from gcs.testing.virtual_time import UnixClock
 from tests.support.console_bench import FLIGHT_MS, SOON_MS, console
 from tests.support.processes import SOON_S, wait_until
@@ -22,7 +22,7 @@ from tests.support.replays import replay
 CONFIG = show_config(4)
 
 
-async def a_show(show: Show) -> None:
+async def a_show(show: VirtualShow) -> None:
     await show.start()
     await show.wait(30.0)  # so that the middle of the record is in formation
     await show.show(ShowAction.STOP)

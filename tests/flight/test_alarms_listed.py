@@ -14,7 +14,7 @@ from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase
 from gcs.service import VehicleAction
 from gcs.service.alarms import RANK, Alarm, AlarmCause, AlarmSeverity
-from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, fly, show_config
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, VirtualShow, alarm_texts, fly, show_config
 from tests.support.failsafe_flights import failsafe
 from tests.support.show_phases import running
 
@@ -45,15 +45,15 @@ class Supervisor:
 class FaultInjector:
     """A cause: how it comes about, and from when on the service knows of it."""
 
-    begin: Callable[[Show], object]
-    is_known: Callable[[Show], bool] = lambda _show: True
+    begin: Callable[[VirtualShow], object]
+    is_known: Callable[[VirtualShow], bool] = lambda _show: True
 
 
-def reacts_to(cause: Cause) -> Callable[[Show], bool]:
+def reacts_to(cause: Cause) -> Callable[[VirtualShow], bool]:
     return lambda show: failsafe(show, cause) is not None
 
 
-def near_each_other(show: Show) -> None:
+def near_each_other(show: VirtualShow) -> None:
     """d9 reports that its position was corrected: by so much that it is 1 m beside d10."""
     row, other = (show.config.ids.index(name) for name in ("d9", "d10"))
     place_m = show.view.rows.position_m
@@ -61,7 +61,7 @@ def near_each_other(show: Show) -> None:
     show.befall("d9", "position-reset", north_m=north_m + 1.0, east_m=east_m, down_m=down_m)
 
 
-def late(show: Show) -> None:
+def late(show: VirtualShow) -> None:
     show.link.takes_s = 0.15
 
 
@@ -108,11 +108,11 @@ LASTING: Final = {
 """Of these the cause does not end in this test; others end when the service has reacted."""
 
 
-def listed(show: Show, cause: AlarmCause) -> Alarm | None:
+def listed(show: VirtualShow, cause: AlarmCause) -> Alarm | None:
     return next((alarm for alarm in show.view.alarms if alarm.cause is cause), None)
 
 
-async def all_shown(show: Show, feed: Feed, troubles: Mapping[AlarmCause, FaultInjector]) -> None:
+async def all_shown(show: VirtualShow, feed: Feed, troubles: Mapping[AlarmCause, FaultInjector]) -> None:
     """Wait until the console's stream tells each; no later than WITHIN_S after the service knew of it."""
     known_s: dict[AlarmCause, float] = {}
     waits = set(troubles)
@@ -151,7 +151,7 @@ def test_twelve_alarms_are_listed_within_a_second_by_severity(seed: int) -> None
     random.Random(seed).shuffle(causes)
     assert len(causes) == 12
 
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         feed = Feed(show.service, "off", lambda: "")
         await show.start()
         await show.wait(3.0)
@@ -172,7 +172,7 @@ def test_twelve_alarms_are_listed_within_a_second_by_severity(seed: int) -> None
 
 @pytest.mark.soak
 def test_lost_vehicle_alarm_names_its_cause_until_it_is_back() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         assert alarm_texts(show) == []
         show.ports.silence("d3")
         await show.until(lambda: listed(show, AlarmCause.VEHICLE_LOST) is not None, 5.0)
@@ -199,7 +199,7 @@ def test_lost_vehicle_alarm_names_its_cause_until_it_is_back() -> None:
 
 @pytest.mark.soak
 def test_kill_is_an_emergency_until_seen_on_the_ground() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         command = show.service.commands.kill(["d2"])
         await show.until(lambda: listed(show, AlarmCause.KILLED) is not None, WITHIN_S)
         alarm = show.view.alarms[0]
@@ -221,7 +221,7 @@ def test_kill_is_an_emergency_until_seen_on_the_ground() -> None:
 
 @pytest.mark.soak
 def test_radius_too_small_for_a_falling_accuracy_is_an_alarm() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.start()
         assert listed(show, AlarmCause.RADIUS_SMALL) is None
         half = ("d1", "d2", "d3", "d4")  # of fewer each is named instead: uncertain-position
@@ -245,7 +245,7 @@ def test_radius_too_small_for_a_falling_accuracy_is_an_alarm() -> None:
 
 @pytest.mark.soak
 def test_wind_beyond_the_thrust_is_an_alarm() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.start()
         assert listed(show, AlarmCause.LITTLE_AUTHORITY) is None
         for name, north_m_s in zip(show.config.ids, (13.0, 9.0, 12.0, 14.0, 10.0, 11.0), strict=True):
@@ -267,7 +267,7 @@ def test_wind_beyond_the_thrust_is_an_alarm() -> None:
 
 @pytest.mark.soak
 def test_slow_vehicle_is_named_until_it_answers() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.start()
         await show.wait(20.0)  # at the orbit's speed: while it grows, the orbit waits for the slowest
         parameters = show.autopilot("d3").parameters

@@ -7,7 +7,7 @@ import pytest
 
 from gcs.model.plan import Obstacle, Orbit, Target
 from gcs.model.state import Array
-from gcs.testing.virtual_show import TARGET_M, Show, Track, alarm_texts, fly, show_config
+from gcs.testing.virtual_show import TARGET_M, FlownTrack, VirtualShow, alarm_texts, fly, show_config
 
 X_M, Y_M = TARGET_M
 BEHIND = Target(X_M + 60.0, Y_M + 2.0)
@@ -21,16 +21,16 @@ FENCE = {"safety": {"fence": {"height_max_m": 60.0}}}
 
 
 class Flight(NamedTuple):
-    ring: Track
+    ring: FlownTrack
     reported: list[str]
     reported_later: list[str]
-    out: Track
-    driven_at: Track
+    out: FlownTrack
+    driven_at: FlownTrack
     boxes: tuple[Obstacle, ...]
     violations: int
 
 
-def depth_m(track: Track, boxes: tuple[Obstacle, ...]) -> float:
+def depth_m(track: FlownTrack, boxes: tuple[Obstacle, ...]) -> float:
     """How deep a vehicle was in a box grown by 1 m; negative outside."""
     worst_m = -np.inf
     for sample in track.samples:
@@ -41,19 +41,19 @@ def depth_m(track: Track, boxes: tuple[Obstacle, ...]) -> float:
     return worst_m
 
 
-def off_m(show: Show) -> float:
+def off_m(show: VirtualShow) -> float:
     """Horizontal distance of the centre from the last target."""
     assert show.view.center_m is not None
     return float(np.hypot(show.view.center_m[0] - BEHIND.x_m, show.view.center_m[1] - BEHIND.y_m))
 
 
-def centre_m(track: Track, at: int) -> Array:
+def centre_m(track: FlownTrack, at: int) -> Array:
     center_m = track.samples[at].view.center_m
     assert center_m is not None
     return np.array(center_m[:2])
 
 
-async def story(show: Show) -> Flight:
+async def story(show: VirtualShow) -> Flight:
     service = show.service
     await show.start()
     service.plan.set_orbit(Orbit(0.0, 4.0))

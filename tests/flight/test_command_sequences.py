@@ -11,7 +11,7 @@ from gcs.model.plan import Formation, Obstacle
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.vehicle.px4 import Mode as PilotMode
 from gcs.testing.views import vehicles_of
-from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, VirtualShow, fly, refused, show_config
 from tests.flight.test_show_interrupted import COMMANDS
 from tests.support.sessions import ALL, BOX, after_interruption, found, four
 from tests.support.show_phases import running
@@ -30,7 +30,7 @@ NEW = Obstacle("new", 70.0, 60.0, 1.0, 1.0, 5.0)
     ],
 )
 def test_stop_after_take_control_brings_that_vehicle_down(after_s: float, action: ShowAction) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         show.pilot("d1", PilotMode.LAND)
         await show.phase("d1", Phase.PILOT)
         show.service.commands.command_vehicle("d1", VehicleAction.TAKE_CONTROL)
@@ -47,7 +47,7 @@ def test_stop_after_take_control_brings_that_vehicle_down(after_s: float, action
 @pytest.mark.keeps("0.2")
 @pytest.mark.parametrize("after_s", [0.0, 0.2, 1.0])
 def test_pause_during_recovery_ends_paused_with_all_vehicles(after_s: float) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.wait(1.0)
         stall(show, 4.0)
         await show.wait(1.0)
@@ -65,7 +65,7 @@ def test_pause_during_recovery_ends_paused_with_all_vehicles(after_s: float) -> 
 
 
 def test_a_show_is_resumed_only_with_a_vehicle_in_formation() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         stall(show, 4.0)
         await show.wait(1.0)
         await show.settled(show.service.commands.command_show(ShowAction.PAUSE))
@@ -86,7 +86,7 @@ def test_plan_set_before_recovery_stands_beside_the_recorded(
 ) -> None:
     changed = Formation(radius_m=8.0, height_m=16.0)
 
-    async def go_on(show: Show) -> None:
+    async def go_on(show: VirtualShow) -> None:
         await found(show)
         show.service.plan.add_obstacle(NEW)
         show.service.plan.set_formation(changed)
@@ -94,7 +94,7 @@ def test_plan_set_before_recovery_stands_beside_the_recorded(
         assert {box.id for box in show.view.plan.obstacles} == {"box", "new"}
         assert show.view.plan.formation == changed
 
-    async def move(show: Show) -> None:
+    async def move(show: VirtualShow) -> None:
         await found(show)
         show.service.plan.add_obstacle(Obstacle("box", 80.0, 60.0, 1.0, 1.0, 5.0))
         await show.settled(show.service.recovery.settle(Offer.TAKE_OVER))
@@ -108,10 +108,10 @@ def test_plan_set_before_recovery_stands_beside_the_recorded(
 @pytest.mark.soak
 @pytest.mark.parametrize("command", ["bring-home", "stop", "abort"])
 def test_recorded_obstacles_stand_on_the_way_down(tmp_path: Path, command: str) -> None:
-    async def go_on(show: Show) -> None:
+    async def go_on(show: VirtualShow) -> None:
         await found(show)
         show.service.plan.add_obstacle(NEW)
-        commanded: Callable[[Show], CommandRecord] = COMMANDS[command]
+        commanded: Callable[[VirtualShow], CommandRecord] = COMMANDS[command]
         record = commanded(show)
         assert set(record.outcomes) == set(ALL)
         await show.wait(0.2)

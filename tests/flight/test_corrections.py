@@ -10,7 +10,7 @@ from gcs.links.link import FrameDirection
 from gcs.model.errors import RefusedError
 from gcs.service import ShowAction
 from gcs.service.alarms import AlarmCause
-from gcs.testing.virtual_show import Show, fly, refused, show_config
+from gcs.testing.virtual_show import VirtualShow, fly, refused, show_config
 from tests.support.rtcm import BASE, rtcm
 
 SETPOINT = common.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED
@@ -19,19 +19,19 @@ LED_CONTROL = 186
 RTK = {"rtk": {"source": "tcp://127.0.0.1:2101", "required": True, "age_max_s": 3.0}}
 
 
-async def supply(show: Show, seconds: float) -> None:
+async def supply(show: VirtualShow, seconds: float) -> None:
     """The base sends a message each second."""
     for _ in range(round(seconds)):
         show.service.corrections.take(rtcm(1077, 400), BASE, show.now_s)
         await show.wait(1.0)
 
 
-def stopped(show: Show) -> bool:
+def stopped(show: VirtualShow) -> bool:
     return any(alarm.cause is AlarmCause.CORRECTIONS_STOPPED and alarm.lasts for alarm in show.view.alarms)
 
 
 def test_start_needs_recent_corrections_where_required() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.standby()
         await show.wait(4.0)
         assert stopped(show)
@@ -51,7 +51,7 @@ def test_start_needs_recent_corrections_where_required() -> None:
 def test_stopped_corrections_raise_an_alarm_and_margins_grow() -> None:
     """The vehicles fall back from RTK fixed to 3D: positions are less certain, and the margins follow."""
 
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         for name in show.config.ids:
             show.befall(name, "fix", type="rtk-fixed")
             show.befall(name, "accuracy", eph_m=0.02, epv_m=0.03)
@@ -75,7 +75,7 @@ def test_stopped_corrections_raise_an_alarm_and_margins_grow() -> None:
 
 
 def test_corrections_and_lights_leave_after_the_setpoints() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.standby()
         await supply(show, 1.0)
         sent: dict[float, list[int]] = defaultdict(list)
@@ -99,7 +99,7 @@ def test_corrections_and_lights_leave_after_the_setpoints() -> None:
 
 
 def test_a_flood_of_an_input_is_named_with_its_sender() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.standby()
         flood = [Arrived(b"\xd3\x03" * 700, ("192.0.2.9", 4711))] * 100
         show.service.corrections.intakes[0].admit(flood, show.now_s)

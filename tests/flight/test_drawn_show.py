@@ -10,7 +10,7 @@ from gcs.config.schema import Config
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import SelectedShow, ShowAction
 from gcs.shows.formats import read_drawing
-from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, Track, fly, show_config
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, FlownTrack, VirtualShow, fly, show_config
 from tests.support.drawn_flight import COUNT, FRAME, NAME, checked, on_pads, write_show
 
 
@@ -29,7 +29,7 @@ def config(folder: Path, count: int = COUNT) -> Config:
     return show_config(count, shows={"folder": folder}, show_frame=FRAME, operation=HOLDS_WHEN_LOST)
 
 
-def select(show: Show, folder: Path, drawing: str = "{}") -> SelectedShow:
+def select(show: VirtualShow, folder: Path, drawing: str = "{}") -> SelectedShow:
     path = folder / f"{NAME}.yaml"
     text, answer = checked(path, drawing)
     path.write_text(text)
@@ -39,13 +39,13 @@ def select(show: Show, folder: Path, drawing: str = "{}") -> SelectedShow:
     return show.service.player.select(NAME, reported.hash)
 
 
-def selected(show: Show) -> SelectedShow:
+def selected(show: VirtualShow) -> SelectedShow:
     found = show.view.selected
     assert found is not None
     return found
 
 
-async def start(show: Show, folder: Path, drawing: str = "{}") -> None:
+async def start(show: VirtualShow, folder: Path, drawing: str = "{}") -> None:
     found = select(show, folder, drawing)
     await show.standby()
     show.service.commands.command_show(ShowAction.START, show_hash=found.hash)
@@ -53,7 +53,7 @@ async def start(show: Show, folder: Path, drawing: str = "{}") -> None:
 
 
 def test_a_drawn_show_is_flown_from_pad_to_pad(folder: Path) -> None:
-    async def story(show: Show) -> tuple[Track, SelectedShow, int]:
+    async def story(show: VirtualShow) -> tuple[FlownTrack, SelectedShow, int]:
         await start(show, folder)
         await show.reach(ShowPhase.LANDED, 240.0)
         await show.wait(0.2)
@@ -74,7 +74,7 @@ def test_a_drawn_show_is_flown_from_pad_to_pad(folder: Path) -> None:
 
 @pytest.mark.soak
 def test_a_lost_vehicle_does_not_end_a_drawn_show(folder: Path) -> None:
-    async def story(show: Show) -> tuple[Track, float, int]:
+    async def story(show: VirtualShow) -> tuple[FlownTrack, float, int]:
         await start(show, folder)
         await show.until(lambda: selected(show).clock_s > 8.0)
         show.befall("d4", "silence")
@@ -92,7 +92,7 @@ def test_a_lost_vehicle_does_not_end_a_drawn_show(folder: Path) -> None:
 
 @pytest.mark.soak
 def test_a_spare_takes_the_place_of_a_lost_vehicle(folder: Path) -> None:
-    async def story(show: Show) -> tuple[list[tuple[str, ...]], float, Track, int]:
+    async def story(show: VirtualShow) -> tuple[list[tuple[str, ...]], float, FlownTrack, int]:
         await start(show, folder, SPARE)
         stood_by = [selected(show).spares]
         await show.until(lambda: selected(show).clock_s > 4.0)
@@ -118,7 +118,7 @@ def test_a_spare_takes_the_place_of_a_lost_vehicle(folder: Path) -> None:
 def test_the_drawings_yaw_is_flown_where_the_show_asks_for_it(folder: Path) -> None:
     """The drawing turns every vehicle by half a turn, from its beginning to its end."""
 
-    async def story(show: Show) -> tuple[float, list[float]]:
+    async def story(show: VirtualShow) -> tuple[float, list[float]]:
         await start(show, folder, "{yaw: drawn}")
         await show.until(lambda: selected(show).clock_s > 15.0)
         fleet = show.service.player.flight.state
@@ -139,7 +139,7 @@ class Late(NamedTuple):
 
 
 def blown_off(folder: Path, late: str) -> Late:
-    async def story(show: Show) -> Late:
+    async def story(show: VirtualShow) -> Late:
         await start(show, folder, f"{{late: {late}}}")
         await show.until(lambda: selected(show).clock_s > 2.0)
         begun_s = show.now_s - selected(show).clock_s
@@ -157,7 +157,7 @@ def blown_off(folder: Path, late: str) -> Late:
     return fly(story, config(folder), **on_pads(folder))
 
 
-def off_m(show: Show, vehicle_id: str = "d1") -> float:
+def off_m(show: VirtualShow, vehicle_id: str = "d1") -> float:
     """How far a vehicle is off its trajectory, as the service estimates it."""
     flight = show.service.player.flight
     assert flight.show_run is not None
@@ -186,7 +186,7 @@ def test_the_clock_of_a_waiting_show_waits_for_a_late_one(folder: Path) -> None:
 def test_a_drawn_show_begins_at_its_time_and_keeps_it(folder: Path) -> None:
     """The vehicles wait where the drawing begins, then are where it has them for the time since then."""
 
-    async def story(show: Show) -> tuple[float, float, float]:
+    async def story(show: VirtualShow) -> tuple[float, float, float]:
         found = select(show, folder)
         await show.standby()
         show.service.commands.command_show(ShowAction.START, show_hash=found.hash)

@@ -6,12 +6,12 @@ import pytest
 
 from gcs.failsafe.policy import Cause
 from gcs.recording.session import Record
-from gcs.testing.virtual_show import Show, fly, show_config
+from gcs.testing.virtual_show import VirtualShow, fly, show_config
 from tests.support.audit_rows import commands, events
 from tests.support.failsafe_flights import carried_out, failsafe, reacts
 
 
-async def low_battery(show: Show) -> None:
+async def low_battery(show: VirtualShow) -> None:
     await show.start()
     show.befall("d2", "battery", remaining=0.17)
     await carried_out(show, await reacts(show, Cause.LOW_BATTERY))

@@ -9,7 +9,7 @@ from gcs.failsafe.policy import Cause
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Target
 from gcs.service import Outcome, ShowAction
-from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, VirtualShow, fly, show_config
 from tests.support import written_show
 from tests.support.failsafe_flights import by_itself, carried_out, failsafe, off_pad_m, off_sphere_m, reacts
 from tests.support.show_phases import running
@@ -19,13 +19,13 @@ STORM_M_S = 12.0
 """More than the fake vehicles can fly against: they lean as far as they may, and drift with 2 m/s."""
 
 
-def storm(show: Show, north_m_s: float) -> None:
+def storm(show: VirtualShow, north_m_s: float) -> None:
     """Everywhere."""
     for name in show.config.ids:
         show.befall(name, "wind", north_m_s=north_m_s)
 
 
-async def home(show: Show) -> None:
+async def home(show: VirtualShow) -> None:
     """Every vehicle is on its own pad, and none was below the floor."""
     await show.reach(ShowPhase.LANDED, 150.0)
     assert max(off_pad_m(show, name) for name in show.config.ids) < 1.5
@@ -33,7 +33,7 @@ async def home(show: Show) -> None:
 
 
 def test_strong_wind_pauses_the_show_until_an_operator_resumes() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         storm(show, STORM_M_S)
         reported = await reacts(show, Cause.WIND)
         assert reported.action == "pause"
@@ -55,7 +55,7 @@ def test_strong_wind_pauses_the_show_until_an_operator_resumes() -> None:
 
 @pytest.mark.soak
 def test_too_much_wind_for_a_pause_brings_the_show_home() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         storm(show, STORM_M_S)
         paused_s = await show.reach(ShowPhase.PAUSED)
         assert paused_s > 5.0, "a gust is none"
@@ -74,7 +74,7 @@ def test_too_much_wind_for_a_pause_brings_the_show_home() -> None:
 
 @pytest.mark.soak
 def test_flyable_wind_triggers_nothing() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         storm(show, 6.0)
         await show.start()
         await show.wait(30.0)
@@ -87,7 +87,7 @@ def test_flyable_wind_triggers_nothing() -> None:
 
 @pytest.mark.soak
 def test_too_many_vehicles_lost_brings_the_show_home() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.start()
         show.ports.silence("d2")
         await show.phase("d2", Phase.LOST)
@@ -110,7 +110,7 @@ def test_too_many_vehicles_lost_brings_the_show_home() -> None:
 
 @pytest.mark.soak
 def test_losses_of_an_earlier_show_do_not_count() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.start()
         show.ports.silence("d2")
         await show.reach(ShowPhase.RETURNING)
@@ -132,7 +132,7 @@ def test_losses_of_an_earlier_show_do_not_count() -> None:
 
 @pytest.mark.soak
 def test_stale_target_is_held_until_reported_again(tmp_path: Path) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         show_hash = written_show.select(show)
         show.service.player.seek("guest")
         await show.standby()
@@ -162,7 +162,7 @@ def test_stale_target_is_held_until_reported_again(tmp_path: Path) -> None:
 
 @pytest.mark.soak
 def test_target_reported_once_without_a_show_goes_on() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         show.service.plan.set_target(Target(3.0, 1.0, 0.3, 0.0))
         await show.wait(10.0)  # in a written show a target counts as stale after 5 s
         assert show.view.failsafes == ()
@@ -172,7 +172,7 @@ def test_target_reported_once_without_a_show_goes_on() -> None:
 
 
 def test_service_late_pauses_the_show_then_brings_it_home() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         show.link.takes_s = 0.12
         paused_s = await show.reach(ShowPhase.PAUSED)
         assert 3.0 < paused_s < 6.0
@@ -191,7 +191,7 @@ def test_service_late_pauses_the_show_then_brings_it_home() -> None:
 
 @pytest.mark.soak
 def test_service_late_once_changes_nothing() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         show.link.takes_s = 2.0
         await show.wait(0.1)
         show.link.takes_s = 0.0

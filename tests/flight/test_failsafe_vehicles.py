@@ -6,7 +6,7 @@ import pytest
 from gcs.failsafe.policy import Cause
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import Outcome, ShowAction, VehicleAction
-from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, fly, show_config
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, VirtualShow, alarm_texts, fly, show_config
 from tests.support.failsafe_flights import (
     by_itself,
     carried_out,
@@ -22,7 +22,7 @@ OTHERS = ("d1", "d2", "d4", "d5")
 FOUR, FIVE = (show_config(count, operation=HOLDS_WHEN_LOST) for count in (4, 5))
 
 
-async def lands_all(show: Show) -> None:
+async def lands_all(show: VirtualShow) -> None:
     """And no vehicle was below the floor."""
     await show.show(ShowAction.STOP)
     await show.reach(ShowPhase.LANDED)
@@ -31,7 +31,7 @@ async def lands_all(show: Show) -> None:
 
 @pytest.mark.soak
 def test_vehicle_lost_the_rest_re_form() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.wait(6.0)
         before_m = nearest_m(show, *OTHERS)
         show.ports.silence("d3")
@@ -59,7 +59,7 @@ def test_vehicle_lost_the_rest_re_form() -> None:
 def test_low_battery_is_ignored_and_a_loss_pauses_where_set() -> None:
     """An ignored battery is left to the autopilot; a lost vehicle pauses the show until it is resumed."""
 
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.start()
         show.befall("d3", "battery", remaining=0.15)
         await show.wait(10.0)
@@ -81,7 +81,7 @@ def test_low_battery_is_ignored_and_a_loss_pauses_where_set() -> None:
 
 
 def test_low_battery_returns_home_while_the_rest_re_form() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.wait(4.0)
         show.befall("d3", "battery", remaining=0.15)
         reported = await reacts(show, Cause.LOW_BATTERY)
@@ -104,7 +104,7 @@ def test_low_battery_returns_home_while_the_rest_re_form() -> None:
 
 
 def test_critical_battery_lands_it_where_it_is_safe() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.wait(4.0)
         show.befall("d3", "battery", remaining=0.09)
         reported = await reacts(show, Cause.CRITICAL_BATTERY)
@@ -124,7 +124,7 @@ def test_critical_battery_lands_it_where_it_is_safe() -> None:
 
 @pytest.mark.soak
 def test_low_battery_overruled_acts_again_only_when_critical() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         show.befall("d2", "battery", remaining=0.18)
         reported = await reacts(show, Cause.LOW_BATTERY)
         await show.phase("d2", Phase.RETURN)
@@ -144,7 +144,7 @@ def test_low_battery_overruled_acts_again_only_when_critical() -> None:
 
 @pytest.mark.soak
 def test_low_battery_of_many_returns_the_fleet() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         for name in ("d1", "d2", "d3"):
             show.befall(name, "battery", remaining=0.19)
         await show.reach(ShowPhase.RETURNING)
@@ -163,7 +163,7 @@ def test_low_battery_of_many_returns_the_fleet() -> None:
 
 
 def test_low_battery_under_pilot_control_is_left_to_the_pilot() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         show.befall("d2", "pilot", mode="POSITION")
         await show.phase("d2", Phase.PILOT)
         commands = len(show.ports.commands["d2"])
@@ -178,7 +178,7 @@ def test_low_battery_under_pilot_control_is_left_to_the_pilot() -> None:
 
 @pytest.mark.soak
 def test_low_battery_during_the_climb_lands_straight_down() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.standby()
         show.service.commands.command_show(ShowAction.START)
         await show.phase("d2", Phase.TAKEOFF)
@@ -195,7 +195,7 @@ def test_low_battery_during_the_climb_lands_straight_down() -> None:
 
 
 def test_bad_position_holds_then_lands() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.wait(4.0)
         show.befall("d4", "accuracy", eph_m=9.0, epv_m=20.0)
         reported = await reacts(show, Cause.BAD_POSITION)
@@ -216,7 +216,7 @@ def test_bad_position_holds_then_lands() -> None:
 
 @pytest.mark.soak
 def test_bad_position_that_recovers_holds_until_commanded() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         show.befall("d2", "accuracy", eph_m=9.0, epv_m=20.0)
         await show.phase("d2", Phase.HOLD)
         show.befall("d2", "accuracy", eph_m=0.1, epv_m=0.2)
@@ -231,7 +231,7 @@ def test_bad_position_that_recovers_holds_until_commanded() -> None:
 
 @pytest.mark.soak
 def test_bad_position_by_jumping_again_and_again() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         for east_m in (0.4, -0.4):
             show.befall("d2", "position-reset", east_m=east_m)
             await show.wait(5.0)
@@ -248,7 +248,7 @@ def test_bad_position_by_jumping_again_and_again() -> None:
 
 @pytest.mark.soak
 def test_bad_position_kilometres_away_is_held_then_landed() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         show.befall("d2", "gps-jump", north_m=5000.0)
         reported = await reacts(show, Cause.BAD_POSITION)
         assert reported.vehicles == ("d2",)
@@ -264,7 +264,7 @@ def test_bad_position_kilometres_away_is_held_then_landed() -> None:
 @pytest.mark.keeps("return")
 @pytest.mark.parametrize("action", ["return", "hold"])
 def test_fence_about_to_be_crossed_brings_it_back(action: str) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.start()
         await show.wait(4.0)
         assert show.view.center_m is not None

@@ -12,7 +12,7 @@ from gcs.model.lifecycle import Phase
 from gcs.model.state import Array
 from gcs.planning.feasibility import smallest_formation_radius_m
 from gcs.safety.floor import minimum_separation
-from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, VirtualShow, fly, show_config
 from tests.support.show_phases import running
 
 SECONDS: Final = 30.0
@@ -55,12 +55,12 @@ def config(count: int) -> Config:
     )
 
 
-def _violations(show: Show, true_m: Array, rows: list[int]) -> int:
+def _violations(show: VirtualShow, true_m: Array, rows: list[int]) -> int:
     floor, all_of_them = show.config.control.safety.floor, np.ones(len(rows), np.bool_)
     return sum(minimum_separation(here_m[rows], all_of_them, floor)[1] > 0 for here_m in true_m)
 
 
-async def lied(show: Show, kind: str, share: float, seed: int) -> Reported:
+async def lied(show: VirtualShow, kind: str, share: float, seed: int) -> Reported:
     """Let this share of the vehicles, drawn by the seed, report so from now on."""
     random, ids, began_s = np.random.default_rng(seed), show.config.ids, show.now_s
     liars = random.choice(len(ids), max(1, round(share * len(ids))), replace=False).tolist()
@@ -94,7 +94,7 @@ async def lied(show: Show, kind: str, share: float, seed: int) -> Reported:
     )
 
 
-def befall(show: Show, name: str, kind: str, random: np.random.Generator) -> None:
+def befall(show: VirtualShow, name: str, kind: str, random: np.random.Generator) -> None:
     """Begin to lie, or jump (again)."""
     for fault, values in LIES.get(kind, ()):
         show.befall(name, fault, **values)

@@ -6,12 +6,12 @@ from gcs.model.errors import InvalidError, RefusedError, UnknownError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import Outcome, VehicleAction
 from gcs.sim.vehicle.px4 import Mode as PilotMode
-from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, VirtualShow, fly, refused, show_config
 from tests.support.show_phases import running
 
 
 def test_group_command_names_vehicles_it_does_not_reach() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         command = show.service.commands.command_vehicles
         await show.settled(command(VehicleAction.HOLD, ["d1", "d2"]))
         assert [show.vehicle(name).phase for name in show.config.ids] == [
@@ -39,7 +39,7 @@ def test_group_command_names_vehicles_it_does_not_reach() -> None:
 def test_take_control_of_all_skips_pilots_unless_named() -> None:
     """Control of all vehicles leaves those under pilot control, unless they are named."""
 
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         show.befall("d1", "pilot")
         show.pilot("d2", PilotMode.HOLD)
         await show.phase("d1", Phase.PILOT)

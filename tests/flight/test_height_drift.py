@@ -10,7 +10,7 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.model.state import Array
 from gcs.service import ShowAction
 from gcs.service.alarms import AlarmCause
-from gcs.testing.virtual_show import Show, fly
+from gcs.testing.virtual_show import VirtualShow, fly
 from tests.flight.test_show_autopilots import ARDUPILOT, PX4, config_of
 
 DRIFT_M, STEPS, STEP_S = 3.0, 30, 0.4
@@ -26,20 +26,20 @@ class Landed(NamedTuple):
     violations: int
 
 
-def by_receiver(show: Show, name: str, share: float) -> None:
+def by_receiver(show: VirtualShow, name: str, share: float) -> None:
     """Receiver and estimate are wrong alike."""
     show.befall(name, "gps-jump", down_m=-np.sign(share) * DRIFT_M / STEPS)
 
 
-def by_barometer(show: Show, name: str, share: float) -> None:
+def by_barometer(show: VirtualShow, name: str, share: float) -> None:
     """The estimate alone is wrong, and the receiver certain of itself."""
     show.befall(name, "barometer", up_m=share * DRIFT_M)
 
 
-Drift = Callable[[Show, str, float], None]
+Drift = Callable[[VirtualShow, str, float], None]
 
 
-async def landed(show: Show, drift: Drift) -> Landed:
+async def landed(show: VirtualShow, drift: Drift) -> Landed:
     """Two vehicles drift apart from their heights, d2 upwards and d3 downwards; then all come home."""
     if drift is by_barometer:
         for name in show.config.ids:

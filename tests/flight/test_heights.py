@@ -7,7 +7,7 @@ import pytest
 
 from gcs.model.state import Array
 from gcs.service.alarms import AlarmCause
-from gcs.testing.virtual_show import Show, alarm_texts, fly
+from gcs.testing.virtual_show import VirtualShow, alarm_texts, fly
 from tests.flight.test_mixed_stalls import config
 
 HEIGHT_M = 25.0
@@ -28,7 +28,7 @@ class Outcome(NamedTuple):
 
 @pytest.mark.soak
 def test_scale_of_heights_is_named_and_floor_holds() -> None:
-    async def story(show: Show) -> Outcome:
+    async def story(show: VirtualShow) -> Outcome:
         await show.standby()
         await show.wait(STANDS_S)
         checks = show.service.preflight.report().vehicles

@@ -7,7 +7,7 @@ import pytest
 
 from gcs.config.schema import Config
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, fly, show_config
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, VirtualShow, alarm_texts, fly, show_config
 from tests.support.show_phases import running
 
 LATE_SHARE, LATE_S = 0.1, (0.1, 10.0)
@@ -22,7 +22,7 @@ class Reported(NamedTuple):
     violations: int
 
 
-async def flown_late(show: Show, seconds: float) -> Reported:
+async def flown_late(show: VirtualShow, seconds: float) -> Reported:
     """Fly for so long while a tenth of all datagrams is late, and half of them arrive twice."""
     for name in show.config.ids:
         show.befall(name, "duplicate", share=0.5, way="out")

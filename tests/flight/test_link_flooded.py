@@ -10,7 +10,7 @@ from gcs.links.intake import TURN_S
 from gcs.mavlink.kernels import LONGEST_FRAME
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service.alarms import AlarmCause
-from gcs.testing.virtual_show import Show, fly, show_config
+from gcs.testing.virtual_show import VirtualShow, fly, show_config
 from tests.support.floods import FLOODS
 
 COUNT, PER_S, FLOOD_S, NAMED_S = 6, 3000, 2.5, 2.0
@@ -18,7 +18,7 @@ KINDS = ("heartbeats", "texts", "beginnings", "cut")
 STRANGER = source_of(host_number("192.0.2.9"), 4711, 0)
 
 
-def arrive(show: Show, flood: Sequence[bytes]) -> None:
+def arrive(show: VirtualShow, flood: Sequence[bytes]) -> None:
     length = np.array([len(datagram) for datagram in flood])
     data = np.frombuffer(bytearray(b"".join(bytes(LONGEST_FRAME) + each for each in flood)), np.uint8)
     start = np.cumsum(length + LONGEST_FRAME) - length
@@ -26,7 +26,7 @@ def arrive(show: Show, flood: Sequence[bytes]) -> None:
     show.link._inbox.take(Datagrams(data, start, length, source, time_s, LONGEST_FRAME))
 
 
-def named(show: Show) -> bool:
+def named(show: VirtualShow) -> bool:
     texts = [
         alarm.text for alarm in show.view.alarms if alarm.cause is AlarmCause.INPUT_FLOODED and alarm.lasts
     ]
@@ -35,7 +35,7 @@ def named(show: Show) -> bool:
 
 
 def test_a_flooded_link_loses_no_vehicle() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.start()
         await show.reach(ShowPhase.RUNNING)
         for kind in KINDS:

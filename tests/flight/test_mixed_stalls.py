@@ -14,11 +14,11 @@ from gcs.config.schema import Config
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Formation, Orbit, Target
 from gcs.service import Outcome, ShowAction
-from gcs.testing.virtual_show import HEIGHT_M, TARGET_M, Show, fly, show_config
+from gcs.testing.virtual_show import HEIGHT_M, TARGET_M, VirtualShow, fly, show_config
 from tests.support.show_phases import aborting, arming, assembling, on_the_pads, paused, returning, running
 from tests.support.stalls import floor_violations, stall
 
-Into = Callable[[Show], Awaitable[None]]
+Into = Callable[[VirtualShow], Awaitable[None]]
 
 COUNT = 6
 RADIUS_M = 6.0
@@ -50,31 +50,31 @@ def config(height_m: float = HEIGHT_M) -> Config:
     return Config.model_validate(raw)
 
 
-async def following(show: Show) -> None:
+async def following(show: VirtualShow) -> None:
     """The target moves at 3 m/s, straight on."""
     await running(show)
     show.service.plan.set_target(Target(*TARGET_M, SPEED_M_S, 0.0))
 
 
-async def turning(show: Show) -> None:
+async def turning(show: VirtualShow) -> None:
     """The target reverses."""
     await following(show)
     await show.wait(4.0)
     show.service.plan.set_target(Target(*TARGET_M, -SPEED_M_S, 0.0))
 
 
-async def orbiting(show: Show) -> None:
+async def orbiting(show: VirtualShow) -> None:
     await running(show)
     show.service.plan.set_orbit(Orbit(radius_m=9.0, speed_m_s=SPEED_M_S))
 
 
-async def spinning(show: Show) -> None:
+async def spinning(show: VirtualShow) -> None:
     """Each vehicle flies at a velocity of its own."""
     await running(show)
     show.service.plan.set_formation(Formation(RADIUS_M, HEIGHT_M, spin_rad_s=0.4))
 
 
-async def stopped(show: Show) -> None:
+async def stopped(show: VirtualShow) -> None:
     """On the way home, out of the orbit."""
     await orbiting(show)
     await show.wait(6.0)
@@ -117,7 +117,7 @@ CASES = [
 def test_stall_of_a_mixed_fleet_keeps_the_floor(turn: int, into: Into, stalled_s: float) -> None:
     """During the stall, and until one command has brought all home."""
 
-    async def story(show: Show) -> tuple[int, int, Outcome | None, dict[str, str], int]:
+    async def story(show: VirtualShow) -> tuple[int, int, Outcome | None, dict[str, str], int]:
         await into(show)
         chance = random.Random(turn)
         await show.wait(chance.uniform(0.2, 8.0))

@@ -12,7 +12,7 @@ from gcs.model.plan import LawName, Orbit
 from gcs.service import Outcome, ShowAction
 from gcs.service.alarms import AlarmSeverity
 from gcs.testing.views import vehicles_of
-from gcs.testing.virtual_show import FLEET_STEP_S, READY_AT_ONCE, Show, fly
+from gcs.testing.virtual_show import FLEET_STEP_S, READY_AT_ONCE, VirtualShow, fly
 from tests.flight.test_show_autopilots import ARDUPILOT, PX4, config_of
 
 COUNT, RADIUS_M, HEIGHT_M = 5, 9.0, 18.0
@@ -33,7 +33,7 @@ def alarms_of(
 ) -> set[str]:
     """Texts of all alarms of a whole flight but those for information only."""
 
-    async def story(show: Show) -> set[str]:
+    async def story(show: VirtualShow) -> set[str]:
         for name in show.config.ids:
             if delay_s:
                 show.befall(name, "delay", delay_s=delay_s)

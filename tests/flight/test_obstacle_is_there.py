@@ -12,13 +12,13 @@ from gcs.model.state import Array
 from gcs.planning.landing_sites import CLEAR_M
 from gcs.service import CommandRecord, Outcome, ShowAction
 from gcs.service.alarms import AlarmCause
-from gcs.testing.virtual_show import TARGET_M, Show, alarm_texts, fly, show_config
+from gcs.testing.virtual_show import TARGET_M, VirtualShow, alarm_texts, fly, show_config
 from tests.support.show_phases import running
 
 AROUND_M, CALLS, APART_S = 30.0, 1000, 0.05
 
 
-def clear_m(show: Show, places_m: Array) -> float:
+def clear_m(show: VirtualShow, places_m: Array) -> float:
     """The least distance of places (n, 3) from the obstacles, with the law's margins, as they stand now."""
     ellipses = ellipses_of(show.view.plan, show.config.control, show.now_s)
     return min(float(ellipse.distance_m(places_m).min()) for ellipse in ellipses.values())
@@ -36,7 +36,7 @@ class LedOut(NamedTuple):
     floor_violations: int
 
 
-async def box_on_a_vehicle(show: Show) -> LedOut:
+async def box_on_a_vehicle(show: VirtualShow) -> LedOut:
     box = over(show.true_m[1], 3.0, 60.0)
     show.service.plan.add_obstacle(box)
     within_s = await show.until(lambda: any("too near" in text for text in alarm_texts(show)), 5.0)
@@ -65,14 +65,14 @@ class Landed(NamedTuple):
     floor_violations: int
 
 
-async def all_down(show: Show, record: CommandRecord) -> Landed:
+async def all_down(show: VirtualShow, record: CommandRecord) -> Landed:
     record = await show.settled(record, 150.0)
     await show.reach(ShowPhase.LANDED)
     outcomes = {one.outcome for one in record.outcomes.values()}
     return Landed(outcomes, clear_m(show, show.true_m), show.floor_violations())
 
 
-async def box_on_a_landing_place(show: Show) -> Landed:
+async def box_on_a_landing_place(show: VirtualShow) -> Landed:
     """While all come down where they are, a box comes under one of them."""
     record = show.service.commands.command_show(ShowAction.ABORT)
     await show.wait(2.0)
@@ -82,13 +82,13 @@ async def box_on_a_landing_place(show: Show) -> Landed:
     return await all_down(show, record)
 
 
-async def box_on_a_pad(show: Show) -> Landed:
+async def box_on_a_pad(show: VirtualShow) -> Landed:
     """It is there before they are to come home."""
     show.service.plan.add_obstacle(over(show.track.samples[0].true_m[0], 0.5, 3.0))
     return await all_down(show, show.service.commands.command_show(ShowAction.STOP))
 
 
-async def box_under_one_that_returns(show: Show) -> Landed:
+async def box_under_one_that_returns(show: VirtualShow) -> Landed:
     """It comes onto a pad while the vehicle of that pad comes down."""
     home_m = show.track.samples[0].true_m[0]
     record = show.service.commands.command_show(ShowAction.STOP)
@@ -97,7 +97,7 @@ async def box_under_one_that_returns(show: Show) -> Landed:
     return await all_down(show, record)
 
 
-async def box_on_a_pad_of_one_under_way(show: Show) -> Landed:
+async def box_on_a_pad_of_one_under_way(show: VirtualShow) -> Landed:
     """It comes onto a pad while all fly home."""
     home_m = show.track.samples[0].true_m[0]
     record = show.service.commands.command_show(ShowAction.STOP)
@@ -120,7 +120,7 @@ def test_vehicles_land_beside_an_obstacle_on_their_places() -> None:
         assert landed.floor_violations == 0, story.__name__
 
 
-async def boxes_everywhere(show: Show) -> tuple[set[str], int, set[Outcome]]:
+async def boxes_everywhere(show: VirtualShow) -> tuple[set[str], int, set[Outcome]]:
     """Sizes, places and velocities as an operator, or a sensor that errs, may give them."""
     chance, plan = random.Random(48), show.service.plan
     for _ in range(CALLS):
@@ -152,7 +152,7 @@ class Waited(NamedTuple):
     landed: Landed
 
 
-async def box_under_the_whole_field(show: Show) -> Waited:
+async def box_under_the_whole_field(show: VirtualShow) -> Waited:
     record = show.service.commands.command_show(ShowAction.STOP)
     await show.wait(2.0)
     show.service.plan.add_obstacle(Obstacle("flood", 0.0, 0.0, 1000.0, 1000.0, 1.0))

@@ -17,7 +17,7 @@ from gcs.model.lifecycle import Phase
 from gcs.model.plan import Obstacle, Target
 from gcs.model.state import Array
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
-from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, VirtualShow, fly, show_config
 from tests.support.show_phases import running
 
 THERE_M: Final = (70.0, 0.0)
@@ -88,7 +88,7 @@ def config(count: int) -> Config:
     )
 
 
-def shortest_s(show: Show, start_m: Array, goal_m: Array) -> float:
+def shortest_s(show: VirtualShow, start_m: Array, goal_m: Array) -> float:
     """Of the way round all obstacles, up and down included; where none leads round, over them."""
     outlines = Outlines.of(ellipses_of(show.view.plan, show.config.control, show.now_s))
     law, limits = show.config.control.law, show.config.control.safety.limits
@@ -102,7 +102,7 @@ def shortest_s(show: Show, start_m: Array, goal_m: Array) -> float:
     return level_s + up_m / limits.up_m_s + (up_m - float(start_m[2])) / limits.down_m_s
 
 
-def penetrations(show: Show, since_s: float) -> int:
+def penetrations(show: VirtualShow, since_s: float) -> int:
     """Ticks with a true position within a box."""
     inside: int = 0
     for sample in show.track.between(since_s).samples:
@@ -113,7 +113,7 @@ def penetrations(show: Show, since_s: float) -> int:
     return inside
 
 
-async def beyond(show: Show, kind: str, seed: int, *, without: str = "") -> float:
+async def beyond(show: VirtualShow, kind: str, seed: int, *, without: str = "") -> float:
     """Lead the formation (but one, if named) to the place, and build the walls. Returns: when they stood."""
     if without:
         await show.command(without, VehicleAction.HOLD)
@@ -131,7 +131,7 @@ async def beyond(show: Show, kind: str, seed: int, *, without: str = "") -> floa
     return show.now_s
 
 
-async def measured(show: Show, began_s: float, record: CommandRecord, least_s: float) -> Ended:
+async def measured(show: VirtualShow, began_s: float, record: CommandRecord, least_s: float) -> Ended:
     record = await show.settled(record, TIMES * least_s + 3.0 * SLACK_S)
     took_s = show.now_s - began_s
     outcomes = {one.outcome for one in record.outcomes.values()}
@@ -139,21 +139,21 @@ async def measured(show: Show, began_s: float, record: CommandRecord, least_s: f
     return Ended(outcomes, took_s, allowed_s, show.floor_violations(), penetrations(show, began_s))
 
 
-async def all_return(show: Show, kind: str, seed: int) -> Ended:
+async def all_return(show: VirtualShow, kind: str, seed: int) -> Ended:
     began_s = await beyond(show, kind, seed)
     home_m = show.track.samples[0].true_m
     ways_s = [shortest_s(show, *places) for places in zip(show.true_m, home_m, strict=True)]
     return await measured(show, began_s, show.service.commands.command_show(ShowAction.STOP), max(ways_s))
 
 
-async def one_returns(show: Show, kind: str, seed: int) -> Ended:
+async def one_returns(show: VirtualShow, kind: str, seed: int) -> Ended:
     began_s = await beyond(show, kind, seed)
     way_s = shortest_s(show, show.true_m[0], show.track.samples[0].true_m[0])
     record = show.service.commands.command_vehicle("d1", VehicleAction.RETURN)
     return await measured(show, began_s, record, way_s)
 
 
-async def one_joins(show: Show, kind: str, seed: int) -> Ended:
+async def one_joins(show: VirtualShow, kind: str, seed: int) -> Ended:
     began_s = await beyond(show, kind, seed, without="d1")
     show.service.commands.command_vehicle("d1", VehicleAction.JOIN)
     way_s = shortest_s(show, show.true_m[0], np.array([*THERE_M, show.true_m[0, 2]]))

@@ -17,7 +17,7 @@ from gcs.shows.importing import show_text
 from gcs.shows.placement import fence_m, fitted, place_of, placed_text, placement
 from gcs.simulation.rehearsal import rehearse
 from gcs.simulation.verdict import judge
-from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, VirtualShow, fly, show_config
 from tests.support.drawn_shows import ORIGIN, drawn_show
 
 COUNT, SPACING_M, TURN_DEG = 8, 6.0, 25.0
@@ -60,7 +60,7 @@ def standing(folder: Path) -> dict[str, Any]:
 
 @pytest.mark.soak
 def test_a_show_fitted_to_its_vehicles_is_ready_and_flies(folder: Path) -> None:
-    async def story(show: Show) -> tuple[PreflightReport, PreflightReport, float]:
+    async def story(show: VirtualShow) -> tuple[PreflightReport, PreflightReport, float]:
         await show.standby()
         path = folder / "night.yaml"
         _, before = select(show, path)
@@ -84,7 +84,7 @@ def test_a_show_fitted_to_its_vehicles_is_ready_and_flies(folder: Path) -> None:
     assert all(check.passes for one in after.vehicles for check in one.checks if check.name == "place")
 
 
-def select(show: Show, path: Path) -> tuple[str, PreflightReport]:
+def select(show: VirtualShow, path: Path) -> tuple[str, PreflightReport]:
     """Check and select the show in a file. Returns: its hash, and what a start would find."""
     text = path.read_text()
     loaded = parse(text, str(path))

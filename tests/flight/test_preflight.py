@@ -12,7 +12,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.preflight_report import Check, PreflightReport
 from gcs.recording.session import Record
 from gcs.service import CALLER, Outcome, ShowAction
-from gcs.testing.virtual_show import Show, alarm_texts, fly, refused, show_config
+from gcs.testing.virtual_show import VirtualShow, alarm_texts, fly, refused, show_config
 from tests.support.audit_rows import commands
 from tests.support.written_show import NAME, config, keep, on_pads, select
 from tests.support.written_show import TEXT as SHOW
@@ -29,7 +29,7 @@ class Refused(NamedTuple):
     text: str
 
 
-async def start_refused(show: Show, show_hash: str) -> Refused:
+async def start_refused(show: VirtualShow, show_hash: str) -> Refused:
     """Look, and start all the same."""
     report = show.service.preflight.report()
     refusal = await refused(
@@ -55,7 +55,7 @@ def failing(report: PreflightReport) -> dict[str, Check]:
 
 
 def stands_so(tmp_path: Path, **settings: Any) -> Refused:
-    async def story(show: Show) -> Refused:
+    async def story(show: VirtualShow) -> Refused:
         await show.standby()
         return await start_refused(show, select(show))
 
@@ -63,7 +63,7 @@ def stands_so(tmp_path: Path, **settings: Any) -> Refused:
 
 
 def test_fleet_on_its_pads_passes_all_checks_and_starts(tmp_path: Path) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.standby()
         show_hash = select(show)
         report = show.service.preflight.report()
@@ -110,7 +110,7 @@ def test_a_start_pattern_shifted_by_5_m_is_refused_by_name(tmp_path: Path) -> No
 def test_show_frame_wrong_by_7_degrees_is_refused(
     tmp_path: Path,
 ) -> None:
-    async def story(show: Show) -> Refused:
+    async def story(show: VirtualShow) -> Refused:
         await show.standby()
         return await start_refused(show, select(show, SHOW.replace("heading_deg: 30.0", "heading_deg: 37.0")))
 
@@ -120,20 +120,20 @@ def test_show_frame_wrong_by_7_degrees_is_refused(
     assert "counterclockwise" in found.text
 
 
-def swap(show: Show) -> None:
+def swap(show: VirtualShow) -> None:
     """The first two stand each on the other's pad."""
     (x_m, y_m, _), (u_m, v_m, _) = show.fleet.bodies.position_m[:2].tolist()
     show.befall("d1", "gps-jump", north_m=u_m - x_m, east_m=v_m - y_m)
     show.befall("d2", "gps-jump", north_m=x_m - u_m, east_m=y_m - v_m)
 
 
-def mistune(show: Show) -> None:
+def mistune(show: VirtualShow) -> None:
     """Somebody has changed a parameter; the vehicle restarts."""
     show.autopilot("d2").parameters.set("GF_ACTION", 0)
     show.befall("d2", "reboot", off_s=3.0)
 
 
-FAULTS: dict[str, tuple[Callable[[Show], object], str]] = {
+FAULTS: dict[str, tuple[Callable[[VirtualShow], object], str]] = {
     "d2 address": (
         lambda show: show.ports.duplicated.add("d2"),
         "system id 2 at 10.0.0.2:14580 and at 10.0.1.2:14580",
@@ -172,7 +172,7 @@ FAULTS: dict[str, tuple[Callable[[Show], object], str]] = {
 def test_each_check_that_fails_is_named_and_refuses_the_start(tmp_path: Path, name: str) -> None:
     fault, says = FAULTS[name]
 
-    async def story(show: Show) -> Refused:
+    async def story(show: VirtualShow) -> Refused:
         await show.standby()
         show_hash = select(show)
         assert show.service.preflight.report().passes
@@ -191,7 +191,7 @@ def test_each_check_that_fails_is_named_and_refuses_the_start(tmp_path: Path, na
 
 
 def test_a_battery_is_measured_against_the_show_that_is_selected(tmp_path: Path) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.standby()
         show.befall("d2", "battery", remaining=0.3)
         await show.wait(RECEIVED_S)
@@ -207,7 +207,7 @@ def test_a_battery_is_measured_against_the_show_that_is_selected(tmp_path: Path)
 
 
 def test_equal_clock_offsets_show_that_this_clock_is_wrong(tmp_path: Path) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.standby()
         show.unix.ahead_s += 30.0
         found = failing(show.service.preflight.report())
@@ -219,7 +219,7 @@ def test_equal_clock_offsets_show_that_this_clock_is_wrong(tmp_path: Path) -> No
 
 
 def test_show_at_a_clock_time_is_called_off_by_a_failed_check(tmp_path: Path) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.standby()
         show_hash = select(show)
         record = show.service.commands.command_show(
@@ -235,7 +235,7 @@ def test_show_at_a_clock_time_is_called_off_by_a_failed_check(tmp_path: Path) ->
 
 
 def test_excluded_vehicles_stay_grounded_with_operator_named(tmp_path: Path) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         service = show.service
         await show.standby()
         show_hash = select(show)
@@ -276,7 +276,7 @@ def test_excluded_vehicles_stay_grounded_with_operator_named(tmp_path: Path) -> 
 
 
 def test_bad_exclusions_change_nothing(tmp_path: Path) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         service = show.service
         await show.standby()
         bad: list[tuple[Callable[[], object], type[GcsError], str]] = [
@@ -299,7 +299,7 @@ def test_bad_exclusions_change_nothing(tmp_path: Path) -> None:
 
 @pytest.mark.soak
 def test_vehicles_that_fail_to_climb_are_listed_as_not_flying() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         show.ports.silence("d4")
         await show.standby()
         show.service.commands.command_show(ShowAction.START, ["d1", "d2"])
@@ -324,7 +324,7 @@ def placed(**places: tuple[float, float]) -> Config:
 
 
 def test_without_a_written_show_configured_pads_count() -> None:
-    async def story(show: Show) -> PreflightReport:
+    async def story(show: VirtualShow) -> PreflightReport:
         await show.standby()
         return show.service.preflight.report()
 
@@ -341,7 +341,7 @@ def test_without_a_written_show_configured_pads_count() -> None:
 
 
 def test_on_the_ground_a_report_is_made_at_most_once_a_second(tmp_path: Path) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.standby()
         first = show.service.preflight.report()
         await show.wait(0.5)
@@ -357,7 +357,7 @@ def test_on_the_ground_a_report_is_made_at_most_once_a_second(tmp_path: Path) ->
 
 
 def test_radius_refused_for_one_receiver_names_that_vehicle() -> None:
-    async def story(show: Show) -> str:
+    async def story(show: VirtualShow) -> str:
         await show.standby()
         show.befall("d3", "accuracy", eph_m=0.6)
         await show.wait(1.0)

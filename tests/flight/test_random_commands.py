@@ -12,7 +12,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import Outcome, ShowAction, VehicleAction
 from gcs.sim.vehicle.px4 import Mode as PilotMode
 from gcs.testing.views import vehicles_of
-from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, VirtualShow, fly, show_config
 from tests.flight.test_refusals_in_the_air import commands, refusal_of
 from tests.support.sessions import sessions
 from tests.support.show_phases import running
@@ -27,10 +27,10 @@ KNOWN_WITHIN_S = 1.2
 
 in_soak = partial(pytest.param, marks=pytest.mark.soak)
 
-Step = tuple[str, Callable[[Show], object]]
+Step = tuple[str, Callable[[VirtualShow], object]]
 
 
-def events(show: Show, chance: random.Random) -> Iterator[Step]:
+def events(show: VirtualShow, chance: random.Random) -> Iterator[Step]:
     """What may befall the flight, beside commands."""
     name = chance.choice(show.config.ids)
     yield (
@@ -44,7 +44,7 @@ def events(show: Show, chance: random.Random) -> Iterator[Step]:
     yield "all are received", lambda show: show.ports.restore(*show.config.ids)
 
 
-def assert_true(show: Show, story: list[str]) -> None:
+def assert_true(show: VirtualShow, story: list[str]) -> None:
     """Nothing that flies is shown on the ground, and no start is offered below it."""
     heights_m = -show.true_m[:, 2]
     for seen, height_m in zip(vehicles_of(show.view), heights_m, strict=True):
@@ -54,12 +54,12 @@ def assert_true(show: Show, story: list[str]) -> None:
     assert sum(vars_of(show)) == COUNT, story
 
 
-def vars_of(show: Show) -> tuple[int, ...]:
+def vars_of(show: VirtualShow) -> tuple[int, ...]:
     counts = show.view.counts
     return counts.controlled, counts.uncontrolled, counts.unknown, counts.on_ground, counts.offline
 
 
-async def play(show: Show, chance: random.Random, story: list[str]) -> None:
+async def play(show: VirtualShow, chance: random.Random, story: list[str]) -> None:
     """Random commands and events; a command that is refused in the air names one that is accepted."""
     issued: list[Step] = [
         *commands(),
@@ -81,11 +81,11 @@ async def play(show: Show, chance: random.Random, story: list[str]) -> None:
         assert_true(show, story)
 
 
-def _command(action: ShowAction, show: Show) -> object:
+def _command(action: ShowAction, show: VirtualShow) -> object:
     return show.service.commands.command_show(action)
 
 
-async def all_come_down(show: Show, story: list[str]) -> None:
+async def all_come_down(show: VirtualShow, story: list[str]) -> None:
     """Pilots agree, links are mended: a command that names the pilots' vehicles, and one stop."""
     show.ports.restore(*show.config.ids)
     await show.wait(8.0)
@@ -106,7 +106,7 @@ async def all_come_down(show: Show, story: list[str]) -> None:
 
 @pytest.mark.parametrize("seed", [0, *map(in_soak, (1, 2, 3, 4, 5))])
 def test_random_commands_keep_state_true_and_stop_lands_all(seed: int) -> None:
-    async def flight(show: Show) -> None:
+    async def flight(show: VirtualShow) -> None:
         story: list[str] = []
         await play(show, random.Random(seed), story)
         await all_come_down(show, story)
@@ -119,12 +119,12 @@ def test_random_commands_keep_state_true_and_stop_lands_all(seed: int) -> None:
 def test_random_commands_after_a_restart(tmp_path: Path, seed: int) -> None:
     chance, story = random.Random(100 + seed), list[str]()
 
-    async def first(show: Show) -> None:
+    async def first(show: VirtualShow) -> None:
         await running(show)
         await play(show, chance, story)
         story.append("restart")
 
-    async def second(show: Show) -> None:
+    async def second(show: VirtualShow) -> None:
         await show.wait(2.5)
         await play(show, chance, story)
         await all_come_down(show, story)

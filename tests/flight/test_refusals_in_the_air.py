@@ -13,11 +13,11 @@ from gcs.model.lifecycle import Phase
 from gcs.service import Outcome, ShowAction, VehicleAction, VehicleOutcome
 from gcs.testing.copies import in_a_copy
 from gcs.testing.views import vehicles_of
-from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, VirtualShow, fly, show_config
 from tests.support.show_phases import aborting, arming, assembling, on_the_pads, paused, returning, running
 from tests.support.stalls import stall
 
-Command = Callable[[Show], object]
+Command = Callable[[VirtualShow], object]
 
 ALWAYS = (ShowAction.PAUSE, ShowAction.STOP, ShowAction.ABORT)
 NAMED = re.compile(r"accepted instead: ([a-z-]+)(?: (d\d+))?$")
@@ -56,17 +56,17 @@ def commands() -> Iterator[tuple[str, Command]]:
     yield "seek", lambda show: show.service.player.seek("a cue")
 
 
-async def taking_off(show: Show) -> None:
+async def taking_off(show: VirtualShow) -> None:
     await arming(show)
     await show.until(lambda: show.view.counts.airborne > 0)
 
 
-async def stalled(show: Show) -> None:
+async def stalled(show: VirtualShow) -> None:
     await running(show)
     stall(show, 4.0)
 
 
-async def piloted(show: Show) -> None:
+async def piloted(show: VirtualShow) -> None:
     """All are pilots': nothing but a command that names them takes them back."""
     await running(show)
     for name in show.config.ids:
@@ -74,7 +74,7 @@ async def piloted(show: Show) -> None:
     await show.until(lambda: show.view.counts.controlled == 0)
 
 
-async def one_on_its_pad(show: Show) -> None:
+async def one_on_its_pad(show: VirtualShow) -> None:
     """d1 alone flies; d2 has landed and d3 has fallen silent."""
     await running(show)
     await show.command("d2", VehicleAction.LAND)
@@ -82,12 +82,12 @@ async def one_on_its_pad(show: Show) -> None:
     await show.phase("d3", Phase.LOST)
 
 
-PHASES: tuple[Callable[[Show], Awaitable[None]], ...] = (
+PHASES: tuple[Callable[[VirtualShow], Awaitable[None]], ...] = (
     *(taking_off, assembling, running, paused, returning, aborting, stalled, piloted, one_on_its_pad),
 )
 
 
-def refusal_of(show: Show, text: str, command: Command) -> str:
+def refusal_of(show: VirtualShow, text: str, command: Command) -> str:
     """Send a command, and what its refusal names. Returns: the refusal, empty where it was accepted."""
     try:
         command(show)
@@ -120,7 +120,7 @@ class Tried(NamedTuple):
 def tried(request: pytest.FixtureRequest) -> Tried:
     """One flight into each phase, in which every command is tried in a copy of the process."""
 
-    async def story(show: Show) -> Tried:
+    async def story(show: VirtualShow) -> Tried:
         await request.param(show)
         await show.wait(0.5)
         assert show.view.counts.airborne > 0

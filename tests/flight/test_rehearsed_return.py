@@ -12,7 +12,7 @@ from gcs.planning.return_paths.paths import WELL_IN_PLACE_M, PathProgress
 from gcs.service import ShowAction
 from gcs.simulation.formation_run import FormationRun
 from gcs.simulation.scenario import FormationFlight, Judged, Scenario
-from gcs.testing.virtual_show import FLEET_STEP_S, Show, fly, show_config
+from gcs.testing.virtual_show import FLEET_STEP_S, VirtualShow, fly, show_config
 
 COUNT = 6
 TICK_S, GOAL_M_S = 0.05, 5.0
@@ -78,7 +78,7 @@ class Step(NamedTuple):
     descending: Mask  # (n,)
 
 
-async def flown_return(show: Show) -> tuple[PathProgress, Array, list[Step]]:
+async def flown_return(show: VirtualShow) -> tuple[PathProgress, Array, list[Step]]:
     """Return together. Returns: the flight's plan, the starts, and each tick until all vehicles descend."""
     await show.start()
     show.service.commands.command_show(ShowAction.STOP)

@@ -9,7 +9,7 @@ from gcs.config.schema import Config
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
 from gcs.testing.views import vehicles_of
-from gcs.testing.virtual_show import Show, fly
+from gcs.testing.virtual_show import VirtualShow, fly
 
 
 def shipped(count: int, autopilot: str = "px4") -> Config:
@@ -21,7 +21,7 @@ def shipped(count: int, autopilot: str = "px4") -> Config:
     return Config.model_validate(raw)
 
 
-def failing(show: Show) -> list[str]:
+def failing(show: VirtualShow) -> list[str]:
     """Checks that refuse the start, apart from the parameters' that were not read yet."""
     report = show.service.preflight.report()
     found = [*report.fleet, *(check for vehicle in report.vehicles for check in vehicle.checks)]
@@ -31,7 +31,7 @@ def failing(show: Show) -> list[str]:
 @pytest.mark.soak
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 def test_two_to_ten_vehicles_are_accepted_on_shipped_pads(autopilot: str) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.standby()
         for _ in range(10):  # the errors of the estimates wander within 3 to 6 s
             await show.wait(5.0)
@@ -45,7 +45,7 @@ def test_two_to_ten_vehicles_are_accepted_on_shipped_pads(autopilot: str) -> Non
 def test_ten_start_beside_neighbours_whose_estimators_reset() -> None:
     """A reset in the air moves no pad: vehicles that still stand are not left behind."""
 
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.standby()
         show.service.commands.command_show(ShowAction.START)
         for row in (0, 1):

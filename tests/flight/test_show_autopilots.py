@@ -13,7 +13,7 @@ from gcs.model.preflight_report import State
 from gcs.model.state import Mode
 from gcs.service import Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause
-from gcs.testing.virtual_show import Refusal, Show, fly, refused, show_config
+from gcs.testing.virtual_show import RefusedCall, VirtualShow, fly, refused, show_config
 
 COUNT, LOITER = 4, 5
 PX4, ARDUPILOT = "px4", "ardupilot"
@@ -32,7 +32,7 @@ def config_of(kinds: tuple[str, str], count: int = COUNT, **operation: Any) -> C
     return Config.model_validate(raw)
 
 
-async def start(show: Show) -> Refusal:
+async def start(show: VirtualShow) -> RefusedCall:
     return await refused(show, lambda: show.service.commands.command_show(ShowAction.START))
 
 
@@ -47,7 +47,7 @@ class WholeShow(NamedTuple):
 @pytest.mark.keeps("mixed")
 @FLEETS
 def test_show_of_any_autopilots_keeps_the_floor_and_lands(kinds: tuple[str, str]) -> None:
-    async def story(show: Show) -> WholeShow:
+    async def story(show: VirtualShow) -> WholeShow:
         await show.start()
         show.service.plan.set_orbit(Orbit(radius_m=5.0, speed_m_s=2.0))
         await show.wait(15.0)
@@ -76,7 +76,7 @@ def test_show_of_any_autopilots_keeps_the_floor_and_lands(kinds: tuple[str, str]
 
 
 def test_each_autopilot_is_named_in_state_and_preflight() -> None:
-    async def story(show: Show) -> tuple[list[str], list[str]]:
+    async def story(show: VirtualShow) -> tuple[list[str], list[str]]:
         await show.standby()
         checked = show.service.preflight.report().vehicles
         return list(show.service.view.value.rows.autopilots), [each.autopilot for each in checked]
@@ -90,7 +90,7 @@ def test_each_autopilot_is_named_in_state_and_preflight() -> None:
 def test_second_show_flies_after_the_first(kinds: tuple[str, str]) -> None:
     """After a landing ArduCopter stays in LAND, in which it cannot be armed."""
 
-    async def story(show: Show) -> tuple[list[Mode], int]:
+    async def story(show: VirtualShow) -> tuple[list[Mode], int]:
         await show.start()
         await show.show(ShowAction.STOP)
         await show.reach(ShowPhase.LANDED)
@@ -107,7 +107,7 @@ def test_second_show_flies_after_the_first(kinds: tuple[str, str]) -> None:
 @pytest.mark.soak
 @FLEETS
 def test_vehicle_that_loses_its_link_is_kept_clear_of(kinds: tuple[str, str]) -> None:
-    async def story(show: Show) -> tuple[Phase, Phase, int]:
+    async def story(show: VirtualShow) -> tuple[Phase, Phase, int]:
         await show.start()
         show.service.plan.set_orbit(Orbit(radius_m=5.0, speed_m_s=2.0))
         await show.wait(8.0)
@@ -126,7 +126,7 @@ def test_vehicle_that_loses_its_link_is_kept_clear_of(kinds: tuple[str, str]) ->
 @pytest.mark.soak
 @FLEETS
 def test_pilot_takes_an_ardupilot_vehicle_and_gives_it_back(kinds: tuple[str, str]) -> None:
-    async def story(show: Show) -> tuple[Phase, str, int, Outcome]:
+    async def story(show: VirtualShow) -> tuple[Phase, str, int, Outcome]:
         await show.start()
         show.service.plan.set_orbit(Orbit(radius_m=5.0, speed_m_s=2.0))
         fake: Any = show.fleet.autopilots[1]
@@ -152,7 +152,7 @@ def test_pilot_takes_an_ardupilot_vehicle_and_gives_it_back(kinds: tuple[str, st
 def test_breach_of_its_own_fence_is_named_and_left_alone(action: int, mode: Mode, does: str) -> None:
     """No text says so, and its state is not that of a failsafe: by the health of its fence."""
 
-    async def story(show: Show) -> tuple[Phase, Mode, str, set[AlarmCause], int, Phase]:
+    async def story(show: VirtualShow) -> tuple[Phase, Mode, str, set[AlarmCause], int, Phase]:
         await show.start()
         await show.wait(2.0)
         fake: Any = show.fleet.autopilots[1]
@@ -173,7 +173,7 @@ def test_breach_of_its_own_fence_is_named_and_left_alone(action: int, mode: Mode
 
 
 def test_ardupilot_as_delivered_is_refused() -> None:
-    async def story(show: Show) -> Refusal:
+    async def story(show: VirtualShow) -> RefusedCall:
         await show.standby()
         return await start(show)
 
@@ -184,7 +184,7 @@ def test_ardupilot_as_delivered_is_refused() -> None:
 
 
 def test_what_a_version_lacks_is_named_before_a_start() -> None:
-    async def story(show: Show) -> tuple[str, ...]:
+    async def story(show: VirtualShow) -> tuple[str, ...]:
         await show.standby()
         return show.service.preflight.report().not_checked
 
@@ -195,11 +195,11 @@ def test_what_a_version_lacks_is_named_before_a_start() -> None:
 def test_fleet_with_different_loss_times_is_refused() -> None:
     """The recorded ArduCopter has no GUID_TIMEOUT, and flies on for 3 s, whatever is configured."""
 
-    async def checked(show: Show) -> list[tuple[str, State]]:
+    async def checked(show: VirtualShow) -> list[tuple[str, State]]:
         await show.standby()
         return [(check.name, check.state) for check in show.service.preflight.report().fleet]
 
-    async def story(show: Show) -> tuple[str, list[tuple[str, State]]]:
+    async def story(show: VirtualShow) -> tuple[str, list[tuple[str, State]]]:
         checks = await checked(show)
         return (await start(show)).text, checks
 
@@ -220,7 +220,7 @@ def test_fleet_with_different_loss_times_is_refused() -> None:
 def test_stalled_service_finds_every_vehicle_and_lands_all(kinds: tuple[str, str]) -> None:
     """For 5 s nothing is sent: PX4 holds by itself, ArduCopter hovers in GUIDED."""
 
-    async def story(show: Show) -> tuple[int, Outcome]:
+    async def story(show: VirtualShow) -> tuple[int, Outcome]:
         await show.start()
         show.service.plan.set_orbit(Orbit(radius_m=5.0, speed_m_s=2.0))
         await show.wait(5.0)
@@ -240,7 +240,7 @@ def test_stalled_service_finds_every_vehicle_and_lands_all(kinds: tuple[str, str
 def test_all_vehicles_that_lose_the_station_at_once_stay_apart(kinds: tuple[str, str]) -> None:
     """Neither setpoints nor heartbeats reach them: each does what its own autopilot does."""
 
-    async def story(show: Show) -> tuple[int, float, set[Mode]]:
+    async def story(show: VirtualShow) -> tuple[int, float, set[Mode]]:
         await show.start()
         show.service.plan.set_orbit(Orbit(radius_m=5.0, speed_m_s=2.0))
         await show.wait(8.0)
@@ -263,7 +263,7 @@ def test_all_vehicles_that_lose_the_station_at_once_stay_apart(kinds: tuple[str,
 def test_lost_station_brings_ardupilot_home() -> None:
     """By its heartbeat failsafe, which is named when the link is back."""
 
-    async def story(show: Show) -> tuple[list[Mode], str, int]:
+    async def story(show: VirtualShow) -> tuple[list[Mode], str, int]:
         await show.start()
         await show.wait(3.0)
         show.ports.silence(*show.config.ids)
@@ -279,7 +279,7 @@ def test_lost_station_brings_ardupilot_home() -> None:
 
 
 def test_killed_ardupilot_closes_the_air_below_it_until_it_lies() -> None:
-    async def story(show: Show) -> list[tuple[str, float]]:
+    async def story(show: VirtualShow) -> list[tuple[str, float]]:
         await show.start()
         record = show.service.commands.kill(["d1"])
         seen = []
@@ -297,7 +297,7 @@ def test_killed_ardupilot_closes_the_air_below_it_until_it_lies() -> None:
 
 @pytest.mark.soak
 def test_acceleration_as_read_is_what_the_filter_counts_on() -> None:
-    async def story(show: Show) -> list[float]:
+    async def story(show: VirtualShow) -> list[float]:
         await show.start()
         return [float(each) for each in show.service.player.flight.traits.response.acceleration_m_s2]
 
@@ -309,7 +309,7 @@ def test_acceleration_as_read_is_what_the_filter_counts_on() -> None:
 def test_vehicle_slower_than_its_parameters_said_is_named() -> None:
     """Its WPNAV_ACCEL falls after the check, as a script on board may have it."""
 
-    async def story(show: Show) -> tuple[str, tuple[str, ...], int]:
+    async def story(show: VirtualShow) -> tuple[str, tuple[str, ...], int]:
         await show.start()
         part: Any
         part, row = show.fleet.part_of(1)

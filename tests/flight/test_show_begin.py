@@ -11,7 +11,7 @@ from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import BeginState, BeginView, SelectedShow, ShowAction
 from gcs.service.alarms import AlarmCause
-from gcs.testing.virtual_show import FLEET_STEP_S, Show, refused
+from gcs.testing.virtual_show import FLEET_STEP_S, VirtualShow, refused
 from gcs.testing.virtual_time import run_virtual
 from tests.support.written_show import TEXT, config, fly, select
 
@@ -30,31 +30,31 @@ class First(NamedTuple):
     clock_off_s: float  # the show's clock, seconds later
 
 
-def selected(show: Show) -> SelectedShow:
+def selected(show: VirtualShow) -> SelectedShow:
     found = show.view.selected
     assert found is not None
     return found
 
 
-def begin(show: Show) -> BeginView:
+def begin(show: VirtualShow) -> BeginView:
     found = selected(show).begin
     assert found is not None
     return found
 
 
-def waits(show: Show) -> bool:
+def waits(show: VirtualShow) -> bool:
     """Whether the fleet is where the show begins, and waits for its time."""
     found = selected(show).begin
     return found is not None and found.state is BeginState.WAITING
 
 
-async def take_off(show: Show, text: str = MOVING) -> None:
+async def take_off(show: VirtualShow, text: str = MOVING) -> None:
     show_hash = select(show, text)
     await show.standby()
     show.service.commands.command_show(ShowAction.START, show_hash=show_hash)
 
 
-def first_motion_s(show: Show, begins_s: float) -> list[float]:
+def first_motion_s(show: VirtualShow, begins_s: float) -> list[float]:
     """When each vehicle's setpoints first differ from those before `begins_s`, after it."""
     found = []
     for name in show.config.ids:
@@ -75,7 +75,7 @@ def first_motion_s(show: Show, begins_s: float) -> list[float]:
 def test_the_fleet_begins_within_20_ms_of_the_time(tmp_path: Path, phase_s: float) -> None:
     """Ticks are 50 ms apart: their phase is shifted, so that one falls on the time, whatever that is."""
 
-    async def story(show: Show) -> First:
+    async def story(show: VirtualShow) -> First:
         await take_off(show)
         at_s = round(show.unix()) + 40.0 + phase_s
         show.service.player.begin_at(at_s)
@@ -93,7 +93,7 @@ def test_the_fleet_begins_within_20_ms_of_the_time(tmp_path: Path, phase_s: floa
 
 @pytest.mark.soak
 def test_a_waiting_show_says_so_and_does_not_move(tmp_path: Path) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         show_hash = select(show, MOVING)
         await show.standby()
         show.service.player.begin_at(show.unix() + 60.0)
@@ -120,7 +120,7 @@ def test_a_waiting_show_says_so_and_does_not_move(tmp_path: Path) -> None:
 
 @pytest.mark.soak
 def test_a_time_cancelled_in_the_air_holds_until_the_next(tmp_path: Path) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await take_off(show)
         player = show.service.player
         player.begin_at(show.unix() + 60.0)
@@ -139,7 +139,7 @@ def test_a_time_cancelled_in_the_air_holds_until_the_next(tmp_path: Path) -> Non
 
 
 def test_a_time_cancelled_on_the_ground_is_forgotten(tmp_path: Path) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.standby()
         show_hash = select(show, MOVING)
         player = show.service.player
@@ -155,7 +155,7 @@ def test_a_time_cancelled_on_the_ground_is_forgotten(tmp_path: Path) -> None:
 
 @pytest.mark.soak
 def test_a_show_that_is_not_ready_begins_late_and_says_so(tmp_path: Path) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await take_off(show)
         show.service.player.begin_at(show.unix() + 3.0)
         await show.wait(4.0)
@@ -169,7 +169,7 @@ def test_a_show_that_is_not_ready_begins_late_and_says_so(tmp_path: Path) -> Non
 
 @pytest.mark.soak
 def test_the_time_is_forgotten_when_the_fleet_comes_home(tmp_path: Path) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await take_off(show)
         show.service.player.begin_at(show.unix() + 300.0)
         await show.reach(ShowPhase.ASSEMBLING)
@@ -183,7 +183,7 @@ def test_the_time_is_forgotten_when_the_fleet_comes_home(tmp_path: Path) -> None
 
 @pytest.mark.parametrize("ahead_s", [-1.0, 0.0, 2e5])
 def test_a_time_that_is_past_or_far_is_refused(tmp_path: Path, ahead_s: float) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         player = show.service.player
         refusal = await refused(show, lambda: player.begin_at(show.unix() + 5.0))
         assert refusal.kind is RefusedError
@@ -198,7 +198,7 @@ def test_a_time_that_is_past_or_far_is_refused(tmp_path: Path, ahead_s: float) -
 
 
 def test_a_clock_that_is_not_synchronised_is_told(tmp_path: Path) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         select(show, MOVING)
         show.service.player.flight.clock_problem = lambda: "it is not synchronised"
         await show.wait(3.0)

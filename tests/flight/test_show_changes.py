@@ -10,7 +10,16 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Direction, Formation, Obstacle, Orbit, Plan, Target, Yaw, YawPolicy
 from gcs.model.state import Array
 from gcs.service import ShowAction
-from gcs.testing.virtual_show import HEIGHT_M, JUMP_M_S, RADIUS_M, Refusal, Show, Track, fly, refused
+from gcs.testing.virtual_show import (
+    HEIGHT_M,
+    JUMP_M_S,
+    RADIUS_M,
+    FlownTrack,
+    RefusedCall,
+    VirtualShow,
+    fly,
+    refused,
+)
 from tests.support.show_phases import running
 
 LARGER_M, HIGHER_M = 8.0, 17.0
@@ -18,22 +27,22 @@ BOX = Obstacle("mast", x_m=17.0, y_m=1.0, half_length_x_m=1.0, half_length_y_m=1
 
 
 class Flight(NamedTuple):
-    track: Track
-    paused: Track
-    resumed: Track
+    track: FlownTrack
+    paused: FlownTrack
+    resumed: FlownTrack
     re_formed_s: float  # how long it took
-    larger: Track
-    higher: Track
-    target: Track
-    past_the_mast: Track
+    larger: FlownTrack
+    higher: FlownTrack
+    target: FlownTrack
+    past_the_mast: FlownTrack
     mast_m: Array  # (k, n) distance of every vehicle from the mast, tick by tick
-    orbiting: Track
+    orbiting: FlownTrack
     plans: dict[str, Plan]
-    refusals: dict[str, Refusal]
+    refusals: dict[str, RefusedCall]
     floor_violations: int
 
 
-async def refusals(show: Show) -> dict[str, Refusal]:
+async def refusals(show: VirtualShow) -> dict[str, RefusedCall]:
     """Everything that must be turned down while four fly."""
     service, at = show.service, show.true_m[1]
     over = Obstacle("over", float(at[0]), float(at[1]), 0.5, 0.5, 30.0)
@@ -56,10 +65,10 @@ async def refusals(show: Show) -> dict[str, Refusal]:
     return {name: await refused(show, request) for name, request in requests.items()}
 
 
-async def story(show: Show) -> Flight:
+async def story(show: VirtualShow) -> Flight:
     service, plans = show.service, {}
 
-    async def after(seconds: float) -> Track:
+    async def after(seconds: float) -> FlownTrack:
         """What the next seconds bring."""
         began_s = show.now_s
         await show.wait(seconds)
@@ -121,7 +130,7 @@ def exact_flight() -> Flight:
     return fly(story, ideal=True)
 
 
-def sphere_error_m(track: Track, center_m: tuple[float, float, float], radius_m: float) -> float:
+def sphere_error_m(track: FlownTrack, center_m: tuple[float, float, float], radius_m: float) -> float:
     """How far the worst vehicle truly is from the sphere at the end."""
     off_m = np.linalg.norm(track.true_m[-20:] - np.array(center_m), axis=2) - radius_m
     return float(np.abs(off_m).max())
@@ -226,7 +235,7 @@ def test_infeasible_changes_are_refused_with_what_fits(
     assert refusal.plan_kept
 
 
-async def smallest(show: Show) -> tuple[Refusal, tuple[float, int]]:
+async def smallest(show: VirtualShow) -> tuple[RefusedCall, tuple[float, int]]:
     refusal = await refused(show, lambda: show.service.plan.set_formation(Formation(1.0, HEIGHT_M)))
     reported_m = float(refusal.text.split("at least ")[1].split(" m")[0])
     show.service.plan.set_formation(Formation(reported_m, HEIGHT_M))

@@ -11,22 +11,22 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
-from gcs.testing.virtual_show import Show, Track, fly, show_config
+from gcs.testing.virtual_show import FlownTrack, VirtualShow, fly, show_config
 from tests.support.show_phases import running
 
 NARROW = {"radius_m": 3.5, "height_m": 12.0}  # narrower than the spacing on the ground, with RTK
 
 
 class Descent(NamedTuple):
-    track: Track  # of everything
-    coming_down: Track  # from the order on
+    track: FlownTrack  # of everything
+    coming_down: FlownTrack  # from the order on
     record: CommandRecord
     started: CommandRecord
     floor_violations: int
     arm_commands: dict[str, int]
 
 
-async def ordered(show: Show, action: ShowAction, started: CommandRecord) -> Descent:
+async def ordered(show: VirtualShow, action: ShowAction, started: CommandRecord) -> Descent:
     """Order, and wait until the show has landed."""
     began_s = show.now_s
     record = await show.show(action)
@@ -56,7 +56,7 @@ def nearest_m(places: Array) -> float:
     return min(float(np.hypot(*(one - other))) for one, other in itertools.combinations(places, 2))
 
 
-async def abort_from_formation(show: Show) -> Descent:
+async def abort_from_formation(show: VirtualShow) -> Descent:
     started = await show.start()
     await show.wait(6.0)
     return await ordered(show, ShowAction.ABORT, started)
@@ -91,7 +91,7 @@ def test_abort_brings_the_lowest_down_first(aborted: Descent) -> None:
     assert landed_at[lowest] == landed_at.min()
 
 
-async def abort_over_a_crate(show: Show) -> Descent:
+async def abort_over_a_crate(show: VirtualShow) -> Descent:
     """Under the lowest lies something, so that it has to go a long way sideways."""
     started = await show.start()
     await show.wait(12.0)
@@ -124,7 +124,7 @@ def test_abort_descends_in_clear_columns_away_from_obstacles() -> None:
     assert descent.floor_violations == 0
 
 
-async def abort_on_the_way_up(show: Show) -> Descent:
+async def abort_on_the_way_up(show: VirtualShow) -> Descent:
     await show.standby()
     started = show.service.commands.command_show(ShowAction.START)
     await show.phase("d2", Phase.TAKEOFF)
@@ -132,7 +132,7 @@ async def abort_on_the_way_up(show: Show) -> Descent:
     return await ordered(show, ShowAction.ABORT, started)
 
 
-async def stop_on_the_way_up(show: Show) -> Descent:
+async def stop_on_the_way_up(show: VirtualShow) -> Descent:
     await show.standby()
     started = show.service.commands.command_show(ShowAction.START)
     await show.phase("d1", Phase.HOLD)
@@ -181,7 +181,7 @@ def test_stop_or_abort_during_the_climb_reaches_all(how: str, request: pytest.Fi
     assert "another command" in descent.started.outcomes["d4"].reason
 
 
-async def abort_at_once(show: Show) -> Descent:
+async def abort_at_once(show: VirtualShow) -> Descent:
     await show.standby()
     started = show.service.commands.command_show(ShowAction.START)
     return await ordered(show, ShowAction.ABORT, started)  # before any errand has made its first step
@@ -195,13 +195,13 @@ def test_abort_at_the_start_leaves_nothing_pending_or_armed() -> None:
 
 
 class Mixed(NamedTuple):
-    track: Track
+    track: FlownTrack
     stopped: CommandRecord
     landing_at_m: Array  # (2,)
     refusal: str
 
 
-async def stop_while_some_come_down_already(show: Show) -> Mixed:
+async def stop_while_some_come_down_already(show: VirtualShow) -> Mixed:
     """One touches down by its autopilot, one is half-way home by an order of its own; then all shall stop."""
     show.service.commands.command_vehicle("d1", VehicleAction.LAND)
     landing = show.service.commands.command_vehicle("d1", VehicleAction.LAND)

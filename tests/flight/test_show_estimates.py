@@ -10,7 +10,7 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Orbit
 from gcs.service import ShowAction
 from gcs.sim.vehicle.px4 import Quirks
-from gcs.testing.virtual_show import SLOWLY_DISARMED, Sample, Show, Track, fly, show_config
+from gcs.testing.virtual_show import SLOWLY_DISARMED, FlownSample, FlownTrack, VirtualShow, fly, show_config
 
 ENDURANCE_S = 600.0
 BELOW = 0.2
@@ -21,13 +21,13 @@ SPARE_S, SPARE_SHARE = 4.0, 0.15
 
 
 class Flight(NamedTuple):
-    track: Track
+    track: FlownTrack
     assembled_s: float
     stop_s: float
     landed_s: float
 
 
-async def out_and_home(show: Show) -> Flight:
+async def out_and_home(show: VirtualShow) -> Flight:
     await show.standby()
     show.service.commands.command_show(ShowAction.START)
     await show.reach(ShowPhase.RUNNING, 200.0)
@@ -50,7 +50,7 @@ def flight(request: pytest.FixtureRequest) -> Flight:
     return fly(out_and_home, show_config(count, formation=formation), endurance_s=ENDURANCE_S, **as_px4)
 
 
-def estimates_of(sample: Sample) -> Estimates:
+def estimates_of(sample: FlownSample) -> Estimates:
     assert sample.view.estimates is not None
     return sample.view.estimates
 

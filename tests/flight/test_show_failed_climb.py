@@ -11,41 +11,41 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode, VehicleId
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.testing.views import vehicles_of
-from gcs.testing.virtual_show import Show, Track, fly, show_config
+from gcs.testing.virtual_show import FlownTrack, VirtualShow, fly, show_config
 
 TIMEOUT_S = 8.0
 
 
 class Failed(NamedTuple):
-    track: Track
+    track: FlownTrack
     record: CommandRecord
     reason: str  # of the vehicle, while it comes down
     setpoints: int  # that were sent to it
     violations: int
 
 
-def hangs(show: Show) -> None:
+def hangs(show: VirtualShow) -> None:
     """It ends its climb a metre above its pad, and stays there."""
     show.fleet.state.target_m[1, 2] += 4.0
 
 
-def refuses_to_hold(show: Show) -> None:
+def refuses_to_hold(show: VirtualShow) -> None:
     """It climbs past its height, and refuses to stop there."""
     show.fleet.state.target_m[1, 2] -= 4.0
     show.ports.refused.add(("d2", Verb.HOLD))
 
 
-def refuses_to_climb(show: Show) -> None:
+def refuses_to_climb(show: VirtualShow) -> None:
     """Its motors run, on the ground."""
     show.ports.refused.add(("d2", Verb.TAKEOFF))
 
 
-async def climbing(show: Show, vehicle_id: VehicleId) -> None:
+async def climbing(show: VirtualShow, vehicle_id: VehicleId) -> None:
     """Wait until its autopilot has begun to climb."""
     await show.until(lambda: show.vehicle(vehicle_id).mode is Mode.TAKEOFF)
 
 
-async def with_failure(show: Show, fault: Callable[[Show], Any], *, in_the_air: bool) -> Failed:
+async def with_failure(show: VirtualShow, fault: Callable[[VirtualShow], Any], *, in_the_air: bool) -> Failed:
     """d2 suffers `fault` before its turn, or while it climbs; the other two fly."""
     await show.standby()
     record = show.service.commands.command_show(ShowAction.START)
@@ -69,7 +69,7 @@ async def with_failure(show: Show, fault: Callable[[Show], Any], *, in_the_air: 
     ],
 )
 def test_failed_climb_lands_on_its_pad_and_the_others_fly(
-    fault: Callable[[Show], Any], in_the_air: bool, says: str
+    fault: Callable[[VirtualShow], Any], in_the_air: bool, says: str
 ) -> None:
     config = show_config(3, operation={"takeoff_timeout_s": TIMEOUT_S})
     failed = fly(lambda show: with_failure(show, fault, in_the_air=in_the_air), config)
@@ -86,7 +86,7 @@ def test_failed_climb_lands_on_its_pad_and_the_others_fly(
     assert failed.violations == 0
 
 
-async def stuck_in_the_air(show: Show) -> tuple[list[Phase], str, bool]:
+async def stuck_in_the_air(show: VirtualShow) -> tuple[list[Phase], str, bool]:
     """d2 hangs a metre above its pad, and refuses even to land."""
     await show.standby()
     show.service.commands.command_show(ShowAction.START)
@@ -110,7 +110,7 @@ def test_vehicle_that_refuses_landing_delays_no_other() -> None:
     assert still_running
 
 
-async def hold_refused_by_one_that_climbs(show: Show) -> tuple[Outcome, Phase]:
+async def hold_refused_by_one_that_climbs(show: VirtualShow) -> tuple[Outcome, Phase]:
     """An operator's order to hold ends what d2 was led through, and is refused."""
     await show.standby()
     show.service.commands.command_show(ShowAction.START)
@@ -126,7 +126,7 @@ def test_climb_without_a_maneuver_delays_no_other() -> None:
     assert fly(hold_refused_by_one_that_climbs, show_config(3)) == (Outcome.FAILED, Phase.FORMATION)
 
 
-async def one_alone(show: Show) -> tuple[list[ShowPhase], CommandRecord]:
+async def one_alone(show: VirtualShow) -> tuple[list[ShowPhase], CommandRecord]:
     await show.standby()
     record = show.service.commands.command_show(ShowAction.START)
     await climbing(show, "d1")
@@ -148,7 +148,7 @@ class NoneJoined(NamedTuple):
     armed: tuple[bool, ...]
 
 
-async def none_can_join(show: Show) -> NoneJoined:
+async def none_can_join(show: VirtualShow) -> NoneJoined:
     """All are up, and every autopilot refuses OFFBOARD; then all are ordered home."""
     await show.standby()
     show.service.commands.command_show(ShowAction.START)

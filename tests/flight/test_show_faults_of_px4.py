@@ -8,7 +8,7 @@ from gcs.failsafe.autopilot_failsafe import FailsafeCause
 from gcs.model.lifecycle import Phase
 from gcs.service import Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause, AlarmSeverity
-from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, VirtualShow, fly, refused, show_config
 from tests.support.show_phases import running
 
 FOUR = show_config(4, operation=HOLDS_WHEN_LOST)
@@ -26,7 +26,7 @@ ACTS_S = 4.8
 """So long after its receiver has failed PX4 descends, in mode LAND."""
 
 
-async def blind(show: Show) -> dict[str, Any]:
+async def blind(show: VirtualShow) -> dict[str, Any]:
     began_s = show.now_s
     show.befall("d2", "fix", type="no-gps")
     await show.wait(REPORTED_S)
@@ -66,7 +66,7 @@ def test_blind_vehicle_is_told_as_one_that_cannot_be_steered() -> None:
     assert found["violations"] == 0
 
 
-async def terminated(show: Show) -> dict[str, Any]:
+async def terminated(show: VirtualShow) -> dict[str, Any]:
     show.befall("d2", "termination")
     await show.wait(BEAT_S + REPORTED_S)
     seen = {alarm.cause: alarm for alarm in show.view.alarms}
@@ -100,7 +100,7 @@ def test_flight_termination_is_told_at_once_and_confirmed_down() -> None:
     assert found["violations"] == 0
 
 
-async def asked_to_land(show: Show) -> dict[str, Any]:
+async def asked_to_land(show: VirtualShow) -> dict[str, Any]:
     show.befall("d2", "compass")
     await show.wait(REPORTED_S)
     seen = {alarm.cause: alarm for alarm in show.view.alarms}

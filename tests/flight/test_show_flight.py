@@ -11,14 +11,22 @@ from gcs.model.plan import Orbit
 from gcs.model.state import VehicleId
 from gcs.service import CommandRecord, Outcome, ShowAction
 from gcs.testing.virtual_link import SentCommand, SentSetpoint
-from gcs.testing.virtual_show import HEADING_DEG, JUMP_M_S, TAKEOFF_HEIGHT_M, TARGET_M, Show, Track, fly
+from gcs.testing.virtual_show import (
+    HEADING_DEG,
+    JUMP_M_S,
+    TAKEOFF_HEIGHT_M,
+    TARGET_M,
+    FlownTrack,
+    VirtualShow,
+    fly,
+)
 
 FLIERS = ("d1", "d2", "d3")
 ORBIT_M = 5.0
 
 
 class Flight(NamedTuple):
-    track: Track  # of the first flight
+    track: FlownTrack  # of the first flight
     started: CommandRecord
     stopped: CommandRecord
     running_s: tuple[float, float]  # standing still, before the orbit
@@ -28,10 +36,10 @@ class Flight(NamedTuple):
     sent: dict[VehicleId, list[SentSetpoint]]
     commands: dict[VehicleId, list[SentCommand]]
     second_start: CommandRecord
-    second: Track
+    second: FlownTrack
 
 
-async def two_flights(show: Show) -> Flight:
+async def two_flights(show: VirtualShow) -> Flight:
     show.ports.silence("d4")
     started = await show.start()
     await show.wait(5.0)

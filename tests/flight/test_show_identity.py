@@ -13,7 +13,7 @@ from gcs.links.address_book import BOTH_S
 from gcs.model.lifecycle import Phase
 from gcs.model.preflight_report import State
 from gcs.service.alarms import AlarmCause
-from gcs.testing.virtual_show import Show, fly, show_config
+from gcs.testing.virtual_show import VirtualShow, fly, show_config
 from tests.flight.test_show_autopilots import config_of
 
 ELSEWHERE, ITS_PORT = "10.0.9.9", 14550
@@ -28,7 +28,7 @@ class Seen(NamedTuple):
     violations: int
 
 
-def seen(show: Show, begin_s: float) -> Seen:
+def seen(show: VirtualShow, begin_s: float) -> Seen:
     track = show.track.between(begin_s)
     ages_s = [view.position_age_s for name in show.config.ids for view in track.of(name)]
     alarms = {alarm.cause for sample in track.samples for alarm in sample.view.alarms}
@@ -40,7 +40,7 @@ def seen(show: Show, begin_s: float) -> Seen:
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 @pytest.mark.parametrize("fault", [{}, {"loss": 0.1}], ids=["sound", "lossy"])
 def test_a_port_that_changes_in_flight_ends_no_flight(autopilot: str, fault: dict[str, float]) -> None:
-    async def story(show: Show) -> Seen:
+    async def story(show: VirtualShow) -> Seen:
         await show.start()
         begin_s = show.now_s
         for name, share in fault.items():
@@ -60,7 +60,7 @@ def test_a_port_that_changes_in_flight_ends_no_flight(autopilot: str, fault: dic
 
 @pytest.mark.soak
 def test_a_router_that_restarts_changes_all_ports_at_once() -> None:
-    async def story(show: Show) -> Seen:
+    async def story(show: VirtualShow) -> Seen:
         await show.start()
         begin_s = show.now_s
         for _ in range(5):
@@ -82,7 +82,7 @@ def test_a_router_that_restarts_changes_all_ports_at_once() -> None:
 class Part:
     """A component that sends in the name of a system, ten times a second, from an address of its own."""
 
-    def __init__(self, show: Show, system_id: int, component: int) -> None:
+    def __init__(self, show: VirtualShow, system_id: int, component: int) -> None:
         self.show, self.port = show, ITS_PORT + system_id
         self.packer = dialect.MAVLink(None, srcSystem=system_id, srcComponent=component)
 
@@ -120,7 +120,7 @@ def lies() -> list[Any]:
 
 @pytest.mark.soak
 def test_components_received_first_change_no_vehicle() -> None:
-    async def story(show: Show) -> Seen:
+    async def story(show: VirtualShow) -> Seen:
         parts = [Part(show, number, kind) for number in range(1, 5) for kind in (COMPANION, GIMBAL, RADIO)]
         with beside(*(part.live(*lies()) for part in parts)):
             await show.start()
@@ -142,7 +142,7 @@ def test_components_received_first_change_no_vehicle() -> None:
     ],
 )
 def test_vehicle_without_its_autopilot_is_named(component: int, autopilot: int, to_do: str) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         show.ports.silence("d3")
         heartbeat = dialect.MAVLink_heartbeat_message(2, autopilot, 0x01, 4 << 16 | 3 << 24, 4, 3)
         with beside(Part(show, 3, component).live(heartbeat)):
@@ -170,7 +170,7 @@ def test_vehicle_without_its_autopilot_is_named(component: int, autopilot: int, 
 
 
 def test_vehicle_whose_landed_state_is_not_known_says_it() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         show.ports.silence("d3")
         heartbeat = dialect.MAVLink_heartbeat_message(2, 12, 0x01, 4 << 16 | 3 << 24, 4, 3)
         place = (0, 473977420, 85455940, 488000, 0, 0, 0, 0, 0)

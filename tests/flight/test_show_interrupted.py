@@ -16,7 +16,7 @@ from gcs.model.state import Mode
 from gcs.service import CALLER, CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause
 from gcs.testing.views import vehicles_of
-from gcs.testing.virtual_show import JUMP_M_S, Show, alarm_texts, refused
+from gcs.testing.virtual_show import JUMP_M_S, VirtualShow, alarm_texts, refused
 from tests.support.sessions import ALL, after_interruption, fly_for_a_while, found, four, sessions
 from tests.support.written_show import NAME, TEXT, check, keep
 
@@ -25,7 +25,7 @@ AT_REST_M_S = 0.3
 
 
 def test_interrupted_flight_is_reported_and_left_alone(tmp_path: Path) -> None:
-    async def look(show: Show) -> None:
+    async def look(show: VirtualShow) -> None:
         await found(show)
         await show.wait(5.0)
         shown = show.view.interrupted
@@ -47,7 +47,7 @@ def test_interrupted_flight_is_reported_and_left_alone(tmp_path: Path) -> None:
 def test_excluded_vehicle_stays_out_until_included(tmp_path: Path) -> None:
     why = "Vehicle d2 not flying: taken out of the show by anna: a cracked propeller."
 
-    async def take_out(show: Show) -> None:
+    async def take_out(show: VirtualShow) -> None:
         await show.standby()
         CALLER.set("anna")
         for name, reason in (("d1", "a guess"), ("d2", "unclear"), ("d2", "a cracked propeller")):
@@ -55,7 +55,7 @@ def test_excluded_vehicle_stays_out_until_included(tmp_path: Path) -> None:
         show.service.preflight.include("d1")
         await show.wait(0.2)
 
-    async def take_in(show: Show) -> None:
+    async def take_in(show: VirtualShow) -> None:
         await show.standby()
         assert why in alarm_texts(show)
         assert not any("d1" in text for text in alarm_texts(show))
@@ -64,7 +64,7 @@ def test_excluded_vehicle_stays_out_until_included(tmp_path: Path) -> None:
         show.service.preflight.include("d2")
         await show.wait(0.2)
 
-    async def all_fly(show: Show) -> None:
+    async def all_fly(show: VirtualShow) -> None:
         await show.standby()
         assert not any("d2" in text for text in alarm_texts(show))
 
@@ -72,7 +72,7 @@ def test_excluded_vehicle_stays_out_until_included(tmp_path: Path) -> None:
 
 
 def test_recovered_fleet_stands_and_resumes_on_command(tmp_path: Path) -> None:
-    async def go_on(show: Show) -> None:
+    async def go_on(show: VirtualShow) -> None:
         await found(show)
         record = await show.settled(show.service.recovery.settle(Offer.TAKE_OVER))
         assert {part.outcome for part in record.outcomes.values()} == {Outcome.DONE}
@@ -96,15 +96,15 @@ def test_recovered_fleet_stands_and_resumes_on_command(tmp_path: Path) -> None:
 def test_recovered_fleet_returns_to_its_pads_after_two_restarts(tmp_path: Path) -> None:
     pads_m = []
 
-    async def fly_first(show: Show) -> None:
+    async def fly_first(show: VirtualShow) -> None:
         await show.standby()
         pads_m.append(show.true_m.copy())
         await fly_for_a_while(show)
 
-    async def only_look(show: Show) -> None:
+    async def only_look(show: VirtualShow) -> None:
         await show.wait(0.5)
 
-    async def home(show: Show) -> None:
+    async def home(show: VirtualShow) -> None:
         await found(show)
         await show.settled(show.service.recovery.settle(Offer.BRING_HOME), 120.0)
         await show.reach(ShowPhase.LANDED)
@@ -112,7 +112,7 @@ def test_recovered_fleet_returns_to_its_pads_after_two_restarts(tmp_path: Path) 
         assert show.floor_violations() == 0
         assert show.view.interrupted is None
 
-    async def nothing_left(show: Show) -> None:
+    async def nothing_left(show: VirtualShow) -> None:
         await show.standby()
         assert show.view.interrupted is None
         assert alarm_texts(show) == []
@@ -126,7 +126,7 @@ def test_written_show_resumes_where_it_was_and_as_checked(tmp_path: Path) -> Non
     shows, root = tmp_path / "shows", tmp_path / "runs"
     shows.mkdir()
 
-    async def into_the_walk(show: Show) -> None:
+    async def into_the_walk(show: VirtualShow) -> None:
         show_hash = check(show)
         show.service.player.select(NAME, show_hash)
         await show.standby()
@@ -134,7 +134,7 @@ def test_written_show_resumes_where_it_was_and_as_checked(tmp_path: Path) -> Non
         await show.until(lambda: show.view.selected is not None and show.view.selected.clock_s > 12.0)
         keep(show, TEXT.replace("#00ff00", "#00fe00"))
 
-    async def changed(show: Show) -> None:
+    async def changed(show: VirtualShow) -> None:
         await found(show)
         shown = show.view.interrupted
         assert shown is not None
@@ -144,7 +144,7 @@ def test_written_show_resumes_where_it_was_and_as_checked(tmp_path: Path) -> Non
         assert any("has changed since it was flown" in problem for problem in shown.problems)
         keep(show)
 
-    async def flies_on(show: Show) -> None:
+    async def flies_on(show: VirtualShow) -> None:
         await found(show)
         await show.settled(show.service.recovery.settle(Offer.TAKE_OVER))
         selected = show.view.selected
@@ -166,17 +166,17 @@ def test_a_time_to_begin_that_a_restart_forgets_is_reported_once(tmp_path: Path)
     shows.mkdir()
     given: list[str] = []
 
-    def forgotten(show: Show) -> list[str]:
+    def forgotten(show: VirtualShow) -> list[str]:
         return [event.text for event in show.service.events.newest() if "does not begin" in event.text]
 
-    async def waits(show: Show) -> None:
+    async def waits(show: VirtualShow) -> None:
         show.service.player.select(NAME, check(show))
         at_s = show.unix() + 600.0
         show.service.player.begin_at(at_s)
         given.append(f"{datetime.fromtimestamp(at_s, UTC):%Y-%m-%d %H:%M:%S} UTC")
         await show.wait(0.5)
 
-    async def look(show: Show) -> list[str]:
+    async def look(show: VirtualShow) -> list[str]:
         await show.wait(0.5)
         return forgotten(show)
 
@@ -199,7 +199,7 @@ def test_another_configuration_offers_no_wrong_recovery(
 ) -> None:
     other = Config.model_validate(four().model_dump() | _merged(section))
 
-    async def look(show: Show) -> None:
+    async def look(show: VirtualShow) -> None:
         await found(show)
         shown = show.view.interrupted
         assert shown is not None
@@ -220,13 +220,13 @@ def _merged(section: dict[str, object]) -> dict[str, object]:
 
 @pytest.mark.soak
 def test_vehicle_under_pilot_control_is_left_to_the_pilot(tmp_path: Path) -> None:
-    async def fly_and_lose_one(show: Show) -> None:
+    async def fly_and_lose_one(show: VirtualShow) -> None:
         await fly_for_a_while(show)
         show.befall("d2", "pilot")
         await show.phase("d2", Phase.PILOT)
         await show.wait(1.0)
 
-    async def others_only(show: Show) -> None:
+    async def others_only(show: VirtualShow) -> None:
         await found(show)
         shown = show.view.interrupted
         assert shown is not None
@@ -248,7 +248,7 @@ def test_vehicle_under_pilot_control_is_left_to_the_pilot(tmp_path: Path) -> Non
 
 @pytest.mark.soak
 def test_vehicle_under_taken_control_returns_to_its_start(tmp_path: Path) -> None:
-    async def one_by_one(show: Show) -> None:
+    async def one_by_one(show: VirtualShow) -> None:
         await found(show)
         await show.command("d1", VehicleAction.TAKE_CONTROL)
         record = await show.command("d1", VehicleAction.RETURN)
@@ -257,12 +257,12 @@ def test_vehicle_under_taken_control_returns_to_its_start(tmp_path: Path) -> Non
     after_interruption(tmp_path, (four(), one_by_one))
 
 
-async def received_first(show: Show) -> None:
+async def received_first(show: VirtualShow) -> None:
     """Of LATE nothing arrives yet."""
     await show.until(lambda: [show.vehicle(name).phase for name in ("d1", "d2")] == [Phase.PILOT] * 2)
 
 
-COMMANDS: dict[str, Callable[[Show], CommandRecord]] = {
+COMMANDS: dict[str, Callable[[VirtualShow], CommandRecord]] = {
     "take-over": lambda show: show.service.recovery.settle(Offer.TAKE_OVER),
     "bring-home": lambda show: show.service.recovery.settle(Offer.BRING_HOME),
     "stop": lambda show: show.service.commands.command_show(ShowAction.STOP),
@@ -283,7 +283,7 @@ FLOWN_THEN = {
 @pytest.mark.keeps("stop")
 @pytest.mark.parametrize("command", COMMANDS)
 def test_fleet_command_includes_vehicles_received_later(tmp_path: Path, command: str) -> None:
-    async def go_on(show: Show) -> None:
+    async def go_on(show: VirtualShow) -> None:
         await received_first(show)
         show.befall("d4", "pilot")
         record = COMMANDS[command](show)
@@ -313,7 +313,7 @@ def test_late_vehicles_are_named_and_newer_changes_stay(
     """A vehicle that is not received in time is named; a later command keeps newer changes."""
     changed = Formation(radius_m=8.0, height_m=16.0)
 
-    async def go_on(show: Show) -> None:
+    async def go_on(show: VirtualShow) -> None:
         await received_first(show)
         record = await show.settled(show.service.recovery.settle(Offer.TAKE_OVER))
         for name in LATE:
@@ -332,7 +332,7 @@ def test_late_vehicles_are_named_and_newer_changes_stay(
 
 @pytest.mark.soak
 def test_a_later_command_replaces_one_that_still_awaits_vehicles(tmp_path: Path) -> None:
-    async def go_on(show: Show) -> None:
+    async def go_on(show: VirtualShow) -> None:
         await received_first(show)
         take_over = show.service.recovery.settle(Offer.TAKE_OVER)
         await show.wait(0.5)

@@ -9,22 +9,30 @@ from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause
-from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Refusal, Show, Track, fly, refused, show_config
+from gcs.testing.virtual_show import (
+    HOLDS_WHEN_LOST,
+    FlownTrack,
+    RefusedCall,
+    VirtualShow,
+    fly,
+    refused,
+    show_config,
+)
 from tests.support.show_phases import running
 
 
 class Killed(NamedTuple):
-    track: Track
+    track: FlownTrack
     kill_s: float
     off_s: float
     outcome: CommandRecord
     again: CommandRecord
     sent: int
-    start: Refusal
+    start: RefusedCall
     confirmed: CommandRecord
 
 
-async def killed(show: Show) -> Killed:
+async def killed(show: VirtualShow) -> Killed:
     await show.wait(3.0)
     kill_s = show.now_s
     record = show.service.commands.kill(["d2"])

@@ -12,11 +12,11 @@ from gcs.model.state import Mode
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.sim.vehicle.px4 import Mode as PilotMode
 from gcs.testing.views import vehicles_of
-from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, VirtualShow, fly, refused, show_config
 from tests.support.show_phases import running
 
 
-async def hold_overtaken_by_stop(show: Show) -> tuple[CommandRecord, ShowPhase, list[bool]]:
+async def hold_overtaken_by_stop(show: VirtualShow) -> tuple[CommandRecord, ShowPhase, list[bool]]:
     """HOLD is on its way to d1 when the whole show is ordered home."""
     show.service.commands.command_vehicle("d1", VehicleAction.HOLD)
     await show.wait(0.02)
@@ -31,7 +31,7 @@ def test_vehicle_with_hold_overtaken_by_stop_returns_home() -> None:
     assert (phase, armed) == (ShowPhase.LANDED, [False] * 3)
 
 
-async def hold_that_comes_late(show: Show) -> tuple[list[Phase], int]:
+async def hold_that_comes_late(show: VirtualShow) -> tuple[list[Phase], int]:
     """An order to hold is refused, and its autopilot holds a while later nevertheless."""
     show.ports.refused.add(("d1", Verb.HOLD))
     held = await show.command("d1", VehicleAction.HOLD)
@@ -57,7 +57,7 @@ class Refused(NamedTuple):
     armed: list[bool]
 
 
-async def offboard_refused_on_the_way_down(show: Show) -> Refused:
+async def offboard_refused_on_the_way_down(show: VirtualShow) -> Refused:
     """d2 holds; when all are to come down its autopilot refuses OFFBOARD, again and again."""
     await show.command("d2", VehicleAction.HOLD)
     show.ports.refused.add(("d2", Verb.OFFBOARD))
@@ -75,7 +75,7 @@ def test_autopilot_land_is_the_last_resort_without_offboard() -> None:
     assert (flight.show, flight.armed) == (ShowPhase.LANDED, [False] * 3)
 
 
-async def offboard_refused_after_the_climb(show: Show) -> CommandRecord:
+async def offboard_refused_after_the_climb(show: VirtualShow) -> CommandRecord:
     """d2 climbs, and then its autopilot refuses OFFBOARD: the others assemble without it."""
     await show.standby()
     show.ports.refused.add(("d2", Verb.OFFBOARD))
@@ -101,7 +101,7 @@ class ControlTaken(NamedTuple):
     armed: list[bool]
 
 
-async def all_taken_over_then_control_taken(show: Show) -> ControlTaken:
+async def all_taken_over_then_control_taken(show: VirtualShow) -> ControlTaken:
     """Pilots take both vehicles, and so the show is over; then one is handed back."""
     for name in ("d1", "d2"):
         show.pilot(name, PilotMode.HOLD)
@@ -132,7 +132,7 @@ def test_vehicle_taken_after_the_show_can_be_landed() -> None:
     assert (flight.landed, flight.armed) == (ShowPhase.UNCONTROLLED, [False, True])
 
 
-async def stop_again_and_again(show: Show) -> list[CommandRecord]:
+async def stop_again_and_again(show: VirtualShow) -> list[CommandRecord]:
     """Stop, abort, abort and stop while all are on their way down."""
     records = []
     for action in (ShowAction.STOP, ShowAction.ABORT, ShowAction.ABORT, ShowAction.STOP):
@@ -150,7 +150,7 @@ def test_return_and_landing_can_be_commanded_whenever_airborne() -> None:
     assert last.outcome is Outcome.DONE
 
 
-async def refuses_to_hold_when_lost(show: Show) -> tuple[ShowPhase, int, str]:
+async def refuses_to_hold_when_lost(show: VirtualShow) -> tuple[ShowPhase, int, str]:
     """A lost vehicle is received again and refuses HOLD for ever; the others come home meanwhile."""
     show.ports.refused.add(("d2", Verb.HOLD))
     show.ports.silence("d2")
@@ -175,7 +175,7 @@ def test_one_disobedient_vehicle_does_not_keep_the_show_alive() -> None:
     )
 
 
-async def found_in_the_air(show: Show) -> tuple[str, list[bool]]:
+async def found_in_the_air(show: VirtualShow) -> tuple[str, list[bool]]:
     """The service has no record of where a vehicle started: as after a restart."""
     vehicle = show.service.flight.vehicles["d1"]
     show.pilot("d1", PilotMode.HOLD)
@@ -198,7 +198,7 @@ def test_vehicle_with_unknown_start_lands_where_it_is() -> None:
     assert armed == [False, False]
 
 
-async def turn_comes_late(show: Show) -> CommandRecord:
+async def turn_comes_late(show: VirtualShow) -> CommandRecord:
     """While d1 climbs, d2's position freezes: its turn comes when it may no longer fly."""
     await show.standby()
     record = show.service.commands.command_show(ShowAction.START)

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from gcs.testing.virtual_show import FLEET_STEP_S, HOLDS_WHEN_LOST, Show, alarm_texts, fly, show_config
+from gcs.testing.virtual_show import FLEET_STEP_S, HOLDS_WHEN_LOST, VirtualShow, alarm_texts, fly, show_config
 from tests.support.show_phases import running
 
 COUNT = 8
@@ -21,7 +21,7 @@ class Rested(NamedTuple):
     violations: int
 
 
-async def late_from_the_pads_on(show: Show, delay_s: float) -> Rested:
+async def late_from_the_pads_on(show: VirtualShow, delay_s: float) -> Rested:
     for name in show.config.ids:
         show.befall(name, "delay", delay_s=delay_s)
     await show.wait(10.0)

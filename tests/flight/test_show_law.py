@@ -13,13 +13,13 @@ from gcs.simulation import scenario as scenarios
 from gcs.simulation.batch import broken
 from gcs.simulation.flight import fly as simulate
 from gcs.simulation.metrics import report
-from gcs.testing.virtual_show import HEIGHT_M, RADIUS_M, Show, fly, refused, show_config
+from gcs.testing.virtual_show import HEIGHT_M, RADIUS_M, VirtualShow, fly, refused, show_config
 
 
 @pytest.mark.soak
 @pytest.mark.parametrize("law", [LawName.ARTICLE, LawName.NEIGHBOURS])
 def test_law_chosen_on_the_ground_forms_the_sphere_and_rests(law: LawName) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         chosen = Formation(RADIUS_M, HEIGHT_M, law=law)
         show.service.plan.set_formation(chosen)
         await show.start()
@@ -46,7 +46,7 @@ def test_law_chosen_on_the_ground_forms_the_sphere_and_rests(law: LawName) -> No
 def test_law_is_chosen_also_where_the_radius_has_become_small() -> None:
     """A choice of the law changes no distance; a radius too small for the accuracy blocks the start."""
 
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         show.befall("d2", "accuracy", eph_m=0.9, epv_m=1.2)
         await show.wait(3.0)
         chosen = replace(show.view.plan.formation, law=LawName.NEIGHBOURS)

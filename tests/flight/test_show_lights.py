@@ -9,19 +9,19 @@ from gcs.flight.shows.lights import FOUND, FULL, LOW, OFF
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import ShowAction, VehicleAction
-from gcs.testing.virtual_show import Show, fly, refused, show_config
+from gcs.testing.virtual_show import VirtualShow, fly, refused, show_config
 from tests.support import written_show
 
 LED = {"lights": {"driver": "led-control"}}
 
 
-def light(show: Show, vehicle_id: str) -> tuple[int, ...]:
+def light(show: VirtualShow, vehicle_id: str) -> tuple[int, ...]:
     """The colour that the fake vehicle received last."""
     return tuple(show.fleet.state.light[show.config.ids.index(vehicle_id)].tolist())
 
 
 def test_battery_is_shown_as_colour_on_the_ground() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.standby()
         show.fleet.state.remaining[1] = 0.12
         await show.until(lambda: light(show, "d2") == LOW)
@@ -35,7 +35,7 @@ def test_battery_is_shown_as_colour_on_the_ground() -> None:
 
 
 def test_found_vehicle_blinks_and_then_stops() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.standby()
         await show.command("d3", VehicleAction.FIND)
         await show.until(lambda: light(show, "d3") == FOUND)
@@ -49,13 +49,13 @@ def test_found_vehicle_blinks_and_then_stops() -> None:
 
 
 def test_find_is_refused_in_the_air_and_without_lights() -> None:
-    async def in_the_air(show: Show) -> None:
+    async def in_the_air(show: VirtualShow) -> None:
         await show.start()
         refusal = await refused(show, lambda: show.service.commands.command_vehicle("d1", VehicleAction.FIND))
         assert refusal.kind is RefusedError
         assert "find is for vehicles received on the ground" in refusal.text
 
-    async def without_lights(show: Show) -> None:
+    async def without_lights(show: VirtualShow) -> None:
         await show.standby()
         refusal = await refused(show, lambda: show.service.commands.command_vehicle("d1", VehicleAction.FIND))
         assert "lights.driver of the configuration is none" in refusal.text
@@ -66,7 +66,7 @@ def test_find_is_refused_in_the_air_and_without_lights() -> None:
 
 @pytest.mark.soak
 def test_flying_vehicles_show_the_colours_of_the_show(tmp_path: Path) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         show_hash = written_show.select(show)
         await show.standby()
         show.service.commands.command_show(ShowAction.START, show_hash=show_hash)

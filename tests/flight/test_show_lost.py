@@ -16,9 +16,9 @@ from gcs.testing.virtual_show import (
     HOLDS_WHEN_LOST,
     JUMP_M_S,
     SLOWLY_DISARMED,
-    Refusal,
-    Show,
-    Track,
+    FlownTrack,
+    RefusedCall,
+    VirtualShow,
     fly,
     refused,
     show_config,
@@ -29,7 +29,7 @@ OTHERS = ("d1", "d3", "d4")
 
 
 class Silence(NamedTuple):
-    track: Track
+    track: FlownTrack
     silent_s: float
     position_s: float  # of the last that arrived
     lost_s: float
@@ -37,14 +37,14 @@ class Silence(NamedTuple):
     last_sent_s: float  # the last setpoint before it was received again
     sent_before_hold: int
     verbs: list[Verb]  # ordered since
-    holding: Track  # from then until it holds
-    back: Track  # from the moment it is received again
+    holding: FlownTrack  # from then until it holds
+    back: FlownTrack  # from the moment it is received again
     joins: list[CommandRecord]  # that anybody gave
-    refusals: dict[str, Refusal]
+    refusals: dict[str, RefusedCall]
     floor_violations: int
 
 
-async def silent_for_a_while(show: Show) -> Silence:
+async def silent_for_a_while(show: VirtualShow) -> Silence:
     """All is cut, both ways; the vehicle's own failsafe holds it where it is."""
     await show.wait(8.0)
     silent_s = show.now_s
@@ -149,7 +149,7 @@ class Crossing(NamedTuple):
     past_m: float  # how far the other has got beyond it
 
 
-async def across_a_lost_one(show: Show) -> Crossing:
+async def across_a_lost_one(show: VirtualShow) -> Crossing:
     """Of two the upper is lost; then the target moves so that the lower one has to go below it."""
     await show.start()
     await show.wait(6.0)
@@ -180,7 +180,7 @@ def test_no_vehicle_flies_below_a_lost_one() -> None:
     assert crossing.past_m > 2.0
 
 
-async def without_a_heartbeat(show: Show) -> tuple[float, set[Phase], float]:
+async def without_a_heartbeat(show: VirtualShow) -> tuple[float, set[Phase], float]:
     """One heartbeat is lost, and a few positions with it."""
     await show.start()
     began_s = show.now_s
@@ -203,7 +203,7 @@ def test_one_lost_heartbeat_changes_nothing() -> None:
     assert setpoints_per_s == pytest.approx(20.0, abs=0.5)
 
 
-async def lost_on_its_way_home(show: Show, action: ShowAction) -> tuple[list[Phase], int]:
+async def lost_on_its_way_home(show: VirtualShow, action: ShowAction) -> tuple[list[Phase], int]:
     """Every vehicle is commanded home or down; one is silent for so long that its own failsafe holds it."""
     record = show.service.commands.command_show(action)
     on_its_way = Phase.RETURN if action is ShowAction.STOP else Phase.LANDING
@@ -233,8 +233,8 @@ def test_vehicle_lost_during_landing_is_landed_once_it_is_back(action: ShowActio
 
 
 async def back_when_all_others_are_down(
-    show: Show, action: ShowAction
-) -> tuple[Track, list[Verb], int, float]:
+    show: VirtualShow, action: ShowAction
+) -> tuple[FlownTrack, list[Verb], int, float]:
     """One is lost; the others are brought down, and the show is over; then it is received again."""
     show.ports.silence("d2")
     await show.phase("d2", Phase.LOST)
@@ -276,7 +276,7 @@ def test_landing_command_stands_for_a_lost_vehicle(action: ShowAction, ends: Sho
         assert off_pad_m < 1.5
 
 
-async def back_after_each_was_landed(show: Show) -> tuple[ShowPhase, str, Phase]:
+async def back_after_each_was_landed(show: VirtualShow) -> tuple[ShowPhase, str, Phase]:
     """No operator ended the show: the others were landed one by one while d2 was lost."""
     show.ports.silence("d2")
     await show.phase("d2", Phase.LOST)
@@ -298,7 +298,7 @@ def test_lost_vehicle_back_without_command_holds_show_paused() -> None:
     assert "d2" in reason
 
 
-async def confirmed_down_while_silent(show: Show) -> tuple[list[Phase], CommandRecord]:
+async def confirmed_down_while_silent(show: VirtualShow) -> tuple[list[Phase], CommandRecord]:
     show.ports.silence("d2")
     await show.phase("d2", Phase.LOST)
     began_s = show.now_s

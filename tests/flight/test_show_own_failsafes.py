@@ -9,7 +9,7 @@ from gcs.links import Verb
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service.alarms import AlarmCause, AlarmSeverity
 from gcs.sim.vehicle.px4 import Quirks
-from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, VirtualShow, fly, show_config
 from tests.support.show_phases import running
 
 
@@ -17,7 +17,7 @@ def config(count: int = 4, **sections: Any) -> Any:
     return show_config(count, operation=HOLDS_WHEN_LOST, **sections)
 
 
-async def three_flat(show: Show) -> dict[str, Any]:
+async def three_flat(show: VirtualShow) -> dict[str, Any]:
     await show.start()
     began_s = show.now_s
     for name in ("d1", "d2", "d3"):
@@ -71,7 +71,7 @@ def test_three_that_land_on_empty_batteries_are_named() -> None:
     assert found["violations"] == 0
 
 
-async def deaf(show: Show, seconds: float) -> tuple[list[Phase], str, list[ShowPhase]]:
+async def deaf(show: VirtualShow, seconds: float) -> tuple[list[Phase], str, list[ShowPhase]]:
     """Setpoints leave, and do not reach it; its telemetry arrives all the while."""
     began_s = show.now_s
     show.ports.silence("d2", down=False)
@@ -95,7 +95,7 @@ def test_hold_from_missed_setpoints_flies_on() -> None:
     assert shows == [ShowPhase.RUNNING]
 
 
-async def pilot_after_deaf(show: Show) -> tuple[list[Phase], str]:
+async def pilot_after_deaf(show: VirtualShow) -> tuple[list[Phase], str]:
     began_s = show.now_s
     show.ports.silence("d2", down=False)
     await show.phase("d2", Phase.PILOT)

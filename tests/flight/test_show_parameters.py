@@ -14,17 +14,25 @@ from gcs.model.plan import Formation
 from gcs.model.state import VehicleId
 from gcs.service import ShowAction
 from gcs.testing.views import vehicles_of
-from gcs.testing.virtual_show import FLEET_STEP_S, HOLDS_WHEN_LOST, Refusal, Show, fly, refused, show_config
+from gcs.testing.virtual_show import (
+    FLEET_STEP_S,
+    HOLDS_WHEN_LOST,
+    RefusedCall,
+    VirtualShow,
+    fly,
+    refused,
+    show_config,
+)
 from tests.support.show_phases import running
 
 SAFE = {**HOLDS_WHEN_LOST, "require_safe_setpoint_loss": True}
 
 
-async def start(show: Show) -> Refusal:
+async def start(show: VirtualShow) -> RefusedCall:
     return await refused(show, lambda: show.service.commands.command_show(ShowAction.START))
 
 
-async def mended(show: Show) -> tuple[Refusal, bool]:
+async def mended(show: VirtualShow) -> tuple[RefusedCall, bool]:
     """Wrong on d2; somebody sets it right; the next try finds it so."""
     await show.standby()
     first = await start(show)
@@ -37,7 +45,7 @@ async def mended(show: Show) -> tuple[Refusal, bool]:
 
 
 def test_start_is_refused_for_a_wrong_parameter_until_fixed() -> None:
-    async def story(show: Show) -> tuple[Refusal, bool]:
+    async def story(show: VirtualShow) -> tuple[RefusedCall, bool]:
         await show.until(lambda: show.vehicle("d2").phase is Phase.STANDBY)
         show.autopilot("d2").parameters.set("COM_OBL_RC_ACT", 0)
         await show.wait(2.0)  # so that its clock has somewhere to jump back from
@@ -53,7 +61,7 @@ def test_start_is_refused_for_a_wrong_parameter_until_fixed() -> None:
 
 
 def test_px4_defaults_are_refused() -> None:
-    async def story(show: Show) -> Refusal:
+    async def story(show: VirtualShow) -> RefusedCall:
         await show.standby()
         return await start(show)
 
@@ -64,7 +72,7 @@ def test_px4_defaults_are_refused() -> None:
 
 
 def test_vehicle_with_unreadable_parameters_is_not_flown() -> None:
-    async def story(show: Show) -> tuple[Refusal, bool, bool]:
+    async def story(show: VirtualShow) -> tuple[RefusedCall, bool, bool]:
         async def no_answer(vehicle_id: str, names: object, may_lack: object = ()) -> dict[str, float]:
             raise CommandError(f"{vehicle_id}: parameter GF_ACTION: no answer")
 
@@ -84,7 +92,7 @@ def test_vehicle_with_unreadable_parameters_is_not_flown() -> None:
 def test_slow_reading_ends_while_readiness_is_asked_for() -> None:
     """An autopilot without some of the parameters takes 2 s for each of them."""
 
-    async def story(show: Show) -> bool:
+    async def story(show: VirtualShow) -> bool:
         read = show.link.read_parameters
 
         async def slowly(
@@ -104,7 +112,7 @@ def test_slow_reading_ends_while_readiness_is_asked_for() -> None:
 
 
 def test_parameters_are_read_on_discovery_reboot_and_landing() -> None:
-    async def story(show: Show) -> list[int]:
+    async def story(show: VirtualShow) -> list[int]:
         counts = []
         await show.start()
         counts.append(show.ports.reads())
@@ -124,7 +132,7 @@ def test_parameters_are_read_on_discovery_reboot_and_landing() -> None:
 
 
 def test_without_required_parameters_none_is_read_and_all_fly() -> None:
-    async def story(show: Show) -> int:
+    async def story(show: VirtualShow) -> int:
         await show.standby()
         show.service.commands.command_show(ShowAction.START)
         await show.reach(ShowPhase.ASSEMBLING)
@@ -135,7 +143,7 @@ def test_without_required_parameters_none_is_read_and_all_fly() -> None:
 
 
 def test_start_is_refused_when_setpoint_loss_would_collide() -> None:
-    async def story(show: Show) -> Refusal:
+    async def story(show: VirtualShow) -> RefusedCall:
         await show.standby()
         return await start(show)
 
@@ -148,7 +156,7 @@ def test_start_is_refused_when_setpoint_loss_would_collide() -> None:
 def test_vehicles_holding_after_control_ends_stay_apart() -> None:
     """What was predicted is what happens: the service stops, and no vehicle comes inside the floor."""
 
-    async def story(show: Show) -> tuple[int, list[str]]:
+    async def story(show: VirtualShow) -> tuple[int, list[str]]:
         await show.start()
         await show.wait(5.0)
         show.ports.silence(*show.config.ids)
@@ -161,7 +169,7 @@ def test_vehicles_holding_after_control_ends_stay_apart() -> None:
     assert modes == ["HOLD"] * 4
 
 
-async def params(show: Show, *names: str, apply: bool) -> dict[tuple[str, str], ParameterRow]:
+async def params(show: VirtualShow, *names: str, apply: bool) -> dict[tuple[str, str], ParameterRow]:
     rows = await inspect(
         [show.link], show.config, names or show.config.ids, 3.0, named=bool(names), apply=apply
     )
@@ -169,7 +177,7 @@ async def params(show: Show, *names: str, apply: bool) -> dict[tuple[str, str], 
 
 
 def test_params_check_reports_and_apply_sets_and_reads_back() -> None:
-    async def story(show: Show) -> tuple[ParameterRow, ParameterRow, ParameterRow, float]:
+    async def story(show: VirtualShow) -> tuple[ParameterRow, ParameterRow, ParameterRow, float]:
         before = await params(show, apply=False)
         during = await params(show, apply=True)
         after = await params(show, apply=False)
@@ -188,7 +196,7 @@ def test_params_check_reports_and_apply_sets_and_reads_back() -> None:
 
 
 def test_params_apply_never_touches_an_armed_vehicle() -> None:
-    async def story(show: Show) -> tuple[ParameterRow, float]:
+    async def story(show: VirtualShow) -> tuple[ParameterRow, float]:
         show.autopilot("d1").parameters.set("COM_OBL_RC_ACT", 3)
         rows = await params(show, "d1", apply=True)
         key = "COM_OBL_RC_ACT"
@@ -201,7 +209,7 @@ def test_params_apply_never_touches_an_armed_vehicle() -> None:
 
 def test_params_of_a_named_vehicle_that_is_not_received() -> None:
     async def story(
-        show: Show,
+        show: VirtualShow,
     ) -> tuple[dict[tuple[str, str], ParameterRow], dict[tuple[str, str], ParameterRow]]:
         show.ports.silence("d2")
         return await params(show, "d1", "d2", apply=False), await params(show, apply=False)
@@ -214,7 +222,7 @@ def test_params_of_a_named_vehicle_that_is_not_received() -> None:
 
 @pytest.mark.soak
 def test_jumping_position_lists_first_and_widens_the_margin() -> None:
-    async def story(show: Show) -> tuple[list[float], list[float], list[Phase], str, str]:
+    async def story(show: VirtualShow) -> tuple[list[float], list[float], list[Phase], str, str]:
         await show.wait(10.0)
         show.befall("d2", "gps-jump", north_m=3.0)
         jumped_s = show.now_s
@@ -248,7 +256,7 @@ def test_jumping_position_lists_first_and_widens_the_margin() -> None:
 def test_reported_accuracy_widens_the_margin_within_bounds() -> None:
     """A vehicle that reports a poor accuracy stays on the ground."""
 
-    async def story(show: Show) -> tuple[list[float], Refusal, Refusal]:
+    async def story(show: VirtualShow) -> tuple[list[float], RefusedCall, RefusedCall]:
         await show.standby()
         show.befall("d1", "accuracy", eph_m=1.0, epv_m=1.8)
         await show.wait(0.6)  # it is reported twice a second

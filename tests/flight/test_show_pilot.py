@@ -14,9 +14,9 @@ from gcs.testing.virtual_show import (
     HOLDS_WHEN_LOST,
     JUMP_M_S,
     SLOWLY_DISARMED,
-    Refusal,
-    Show,
-    Track,
+    FlownTrack,
+    RefusedCall,
+    VirtualShow,
     fly,
     refused,
     show_config,
@@ -25,18 +25,18 @@ from tests.support.show_phases import running
 
 
 class TakenOver(NamedTuple):
-    track: Track
+    track: FlownTrack
     change_s: dict[VehicleId, float]
     pilot_s: dict[VehicleId, float]
     sent_to_pilots: dict[VehicleId, int]  # setpoints after the takeover was seen
     commands_to_pilots: dict[VehicleId, int]
     stopped: CommandRecord
     control_taken: CommandRecord
-    after_take_control: Track
-    refusals: dict[str, Refusal]
+    after_take_control: FlownTrack
+    refusals: dict[str, RefusedCall]
 
 
-async def taken_over(show: Show) -> TakenOver:
+async def taken_over(show: VirtualShow) -> TakenOver:
     """A person takes d3; d1 receives nothing any more and fails safe, while it still reports."""
     change_s: dict[VehicleId, float] = {"d3": show.now_s}
     pilot_s: dict[VehicleId, float] = {}
@@ -117,7 +117,7 @@ def test_vehicle_that_fails_safe_to_the_ground_is_on_standby(recovery: TakenOver
     assert recovery.track.phases("d1")[-2:] == [Phase.PILOT, Phase.STANDBY]
 
 
-async def taken_over_while_it_joins(show: Show) -> tuple[CommandRecord, set[Verb]]:
+async def taken_over_while_it_joins(show: VirtualShow) -> tuple[CommandRecord, set[Verb]]:
     """The pilot reports while setpoints flow already, and OFFBOARD is about to be ordered."""
     await show.command("d1", VehicleAction.HOLD)
     await show.until(lambda: 0.9 < (show.vehicle("d1").heartbeat_age_s or 0.0) < 0.98)
@@ -140,15 +140,15 @@ def test_pilot_takeover_ends_the_planned_actions() -> None:
 
 
 class SilentPilot(NamedTuple):
-    track: Track  # from the moment it is received again
+    track: FlownTrack  # from the moment it is received again
     sent: int  # setpoints and orders since the takeover
-    hold_while_lost: Refusal
+    hold_while_lost: RefusedCall
     reason: str
     control_taken: CommandRecord
     after_take_control: list[Phase]
 
 
-async def silent_while_a_pilot_has_it(show: Show, action: ShowAction | None) -> SilentPilot:
+async def silent_while_a_pilot_has_it(show: VirtualShow, action: ShowAction | None) -> SilentPilot:
     """A person takes d2, it falls silent, is lost, and is received again in HOLD, where its pilot left it."""
     show.pilot("d2", PilotMode.HOLD)
     await show.phase("d2", Phase.PILOT)
@@ -191,7 +191,7 @@ def test_piloted_vehicle_received_again_in_hold_stays_piloted(
     assert flight.after_take_control == [Phase.PILOT, Phase.HOLD], "it waits for commands"
 
 
-async def received_again_in_hold(show: Show) -> tuple[list[Phase], list[Verb]]:
+async def received_again_in_hold(show: VirtualShow) -> tuple[list[Phase], list[Verb]]:
     """Its own failsafe would have it sink; it is found in HOLD: a person's doing."""
     show.ports.silence("d2")
     await show.phase("d2", Phase.LOST)

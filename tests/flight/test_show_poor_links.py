@@ -11,7 +11,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction
 from gcs.service.alarms import AlarmCause
 from gcs.sim.vehicle.px4 import Mode as PilotMode
-from gcs.testing.virtual_show import FLEET_STEP_S, HOLDS_WHEN_LOST, Show, fly, show_config
+from gcs.testing.virtual_show import FLEET_STEP_S, HOLDS_WHEN_LOST, VirtualShow, fly, show_config
 from tests.support.show_phases import running
 
 COUNT = 20
@@ -24,7 +24,7 @@ class Poor(NamedTuple):
     violations: int
 
 
-async def poor_links(show: Show, loss: float) -> Poor:
+async def poor_links(show: VirtualShow, loss: float) -> Poor:
     """The review's scene: 30 s of loss, 0.3 s of delay, 0.1 s of jitter on every link; then sound ones.
 
     It ends 5 s after every vehicle is in the formation again, which takes 30 s at most.
@@ -96,7 +96,7 @@ def test_lost_vehicle_over_poor_links_rejoins_by_itself() -> None:
     assert poor.violations == 0
 
 
-async def without_heartbeats(show: Show, beats_lack_s: float) -> tuple[list[Phase], set[str], float]:
+async def without_heartbeats(show: VirtualShow, beats_lack_s: float) -> tuple[list[Phase], set[str], float]:
     """Heartbeats alone are lost, positions come."""
     began_s = show.now_s
     show.ports.beatless.add("d2")
@@ -127,7 +127,7 @@ class Beatless(NamedTuple):
     texts: set[str]
 
 
-async def lost_without_heartbeats(show: Show) -> Beatless:
+async def lost_without_heartbeats(show: VirtualShow) -> Beatless:
     began_s = show.now_s
     show.ports.beatless.add("d2")
     await show.until(lambda: show.vehicle("d2").phase is Phase.LOST, 20.0)
@@ -162,7 +162,7 @@ def test_the_failsafe_sees_a_loss_in_the_tick_of_the_phase(beatless: Beatless) -
     assert beatless.alarm_s < 0.3
 
 
-async def taken_while_beatless(show: Show) -> tuple[list[Phase], list[Verb]]:
+async def taken_while_beatless(show: VirtualShow) -> tuple[list[Phase], list[Verb]]:
     show.ports.beatless.add("d2")
     began_s = show.now_s
     show.pilot("d2", PilotMode.HOLD)

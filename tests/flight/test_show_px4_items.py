@@ -11,14 +11,14 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import ShowAction, VehicleAction
 from gcs.sim.vehicle.px4 import Quirks
 from gcs.testing.views import vehicles_of
-from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Refusal, Show, fly, refused, show_config
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, RefusedCall, VirtualShow, fly, refused, show_config
 from tests.support.show_phases import running
 
 
 def test_item_3_acknowledgement_needs_a_matching_heartbeat() -> None:
     """The first of PX4's two acks says ACCEPTED whatever happens; here the mode then does not change."""
 
-    async def story(show: Show) -> str:
+    async def story(show: VirtualShow) -> str:
         show.befall("d1", "stuck-mode", answer="accepted")
         record = await show.command("d1", VehicleAction.HOLD)
         return record.outcomes["d1"].reason
@@ -29,7 +29,7 @@ def test_item_3_acknowledgement_needs_a_matching_heartbeat() -> None:
 
 
 def test_item_4_offboard_not_commanded_without_setpoints() -> None:
-    async def story(show: Show) -> str:
+    async def story(show: VirtualShow) -> str:
         await show.standby()
         with pytest.raises(CommandError) as refusal:
             await show.link.execute(Command("d1", Verb.OFFBOARD))
@@ -45,7 +45,7 @@ def test_item_6_failsafe_vehicle_flies_on_only_through_hold() -> None:
     against flying it on.
     """
 
-    async def story(show: Show) -> tuple[list[Phase], int, list[Verb]]:
+    async def story(show: VirtualShow) -> tuple[list[Phase], int, list[Verb]]:
         show.ports.silence("d2", down=False)  # it receives nothing, and its reports still arrive
         await show.phase("d2", Phase.PILOT)
         began_s = show.now_s
@@ -65,7 +65,7 @@ def test_item_6_failsafe_vehicle_flies_on_only_through_hold() -> None:
 
 @pytest.mark.soak
 def test_item_7_show_restarts_after_landing_from_offboard() -> None:
-    async def story(show: Show) -> ShowPhase:
+    async def story(show: VirtualShow) -> ShowPhase:
         await show.start()
         await show.show(ShowAction.STOP)
         await show.reach(ShowPhase.LANDED)
@@ -79,7 +79,7 @@ def test_item_7_show_restarts_after_landing_from_offboard() -> None:
 
 
 def test_item_11_no_takeoff_disarmed_no_disarming_airborne() -> None:
-    async def story(show: Show) -> tuple[str, str]:
+    async def story(show: VirtualShow) -> tuple[str, str]:
         await show.standby()
         with pytest.raises(CommandError) as takeoff:
             await show.link.execute(Command("d1", Verb.TAKEOFF, 5.0))
@@ -95,7 +95,7 @@ def test_item_11_no_takeoff_disarmed_no_disarming_airborne() -> None:
 
 @pytest.mark.soak
 def test_item_12_boot_clock_jump_changes_nothing_in_flight() -> None:
-    async def story(show: Show) -> tuple[list[Phase], float, int]:
+    async def story(show: VirtualShow) -> tuple[list[Phase], float, int]:
         await show.wait(3.0)
         jumped_s = show.now_s
         show.befall("d2", "clock-jump", by_s=-10.0)
@@ -111,7 +111,7 @@ def test_item_12_boot_clock_jump_changes_nothing_in_flight() -> None:
 
 @pytest.mark.soak
 def test_item_13_a_gap_of_less_than_half_a_second_is_no_loss() -> None:
-    async def story(show: Show) -> list[Phase]:
+    async def story(show: VirtualShow) -> list[Phase]:
         gap_s = show.now_s
         show.ports.silence("d2", down=False)
         await show.wait(0.4)
@@ -123,7 +123,7 @@ def test_item_13_a_gap_of_less_than_half_a_second_is_no_loss() -> None:
 
 
 def test_item_2_early_start_says_the_autopilot_is_not_ready() -> None:
-    async def story(show: Show) -> Refusal:
+    async def story(show: VirtualShow) -> RefusedCall:
         await show.until(lambda: all(seen.phase is Phase.STANDBY for seen in vehicles_of(show.view)))
         return await refused(show, lambda: show.service.commands.command_show(ShowAction.START))
 

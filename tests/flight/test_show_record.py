@@ -14,13 +14,13 @@ from gcs.recording.mcap_reader import FlightData
 from gcs.recording.session import Record
 from gcs.service import ShowAction, VehicleAction
 from gcs.testing.views import vehicles_of
-from gcs.testing.virtual_show import Show, Track, fly, show_config
+from gcs.testing.virtual_show import FlownTrack, VirtualShow, fly, show_config
 from tests.support.audit_rows import commands, events
 
 CONFIG = show_config(4)
 
 
-async def a_show(show: Show) -> Track:
+async def a_show(show: VirtualShow) -> FlownTrack:
     await show.start()
     await show.wait(5.0)
     await show.command("d2", VehicleAction.HOLD)
@@ -31,7 +31,7 @@ async def a_show(show: Show) -> Track:
 
 
 @pytest.fixture(scope="module")
-def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Track]:
+def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, FlownTrack]:
     root = tmp_path_factory.mktemp("runs")
     vehicles = {name: (row + 1, "loop") for row, name in enumerate(CONFIG.ids)}
     with Record(root, CONFIG.model_dump_json(), vehicles) as record:
@@ -40,7 +40,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Track]:
     return root, track
 
 
-def test_every_command_is_recorded_with_vehicle_outcomes(flown: tuple[Path, Track]) -> None:
+def test_every_command_is_recorded_with_vehicle_outcomes(flown: tuple[Path, FlownTrack]) -> None:
     done = dict.fromkeys(CONFIG.ids, ("done", ""))
     assert [(command.action, command.caller, dict(command.outcomes)) for command in commands(flown[0])] == [
         ("start", "service", done),
@@ -50,7 +50,7 @@ def test_every_command_is_recorded_with_vehicle_outcomes(flown: tuple[Path, Trac
     ]
 
 
-def test_every_change_of_phase_is_an_event(flown: tuple[Path, Track]) -> None:
+def test_every_change_of_phase_is_an_event(flown: tuple[Path, FlownTrack]) -> None:
     root, track = flown
     reported = events(root)
     phases = [
@@ -76,7 +76,7 @@ def test_every_change_of_phase_is_an_event(flown: tuple[Path, Track]) -> None:
     assert "offboard" in modes
 
 
-def test_the_last_known_is_what_the_show_ended_with(flown: tuple[Path, Track]) -> None:
+def test_the_last_known_is_what_the_show_ended_with(flown: tuple[Path, FlownTrack]) -> None:
     known = last_known(flown[0])
     assert known.show is not None
     assert known.show.phase == "landed"
@@ -88,7 +88,7 @@ def test_the_last_known_is_what_the_show_ended_with(flown: tuple[Path, Track]) -
         assert np.linalg.norm(np.subtract(vehicle.home_m, flown[1].true_m[0, row])) < 1.5
 
 
-def test_every_tick_is_recorded_with_its_estimates(flown: tuple[Path, Track]) -> None:
+def test_every_tick_is_recorded_with_its_estimates(flown: tuple[Path, FlownTrack]) -> None:
     root, track = flown
     session = last_known(root).session
     assert session is not None
@@ -107,7 +107,7 @@ def test_every_tick_is_recorded_with_its_estimates(flown: tuple[Path, Track]) ->
             assert np.isfinite(tick.vehicles["setpoint_x_m_s"][row]) == (vehicle.setpoint_m_s is not None)
 
 
-def test_the_record_proves_the_flight(flown: tuple[Path, Track], tmp_path: Path) -> None:
+def test_the_record_proves_the_flight(flown: tuple[Path, FlownTrack], tmp_path: Path) -> None:
     report = tmp_path / "report.json"
     assert (
         main(["report", str(flown[0]), "--report", str(report), "--html", str(tmp_path / "page.html")]) == 0

@@ -12,7 +12,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause
 from gcs.testing.views import vehicles_of
-from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, Track, fly, show_config
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, FlownTrack, VirtualShow, fly, show_config
 from gcs.testing.virtual_time import AtOnce
 from tests.support.show_phases import running
 
@@ -24,7 +24,7 @@ STOPPING_S = 5.0
 
 
 class Return(NamedTuple):
-    track: Track
+    track: FlownTrack
     stop_s: float
     landed_s: float
     command: CommandRecord
@@ -32,7 +32,7 @@ class Return(NamedTuple):
     floor_violations: int
 
 
-async def whole_return(show: Show) -> Return:
+async def whole_return(show: VirtualShow) -> Return:
     start_m = show.true_m
     await show.start()
     await show.wait(4.0)
@@ -73,7 +73,7 @@ def test_vehicles_stop_before_they_return(flight: Return) -> None:
 
 @pytest.mark.soak
 def test_holding_and_stopped_vehicles_during_the_return() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.command("d1", VehicleAction.HOLD)
         record = show.service.commands.command_show(ShowAction.STOP)
         await show.until(lambda: show.vehicle("d2").reason == "on its way home")
@@ -102,7 +102,7 @@ class Slowly(AtOnce):
 
 @pytest.mark.soak
 def test_all_are_commanded_to_stand_while_paths_are_planned() -> None:
-    async def story(show: Show) -> tuple[Track, int]:
+    async def story(show: VirtualShow) -> tuple[FlownTrack, int]:
         show.planning.instead = Slowly()
         show.service.commands.command_show(ShowAction.STOP)
         await show.until(lambda: all(seen.phase is Phase.RETURN for seen in vehicles_of(show.view)))
@@ -120,7 +120,7 @@ def test_all_are_commanded_to_stand_while_paths_are_planned() -> None:
 
 @pytest.mark.soak
 def test_vehicle_stopped_during_planning_is_not_waited_for() -> None:
-    async def story(show: Show) -> int:
+    async def story(show: VirtualShow) -> int:
         show.planning.instead = Slowly()
         show.service.commands.command_show(ShowAction.STOP)
         await show.wait(STOPPING_S)
@@ -147,7 +147,7 @@ class Fails(AtOnce):
 def test_a_planner_that_fails_leaves_the_fleet_under_control() -> None:
     """The fleet flies home without a plan, an alarm says why, and no tick is missed."""
 
-    async def story(show: Show) -> Track:
+    async def story(show: VirtualShow) -> FlownTrack:
         show.planning.instead = Fails()
         stop_s = show.now_s
         record = show.service.commands.command_show(ShowAction.STOP)
@@ -175,7 +175,7 @@ class PastLost(NamedTuple):
     floor_violations: int
 
 
-async def return_past_a_lost_one(show: Show) -> PastLost:
+async def return_past_a_lost_one(show: VirtualShow) -> PastLost:
     """A vehicle that hangs above the pad of another is lost; then all others return."""
     pads_m = show.true_m
     await show.start()

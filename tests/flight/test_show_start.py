@@ -16,9 +16,9 @@ from gcs.sim.vehicle.px4 import Quirks
 from gcs.testing.views import vehicles_of
 from gcs.testing.virtual_show import (
     TAKEOFF_HEIGHT_M,
-    Refusal,
-    Show,
-    Track,
+    FlownTrack,
+    RefusedCall,
+    VirtualShow,
     alarm_texts,
     fly,
     refused,
@@ -26,12 +26,12 @@ from gcs.testing.virtual_show import (
 )
 
 
-def start_of(*names: str) -> Callable[[Show], Callable[[], CommandRecord]]:
+def start_of(*names: str) -> Callable[[VirtualShow], Callable[[], CommandRecord]]:
     """A request to start with these vehicles, or with all."""
     return lambda show: lambda: show.service.commands.command_show(ShowAction.START, names or None)
 
 
-async def too_early(show: Show) -> tuple[Refusal, Refusal, Refusal]:
+async def too_early(show: VirtualShow) -> tuple[RefusedCall, RefusedCall, RefusedCall]:
     """Without a position; then with one, but still starting up; then with an old one."""
     await show.until(
         lambda: all(np.isfinite(seen.heartbeat_age_s or np.nan) for seen in vehicles_of(show.view))
@@ -56,7 +56,7 @@ def test_start_is_refused_without_position_or_failed_checks() -> None:
     assert "d1" not in old_position.text
 
 
-async def several_faults(show: Show) -> Refusal:
+async def several_faults(show: VirtualShow) -> RefusedCall:
     await show.standby()
     show.befall("d1", "battery", remaining=0.2)
     show.ports.duplicated.add("d2")
@@ -76,7 +76,7 @@ def test_start_is_refused_naming_each_vehicle_and_its_fault() -> None:
     assert refusal.plan_kept
 
 
-async def odd_choices(show: Show) -> dict[str, Refusal]:
+async def odd_choices(show: VirtualShow) -> dict[str, RefusedCall]:
     show.ports.silence("d4")
     await show.standby()
     x_m, y_m, _ = show.true_m[1].tolist()
@@ -98,7 +98,7 @@ async def odd_choices(show: Show) -> dict[str, Refusal]:
 
 
 @pytest.fixture(scope="module")
-def odd() -> dict[str, Refusal]:
+def odd() -> dict[str, RefusedCall]:
     return fly(odd_choices)
 
 
@@ -116,7 +116,7 @@ def odd() -> dict[str, Refusal]:
     ],
 )
 def test_impossible_start_is_refused_with_its_reason(
-    odd: dict[str, Refusal], name: str, kind: type[GcsError], says: str
+    odd: dict[str, RefusedCall], name: str, kind: type[GcsError], says: str
 ) -> None:
     assert odd[name].kind is kind
     assert says in odd[name].text
@@ -124,12 +124,12 @@ def test_impossible_start_is_refused_with_its_reason(
 
 
 class Start(NamedTuple):
-    track: Track
+    track: FlownTrack
     started: CommandRecord
     running: bool
 
 
-async def chosen_only(show: Show) -> Start:
+async def chosen_only(show: VirtualShow) -> Start:
     await show.standby()
     record = show.service.commands.command_show(ShowAction.START, ["d1", "d3"])
     await show.reach(ShowPhase.RUNNING)
@@ -145,17 +145,17 @@ def test_only_chosen_vehicles_take_off_and_others_are_named() -> None:
     assert -start.track.true_m[:, 1, 2].min() < 0.1
 
 
-def does_not_arm(show: Show) -> None:
+def does_not_arm(show: VirtualShow) -> None:
     """A sensor fails between the check and the vehicle's turn."""
     show.fleet.state.ready_at_s[show.autopilot("d2").row] = np.inf
 
 
-def does_not_climb(show: Show) -> None:
+def does_not_climb(show: VirtualShow) -> None:
     """It arms, and demands no more than a hover."""
     show.autopilot("d2").parameters.set("MPC_TKO_SPEED", 0.1)
 
 
-def falls_silent(show: Show) -> None:
+def falls_silent(show: VirtualShow) -> None:
     """It receives nothing of its turn, and no report of it arrives."""
     show.ports.silence("d2")
 
@@ -169,8 +169,8 @@ def falls_silent(show: Show) -> None:
         (falls_silent, "d2: no position for 2."),
     ],
 )
-def test_failed_climb_is_reported_and_the_others_fly(fault: Callable[[Show], Any], says: str) -> None:
-    async def story(show: Show) -> Start:
+def test_failed_climb_is_reported_and_the_others_fly(fault: Callable[[VirtualShow], Any], says: str) -> None:
+    async def story(show: VirtualShow) -> Start:
         await show.standby()
         record = show.service.commands.command_show(ShowAction.START)
         fault(show)
@@ -186,7 +186,7 @@ def test_failed_climb_is_reported_and_the_others_fly(fault: Callable[[Show], Any
     assert [seen.phase for seen in vehicles_of(start.track.samples[-1].view)][::2] == [Phase.FORMATION] * 2
 
 
-async def holds_below(show: Show) -> Start:
+async def holds_below(show: VirtualShow) -> Start:
     """An autopilot ends its climb below the height that was ordered, by its own, poorer, altimeter."""
     await show.standby()
     record = show.service.commands.command_show(ShowAction.START)
@@ -203,7 +203,7 @@ def test_vehicle_holding_slightly_below_its_height_is_up() -> None:
     assert -start.track.true_m[:, 1, 2].min() < 0.9 * TAKEOFF_HEIGHT_M, "it was lower than ordered"
 
 
-async def none_takes_off(show: Show) -> Start:
+async def none_takes_off(show: VirtualShow) -> Start:
     await show.standby()
     record = show.service.commands.command_show(ShowAction.START)
     show.fleet.state.ready_at_s[:] = np.inf
@@ -219,12 +219,12 @@ def test_show_in_which_no_vehicle_climbs_is_over() -> None:
 
 
 class Arming(NamedTuple):
-    too_small: Refusal
+    too_small: RefusedCall
     held: CommandRecord
     phase: Phase
 
 
-async def changes_on_the_way_up(show: Show) -> Arming:
+async def changes_on_the_way_up(show: VirtualShow) -> Arming:
     """One is up and holds, the second climbs, the others wait on their pads."""
     await show.standby()
     show.service.commands.command_show(ShowAction.START)
@@ -249,7 +249,7 @@ def test_a_climb_can_be_stopped_in_hold(arming: Arming) -> None:
     assert arming.phase is Phase.HOLD
 
 
-async def crate_on_a_waiting_pad(show: Show) -> tuple[CommandRecord, Array]:
+async def crate_on_a_waiting_pad(show: VirtualShow) -> tuple[CommandRecord, Array]:
     """It comes while the first climbs, beside the third's pad and onto that of the last."""
     await show.standby()
     record = show.service.commands.command_show(ShowAction.START)
@@ -268,7 +268,7 @@ def test_vehicle_under_an_obstacle_does_not_take_off() -> None:
     assert -true_m[3, 2] < 0.5
 
 
-async def above_each_other(show: Show) -> tuple[str, int, list[str]]:
+async def above_each_other(show: VirtualShow) -> tuple[str, int, list[str]]:
     """Before take-off the notice; then, in truth, how many pairs are stacked."""
     await show.standby()
     show.service.commands.command_show(ShowAction.START)

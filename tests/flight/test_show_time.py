@@ -13,7 +13,7 @@ from gcs.model.lifecycle import Phase
 from gcs.model.state import Array, Setpoints
 from gcs.sim.vehicle.px4 import Quirks
 from gcs.testing.virtual_link import VirtualLink
-from gcs.testing.virtual_show import FLEET_STEP_S, Show, fly, show_config
+from gcs.testing.virtual_show import FLEET_STEP_S, VirtualShow, fly, show_config
 from gcs.testing.virtual_time import run_virtual
 from tests.support.show_phases import running
 
@@ -70,7 +70,7 @@ def test_clock_counts_ticks_and_reports_percentiles_each_second() -> None:
     assert clock.gap_s == pytest.approx(0.9), "what the view calls control that is not alive"
 
 
-async def a_second_without_telemetry(show: Show) -> tuple[list[float], list[float], set[Phase]]:
+async def a_second_without_telemetry(show: VirtualShow) -> tuple[list[float], list[float], set[Phase]]:
     """Only what comes from d2 is lost, for less than its autopilot's patience; d1's goes on."""
     await show.wait(0.04)  # right after a position
     began_s = show.now_s
@@ -96,7 +96,7 @@ def test_stale_telemetry_sends_no_setpoint_others_unaffected() -> None:
     assert phases == {Phase.FORMATION}
 
 
-async def stale_batch(show: Show) -> tuple[int, int, int]:
+async def stale_batch(show: VirtualShow) -> tuple[int, int, int]:
     """Hand the link a batch that is too old, one that is not finite, and a good one."""
     await show.standby()
     link, now_s = show.link, show.now_s
@@ -113,7 +113,7 @@ def test_test_link_honours_the_watchdog_and_finite_values() -> None:
 
 
 def test_test_link_satisfies_the_link_protocol() -> None:
-    async def story(show: Show) -> str:
+    async def story(show: VirtualShow) -> str:
         link: Link = show.link
         return f"{link.name} {link.ids} {dict(link.conflicts)} {link.setpoints_sent}"
 
@@ -124,7 +124,7 @@ def failures_logged(caplog: pytest.LogCaptureFixture) -> list[str]:
     return [record.__dict__["cause"] for record in caplog.records if record.message == "link_failed"]
 
 
-async def wait_until_received(show: Show) -> tuple[int, float]:
+async def wait_until_received(show: VirtualShow) -> tuple[int, float]:
     await show.phase("d1", Phase.STANDBY)
     return show.link.runs, show.now_s
 
@@ -142,7 +142,7 @@ def test_link_that_cannot_open_is_retried_and_logged_once(
     assert 1.24 < received_s < 4.5  # a quarter of a second after each failure; then its first position
 
 
-async def fails_again_later(show: Show) -> VirtualLink:
+async def fails_again_later(show: VirtualShow) -> VirtualLink:
     await show.phase("d1", Phase.STANDBY)
     show.link.failures.put_nowait(LinkError("port 14540 is taken"))
     await show.wait(3.0)
@@ -165,7 +165,7 @@ class BugError(Exception):
     """Not among those that are expected."""
 
 
-async def a_bug(show: Show) -> None:
+async def a_bug(show: VirtualShow) -> None:
     def broken(setpoints: Setpoints) -> Array:
         raise BugError
 

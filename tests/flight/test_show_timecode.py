@@ -18,7 +18,7 @@ from gcs.service.alarms import AlarmCause, AlarmSeverity
 from gcs.shows.timecode import Rate
 from gcs.shows.timecode.midi import MidiTimecode
 from gcs.shows.timecode.smpte import Label, label_at
-from gcs.testing.virtual_show import JUMP_M_S, Show, refused
+from gcs.testing.virtual_show import JUMP_M_S, VirtualShow, refused
 from tests.support.timecode import late, running
 from tests.support.written_show import config, fly, select
 
@@ -29,13 +29,13 @@ TIMECODE: Final = {
 ALLOWED_S: Final = 0.020
 
 
-def selected(show: Show) -> SelectedShow:
+def selected(show: VirtualShow) -> SelectedShow:
     found = show.view.selected
     assert found is not None
     return found
 
 
-def timecode(show: Show) -> TimecodeView:
+def timecode(show: VirtualShow) -> TimecodeView:
     found = show.view.timecode
     assert found is not None
     return found
@@ -45,7 +45,7 @@ def timecode(show: Show) -> TimecodeView:
 class Source:
     """Sends timecode to the service, in virtual time, until it is stopped."""
 
-    show: Show
+    show: VirtualShow
     rate: Rate = Rate.FPS_25
     speed: float = 1.0
     delay_s: Callable[[], float] = field(default_factory=lambda: late(0.003, 5))
@@ -79,7 +79,7 @@ class Source:
         return (now_s - self.zero_s) * self.speed
 
 
-async def take_off(show: Show) -> None:
+async def take_off(show: VirtualShow) -> None:
     """Fly to where the show begins, where it waits for the timecode."""
     show_hash = select(show)
     await show.standby()
@@ -87,7 +87,7 @@ async def take_off(show: Show) -> None:
     await show.until(lambda: timecode(show).problem != "", 40.0)
 
 
-async def noted(show: Show, seconds: float) -> Array:
+async def noted(show: VirtualShow, seconds: float) -> Array:
     """(k, 2) time of each tick, and the show's clock at it."""
     rows: list[tuple[float, float]] = []
     until_s = show.now_s + seconds
@@ -103,7 +103,7 @@ def settings(tmp_path: Path, **more: Any) -> Any:
     return config(tmp_path, timecode={**TIMECODE["timecode"], **more})
 
 
-def alarms(show: Show) -> list[str]:
+def alarms(show: VirtualShow) -> list[str]:
     return [one.text for one in show.view.alarms if one.cause is AlarmCause.TIMECODE and one.lasts]
 
 
@@ -112,7 +112,7 @@ def alarms(show: Show) -> list[str]:
 def test_a_flying_show_is_within_20_ms_of_its_timecode(tmp_path: Path, rate: Rate, speed: float) -> None:
     """Delays of 3 ms with a long tail, drop-outs of 0.3 s, 0.1 % of drift; its beginning is in time too."""
 
-    async def story(show: Show) -> tuple[Array, float, list[str]]:
+    async def story(show: VirtualShow) -> tuple[Array, float, list[str]]:
         await take_off(show)
         source = Source(show, rate, speed, drops=lambda at_s: at_s % 8.0 > 7.7)
         async with source.runs(from_s=-2.0):
@@ -132,7 +132,7 @@ def test_a_flying_show_is_within_20_ms_of_its_timecode(tmp_path: Path, rate: Rat
 
 @pytest.mark.soak
 def test_a_show_freezes_with_its_timecode_and_goes_on(tmp_path: Path) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await take_off(show)
         source = Source(show)
         async with source.runs(from_s=-2.0):
@@ -168,7 +168,7 @@ def test_a_show_freezes_with_its_timecode_and_goes_on(tmp_path: Path) -> None:
 
 @pytest.mark.soak
 def test_a_large_jump_is_refused_told_and_taken_back(tmp_path: Path) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await take_off(show)
         source = Source(show)
         async with source.runs(from_s=-2.0):
@@ -190,7 +190,7 @@ def test_a_large_jump_is_refused_told_and_taken_back(tmp_path: Path) -> None:
 
 @pytest.mark.soak
 def test_a_show_waits_for_its_timecode_and_is_let_go_by_hand(tmp_path: Path) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await take_off(show)
         assert timecode(show).problem == "no timecode has arrived"
         async with Source(show).runs(from_s=300.0):
@@ -211,7 +211,7 @@ def test_a_show_waits_for_its_timecode_and_is_let_go_by_hand(tmp_path: Path) -> 
 
 @pytest.mark.soak
 def test_a_show_frozen_without_timecode_goes_on_by_the_clock(tmp_path: Path) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await take_off(show)
         async with Source(show).runs(from_s=-2.0):
             await show.until(lambda: selected(show).clock_s > 3.0, 20.0)
@@ -227,7 +227,7 @@ def test_a_show_frozen_without_timecode_goes_on_by_the_clock(tmp_path: Path) -> 
 
 @pytest.mark.soak
 def test_a_paused_show_goes_on_once_the_timecode_is_there(tmp_path: Path) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await take_off(show)
         source = Source(show)
         async with source.runs(from_s=-2.0):

@@ -13,9 +13,9 @@ from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.testing.virtual_show import (
     HOLDS_WHEN_LOST,
     JUMP_M_S,
-    Refusal,
-    Show,
-    Track,
+    FlownTrack,
+    RefusedCall,
+    VirtualShow,
     fly,
     refused,
     show_config,
@@ -33,18 +33,18 @@ HOLD, JOIN, RETURN, LAND, TAKE_CONTROL, CONFIRM_DOWN = (
 
 
 class Flight(NamedTuple):
-    track: Track
+    track: FlownTrack
     records: dict[str, CommandRecord]
-    held: Track
+    held: FlownTrack
     sent_in_hold: int
-    joined: Track
+    joined: FlownTrack
     landed_from_m: Array
     landed_at_m: Array
-    refusals: dict[str, Refusal]
+    refusals: dict[str, RefusedCall]
     floor_violations: int
 
 
-async def commands(show: Show) -> Flight:
+async def commands(show: VirtualShow) -> Flight:
     service, records, turned_down = show.service, {}, {}
 
     async def try_all(when: str, name: VehicleId, *actions: VehicleAction) -> None:
@@ -165,7 +165,7 @@ def test_command_to_an_unknown_vehicle_names_the_known_ones(flight: Flight, name
     assert refusal.text == "there is no vehicle d9; there are d1, d2, d3"
 
 
-async def no_room(show: Show) -> tuple[Refusal, CommandRecord]:
+async def no_room(show: VirtualShow) -> tuple[RefusedCall, CommandRecord]:
     """The sphere shrinks while one is out of our hands; then it wants to come back."""
     show.ports.silence("d4")
     await show.phase("d4", Phase.LOST)
@@ -185,7 +185,7 @@ def test_joining_a_too_small_sphere_names_the_radius_that_fits() -> None:
     assert joined.outcome is Outcome.DONE
 
 
-async def join_without_a_show(show: Show) -> Refusal:
+async def join_without_a_show(show: VirtualShow) -> RefusedCall:
     await show.command("d1", HOLD)
     show.service.commands.command_show(ShowAction.STOP)
     await show.phase("d1", Phase.RETURN)

@@ -5,30 +5,30 @@ import pytest
 from gcs.model.errors import RefusedError
 from gcs.model.preflight_report import PreflightReport
 from gcs.service import ShowAction
-from gcs.testing.virtual_show import Refusal, Show, fly, refused, show_config
+from gcs.testing.virtual_show import RefusedCall, VirtualShow, fly, refused, show_config
 
 HOLDS = {"setpoint_loss_action": "hold"}
 
 
-def report_version(show: Show, raw: int) -> None:
+def report_version(show: VirtualShow, raw: int) -> None:
     """Let d1 report this flight_sw_version from now on, as after an update of its firmware."""
     columns = show.link._telemetry._columns
     columns.version[0] = raw
     columns.changes[0] += 1
 
 
-async def start(show: Show) -> Refusal:
+async def start(show: VirtualShow) -> RefusedCall:
     return await refused(show, lambda: show.service.commands.command_show(ShowAction.START))
 
 
-async def after(show: Show, raw: int) -> PreflightReport:
+async def after(show: VirtualShow, raw: int) -> PreflightReport:
     report_version(show, raw)
     await show.wait(3.0)
     return show.service.preflight.report()
 
 
 def test_version_is_received_and_shown_before_a_start() -> None:
-    async def story(show: Show) -> PreflightReport:
+    async def story(show: VirtualShow) -> PreflightReport:
         await show.standby()
         return show.service.preflight.report()
 
@@ -38,7 +38,7 @@ def test_version_is_received_and_shown_before_a_start() -> None:
 
 
 def test_changed_version_is_noticed_and_parameters_read_again(caplog: pytest.LogCaptureFixture) -> None:
-    async def story(show: Show) -> tuple[int, PreflightReport]:
+    async def story(show: VirtualShow) -> tuple[int, PreflightReport]:
         await show.standby()
         before = show.ports.reads()
         report = await after(show, 0x010F04FF)
@@ -52,7 +52,7 @@ def test_changed_version_is_noticed_and_parameters_read_again(caplog: pytest.Log
 
 
 def test_too_old_a_version_is_refused_in_words() -> None:
-    async def story(show: Show) -> Refusal:
+    async def story(show: VirtualShow) -> RefusedCall:
         await show.standby()
         await after(show, 0x010D03FF)
         return await start(show)
@@ -65,7 +65,7 @@ def test_too_old_a_version_is_refused_in_words() -> None:
 def test_newer_version_flies_and_is_listed_as_not_checked() -> None:
     """The fake has no MAN_OVERRIDE_SPD, which counts in the newest version: the sticks are not asked for."""
 
-    async def story(show: Show) -> PreflightReport:
+    async def story(show: VirtualShow) -> PreflightReport:
         await show.standby()
         return await after(show, 0x011300FF)
 
@@ -77,7 +77,7 @@ def test_newer_version_flies_and_is_listed_as_not_checked() -> None:
 
 
 def test_what_a_newer_version_lacks_is_refused_by_name() -> None:
-    async def story(show: Show) -> Refusal:
+    async def story(show: VirtualShow) -> RefusedCall:
         await show.standby()
         await after(show, 0x011300FF)
         return await start(show)

@@ -9,14 +9,14 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.model.preflight_report import State
 from gcs.service import ShowAction
 from gcs.sim.vehicle.px4 import Quirks
-from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, VirtualShow, fly, refused, show_config
 
 
 def config(count: int, **preflight: Any) -> Any:
     return show_config(count, operation=HOLDS_WHEN_LOST, preflight=preflight)
 
 
-async def refusal(show: Show) -> str:
+async def refusal(show: VirtualShow) -> str:
     await show.standby()
     return (await refused(show, lambda: show.service.commands.command_show(ShowAction.START))).text
 
@@ -34,7 +34,7 @@ def test_pads_planned_too_close_are_refused_despite_reports() -> None:
     assert "its pad is planned 3.6 m from that of d2: while their autopilots climb and hold" in text
 
 
-async def ups(show: Show) -> tuple[float, int]:
+async def ups(show: VirtualShow) -> tuple[float, int]:
     """Least true distance while all climb and hold, and ticks inside the floor."""
     show.fleet.state.wander_m[:] = 0.85
     await show.standby()
@@ -54,7 +54,7 @@ def test_drifting_estimates_on_accepted_pads_keep_the_floor(spacing_m: float, *,
     assert least_m < spacing_m - 0.5, "they did wander"
 
 
-async def around_the_limit(show: Show) -> set[State]:
+async def around_the_limit(show: VirtualShow) -> set[State]:
     """Reports of places that vary by decimetres, as PX4's simulator rounds them."""
     await show.standby()
     found = set()

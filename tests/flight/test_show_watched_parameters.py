@@ -8,7 +8,7 @@ from gcs.links import ParameterValue
 from gcs.model.errors import RefusedError
 from gcs.service import ShowAction
 from gcs.service.alarms import Alarm, AlarmCause
-from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, fly, refused, show_config
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, VirtualShow, fly, refused, show_config
 from tests.support.show_phases import running
 
 
@@ -18,19 +18,19 @@ class Changed(NamedTuple):
     after: tuple[Alarm, ...]
 
 
-def of_parameters(show: Show) -> tuple[Alarm, ...]:
+def of_parameters(show: VirtualShow) -> tuple[Alarm, ...]:
     return tuple(
         alarm for alarm in show.view.alarms if alarm.cause is AlarmCause.PARAMETER_CHANGED and alarm.lasts
     )
 
 
-async def another_station_sets(show: Show, name: str, value: ParameterValue) -> None:
+async def another_station_sets(show: VirtualShow, name: str, value: ParameterValue) -> None:
     """PX4 tells every station what one of them has set."""
     await show.link.set_parameter("d2", name, value)
     await show.wait(1.0)
 
 
-async def changed_in_flight(show: Show) -> Changed:
+async def changed_in_flight(show: VirtualShow) -> Changed:
     await another_station_sets(show, "MPC_YAWRAUTO_MAX", 40.0)  # preflight demands nothing of it
     assert of_parameters(show) == ()
     await another_station_sets(show, "COM_OF_LOSS_T", 5.0)
@@ -54,7 +54,7 @@ def test_parameter_changed_in_flight_raises_an_alarm() -> None:
     assert changed.after == ()
 
 
-async def changed_on_the_ground(show: Show) -> tuple[tuple[Alarm, ...], str, int]:
+async def changed_on_the_ground(show: VirtualShow) -> tuple[tuple[Alarm, ...], str, int]:
     await show.standby()
     reads = show.ports.reads()
     await another_station_sets(show, "COM_OBL_RC_ACT", 0)
@@ -69,7 +69,7 @@ def test_parameter_changed_on_the_ground_fails_preflight() -> None:
     assert reads <= 1, "at most by the refusal itself"
 
 
-async def changed_while_read(show: Show) -> tuple[tuple[Alarm, ...], str]:
+async def changed_while_read(show: VirtualShow) -> tuple[tuple[Alarm, ...], str]:
     """A refused start begins a read; a parameter is set once its old value was read."""
     await show.standby()
     await another_station_sets(show, "COM_OF_LOSS_T", 5.0)

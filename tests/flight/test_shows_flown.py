@@ -15,7 +15,7 @@ from gcs.recording.session import Record
 from gcs.service import CommandRecord, Outcome, SelectedShow, ShowAction
 from gcs.shows import Timeline, parse
 from gcs.testing.views import vehicles_of
-from gcs.testing.virtual_show import JUMP_M_S, Show, Track, refused
+from gcs.testing.virtual_show import JUMP_M_S, FlownTrack, VirtualShow, refused
 from tests.support.audit_rows import events
 from tests.support.written_show import NAME, TEXT, config, fly, select
 
@@ -26,14 +26,14 @@ CRANE = Obstacle("crane", 60.0, -60.0, 2.0, 2.0, 20.0)
 
 class Flight(NamedTuple):
     timeline: Timeline
-    track: Track
+    track: FlownTrack
     started: CommandRecord
     paused_s: tuple[float, float]
     refusals: dict[str, str]
     floor_violations: int
 
 
-async def whole_show(show: Show) -> Flight:
+async def whole_show(show: VirtualShow) -> Flight:
     service = show.service
     show_hash = select(show)
     await show.standby()
@@ -68,7 +68,7 @@ async def whole_show(show: Show) -> Flight:
     )
 
 
-def selected(show: Show) -> SelectedShow:
+def selected(show: VirtualShow) -> SelectedShow:
     found = show.view.selected
     assert found is not None
     return found
@@ -88,9 +88,9 @@ def flight(tmp_path_factory: pytest.TempPathFactory, runs: Path) -> Flight:
         return fly(whole_show, asked, record=record)
 
 
-def running(flight: Flight) -> Track:
+def running(flight: Flight) -> FlownTrack:
     samples = tuple(sample for sample in flight.track.samples if sample.view.show is ShowPhase.RUNNING)
-    return Track(samples, flight.track.ids)
+    return FlownTrack(samples, flight.track.ids)
 
 
 def test_timeline_sets_formation_and_orbit_in_every_tick(flight: Flight) -> None:

@@ -13,7 +13,7 @@ from gcs.recording.audit_reader import last_known
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.session import Record
 from gcs.service import ShowAction
-from gcs.testing.virtual_show import Show
+from gcs.testing.virtual_show import VirtualShow
 from tests.support.written_show import config, fly, select
 
 ALL = ("d1", "d2", "d3", "d4")
@@ -27,7 +27,7 @@ def test_a_show_is_recorded_with_its_fence_and_its_lights(
     (tmp_path / "shows").mkdir()
     service_m = plan.control.safety.fence.distance_max_m
 
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.standby()
         show_hash = select(show)
         show.service.commands.command_show(ShowAction.START, ALL, show_hash=show_hash)

@@ -11,7 +11,7 @@ from gcs.model.errors import InvalidError, RefusedError, UnknownError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle
 from gcs.service import Outcome, ShowAction, VehicleAction
-from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, alarm_texts, refused
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, VirtualShow, alarm_texts, refused
 from tests.support.written_show import NAME, TEXT, answer, check, config, fly, keep, select
 
 ALL = ("d1", "d2", "d3", "d4")
@@ -32,7 +32,7 @@ def box(name: str, y_m: float = -60.0) -> Obstacle:
 
 
 def test_start_must_name_the_checked_show(tmp_path: Path) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         service = show.service
         await show.standby()
 
@@ -61,7 +61,7 @@ def test_start_must_name_the_checked_show(tmp_path: Path) -> None:
         assert show.vehicle("d4").light is None
         assert [show.vehicle(name).light for name in ALL[:3]] == ["#ff0000", "#0000ff", "#ff0000"]
 
-    async def start_refused_with_one_silent(show: Show, show_hash: str) -> str:
+    async def start_refused_with_one_silent(show: VirtualShow, show_hash: str) -> str:
         show.ports.silence("d4")
         await show.wait(5.0)
         refusal = await refused(
@@ -88,7 +88,7 @@ def test_start_must_name_the_checked_show(tmp_path: Path) -> None:
 def test_show_that_would_fly_differently_cannot_be_selected(
     tmp_path: Path, sections: dict[str, dict[str, object]], says: str
 ) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         show_hash = check(show)
         refusal = await refused(show, lambda: show.service.player.select(NAME, show_hash))
         assert refusal.kind is RefusedError
@@ -110,7 +110,7 @@ def test_rest_check_reports_all_that_select_would_refuse(
 ) -> None:
     """Before: "good to fly" on the card, refused on Select, and still good to fly."""
 
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         show_hash = check(show)
         transport = httpx.ASGITransport(create_app(show.service))
         async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as api:
@@ -140,7 +140,7 @@ def test_rest_check_reports_all_that_select_would_refuse(
 
 
 def test_obstacles_of_show_and_operator_are_kept_apart(tmp_path: Path) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         service = show.service
         show_hash = check(show)
         service.plan.add_obstacle(box("tower"))
@@ -165,7 +165,7 @@ def test_obstacles_of_show_and_operator_are_kept_apart(tmp_path: Path) -> None:
 
 
 def test_deselected_show_restores_the_earlier_plan(tmp_path: Path) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         service = show.service
         service.plan.set_formation(Formation(9.0, 16.0))
         select(show)
@@ -185,7 +185,7 @@ def test_deselected_show_restores_the_earlier_plan(tmp_path: Path) -> None:
 def test_vertical_overlaps_of_the_check_are_named_before_takeoff(tmp_path: Path) -> None:
     found = {"upper": 4, "lower": 1, "sideways_m": 0.4, "cue": "turn"}
 
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.standby()
         keep(show)
         checked = show.service.shows.found(NAME, TEXT.encode(), {**answer(TEXT), "columns": [found]})
@@ -201,7 +201,7 @@ def test_vertical_overlaps_of_the_check_are_named_before_takeoff(tmp_path: Path)
 
 
 def test_a_start_at_a_clock_time_counts_down_and_takes_off_then(tmp_path: Path) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         service = show.service
         await show.standby()
         show_hash = select(show)
@@ -225,7 +225,7 @@ def test_a_start_at_a_clock_time_counts_down_and_takes_off_then(tmp_path: Path) 
 
 
 def test_called_off_countdown_fails_its_command_no_takeoff(tmp_path: Path) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         service = show.service
         await show.standby()
         show_hash = select(show)
@@ -245,7 +245,7 @@ def test_called_off_countdown_fails_its_command_no_takeoff(tmp_path: Path) -> No
 
 @pytest.mark.parametrize("what", ["silent", "changed", "clock"])
 def test_change_before_the_clock_time_calls_the_start_off(tmp_path: Path, what: str) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         service = show.service
         await show.standby()
         show_hash = select(show)
@@ -269,7 +269,7 @@ def test_change_before_the_clock_time_calls_the_start_off(tmp_path: Path, what: 
 
 @pytest.mark.parametrize("ahead_s", [-1.0, 0.0, 2e5, float("nan")])
 def test_a_clock_time_that_is_past_or_far_is_refused(tmp_path: Path, ahead_s: float) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.standby()
         at_s = show.unix() + ahead_s
         refusal = await refused(
@@ -282,7 +282,7 @@ def test_a_clock_time_that_is_past_or_far_is_refused(tmp_path: Path, ahead_s: fl
 
 
 def test_on_the_ground_a_show_is_set_to_a_cue_and_begins_there(tmp_path: Path) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         service = show.service
         await show.standby()
         refusal = await refused(show, lambda: service.player.seek("turn"))
@@ -311,7 +311,7 @@ def test_on_the_ground_a_show_is_set_to_a_cue_and_begins_there(tmp_path: Path) -
 
 @pytest.mark.soak
 def test_vehicle_found_airborne_does_not_begin_an_unstarted_show(tmp_path: Path) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         service = show.service
         await show.standby()
         await show.start()

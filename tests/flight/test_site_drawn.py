@@ -14,7 +14,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array
 from gcs.service import SelectedShow, ShowAction
 from gcs.shows.formats import write_drawing
-from gcs.testing.virtual_show import HOLDS_WHEN_LOST, Show, fly, show_config
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, VirtualShow, fly, show_config
 from gcs.testing.virtual_site import SiteShow, fly_on_pads, site_config
 from tests.support.drawn_flight import COUNT, DRAWING, FRAME, NAME, SPACING_M, checked, on_pads, write_show
 from tests.support.drawn_shows import drawn_show
@@ -91,7 +91,7 @@ def off_m(show: SiteShow) -> Array:
 def alone_rms_m(folder: Path) -> float:
     """Track error of the same show flown by one station."""
 
-    async def story(show: Show) -> float:
+    async def story(show: VirtualShow) -> float:
         text, answer = checked(folder / f"{NAME}.yaml", "{}")
         reported = show.service.shows.found(NAME, text.encode(), dict(answer))
         show.service.player.select(NAME, reported.hash or "")

@@ -9,11 +9,11 @@ from gcs.model.interrupted_flight import Before, Interruption, Offer
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.recording.session import Record
 from gcs.service import Outcome
-from gcs.testing.virtual_site import SiteShow, Station, fly_site, site_config
+from gcs.testing.virtual_site import SiteShow, VirtualStation, fly_site, site_config
 from tests.flight.test_site_api import BUS, call
 
 
-def record_of(station: Station, folder: Path) -> Record:
+def record_of(station: VirtualStation, folder: Path) -> Record:
     """A record: its newest session ended while all vehicles of the station were in formation."""
     rows, config = station.view.rows, station.config
     vehicles = {}

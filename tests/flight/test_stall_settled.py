@@ -14,7 +14,7 @@ from gcs.testing.views import vehicles_of
 from gcs.testing.virtual_show import (
     HOLDS_WHEN_LOST,
     JUMP_M_S,
-    Show,
+    VirtualShow,
     fly,
     refused,
     show_config,
@@ -28,7 +28,7 @@ from tests.support.written_show import fly as fly_written
 FIRST = ("d1", "d2", "d3")
 
 
-async def cut_off(show: Show, stalled_s: float = 4.0) -> None:
+async def cut_off(show: VirtualShow, stalled_s: float = 4.0) -> None:
     await running(show)
     await show.wait(3.0)
     stall(show, stalled_s)
@@ -36,7 +36,7 @@ async def cut_off(show: Show, stalled_s: float = 4.0) -> None:
 
 
 def test_stall_reports_uncontrolled_vehicles_and_does_nothing() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await cut_off(show, 4.4)
         view = show.view
         assert view.show is ShowPhase.UNCONTROLLED
@@ -57,7 +57,7 @@ def test_stall_reports_uncontrolled_vehicles_and_does_nothing() -> None:
 
 
 def test_recovered_vehicles_re_form_and_resume() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         record = await show.settled(show.service.recovery.settle(Offer.TAKE_OVER))
         assert {part.outcome for part in record.outcomes.values()} == {Outcome.DONE}
         assert show.view.show is ShowPhase.PAUSED
@@ -74,7 +74,7 @@ def test_recovered_vehicles_re_form_and_resume() -> None:
 
 @pytest.mark.soak
 def test_vehicle_piloted_around_the_stall_stays_piloted() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         show.befall("d1", "pilot")
         await show.phase("d1", Phase.PILOT)
         await show.wait(1.0)
@@ -97,7 +97,7 @@ def test_vehicle_piloted_around_the_stall_stays_piloted() -> None:
 
 @pytest.mark.soak
 def test_late_pilot_takeover_is_not_explained_by_the_stall() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.command("d1", VehicleAction.TAKE_CONTROL)
         show.befall("d1", "pilot")
         await show.phase("d1", Phase.PILOT)
@@ -109,7 +109,7 @@ def test_late_pilot_takeover_is_not_explained_by_the_stall() -> None:
 
 @pytest.mark.soak
 def test_a_short_pause_of_the_service_explains_nothing() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         stall(show, 0.4)
         await show.wait(4.0)
         assert show.view.show is ShowPhase.RUNNING
@@ -120,7 +120,7 @@ def test_a_short_pause_of_the_service_explains_nothing() -> None:
 
 @pytest.mark.soak
 def test_pause_on_the_way_home_stands_and_stop_lands() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         show.service.commands.command_show(ShowAction.STOP)
         await show.wait(4.0)
         await show.show(ShowAction.PAUSE)
@@ -138,7 +138,7 @@ def test_pause_on_the_way_home_stands_and_stop_lands() -> None:
 
 @pytest.mark.soak
 def test_takeoffs_delayed_by_a_stall_follow_one_another() -> None:
-    async def story(show: Show) -> list[float]:
+    async def story(show: VirtualShow) -> list[float]:
         await show.standby()
         show.service.commands.command_show(ShowAction.START)
         await show.wait(0.5)
@@ -155,7 +155,7 @@ def test_takeoffs_delayed_by_a_stall_follow_one_another() -> None:
 
 @pytest.mark.soak
 def test_service_ending_after_a_stall_knows_its_vehicles(tmp_path: Path) -> None:
-    async def goes_on(show: Show) -> None:
+    async def goes_on(show: VirtualShow) -> None:
         await show.until(lambda: {seen.phase for seen in vehicles_of(show.view)} == {Phase.PILOT})
         assert show.view.show is ShowPhase.UNCONTROLLED
         show.service.recovery.settle(Offer.BRING_HOME)
@@ -165,7 +165,7 @@ def test_service_ending_after_a_stall_knows_its_vehicles(tmp_path: Path) -> None
 
 
 def test_stop_during_recovery_reaches_vehicles_that_hold() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         show.ports.silence("d4", up=False)
         take_over = show.service.recovery.settle(Offer.TAKE_OVER)
         await show.until(lambda: [show.vehicle(name).phase for name in FIRST] == [Phase.HOLD] * 3)
@@ -183,7 +183,7 @@ def test_stop_during_recovery_reaches_vehicles_that_hold() -> None:
 
 @pytest.mark.soak
 def test_repeated_recovery_leaves_nothing_pending() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         show.ports.silence("d4", up=False)
         first = show.service.recovery.settle(Offer.TAKE_OVER)
         await show.until(lambda: [show.vehicle(name).phase for name in FIRST] == [Phase.HOLD] * 3)
@@ -197,7 +197,7 @@ def test_repeated_recovery_leaves_nothing_pending() -> None:
 
 @pytest.mark.soak
 def test_fleet_command_skips_vehicles_without_heartbeats() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         show.ports.beatless.add("d1")
         await show.wait(1.0)
         show.befall("d1", "pilot")
@@ -224,7 +224,7 @@ def test_fleet_command_skips_vehicles_without_heartbeats() -> None:
 
 @pytest.mark.soak
 def test_end_of_a_written_show_takes_no_control(tmp_path: Path) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         show_hash = select(show)
         await show.standby()
         show.service.player.seek("tower")  # 8 s before its end

@@ -14,11 +14,11 @@ from gcs.service import Outcome, ShowAction
 from gcs.service.alarms import AlarmCause
 from gcs.sim.vehicle.px4 import Mode as PilotMode
 from gcs.testing.views import vehicles_of
-from gcs.testing.virtual_show import HOLDS_WHEN_LOST, SLOWLY_DISARMED, Show, fly, show_config
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, SLOWLY_DISARMED, VirtualShow, fly, show_config
 from tests.support.show_phases import aborting, arming, assembling, on_the_pads, paused, returning, running
 from tests.support.stalls import floor_violations, stall
 
-Into = Callable[[Show], Awaitable[None]]
+Into = Callable[[VirtualShow], Awaitable[None]]
 
 COUNT = 5
 TRUE_WITHIN_S = 1.0
@@ -28,12 +28,12 @@ FLIES_M, STANDS_M = 0.6, 0.002
 DOWN = frozenset({ShowPhase.IDLE, ShowPhase.COUNTDOWN, ShowPhase.PREFLIGHT, ShowPhase.LANDED})
 
 
-async def counting_down(show: Show) -> None:
+async def counting_down(show: VirtualShow) -> None:
     await show.standby()
     show.service.commands.command_show(ShowAction.START, at_unix_time_s=show.unix() + 30.0)
 
 
-async def uncontrolled(show: Show) -> None:
+async def uncontrolled(show: VirtualShow) -> None:
     await running(show)
     await show.wait(1.0)
     stall(show, 3.0)
@@ -71,7 +71,7 @@ CASES = [
 """`make test` flies two phases once, `make soak` each with two moments and lengths."""
 
 
-def assert_true(show: Show) -> None:
+def assert_true(show: VirtualShow) -> None:
     """The phase and the counts are what the simulated vehicles really do."""
     view, counts = show.view, show.view.counts
     heights_m = -show.true_m[:, 2]
@@ -87,7 +87,7 @@ def assert_true(show: Show) -> None:
         assert f"{counts.airborne} vehicle" in view.reason
 
 
-async def stalls_once(show: Show, turn: int, into: Into, stalled_s: float) -> Array:
+async def stalls_once(show: VirtualShow, turn: int, into: Into, stalled_s: float) -> Array:
     """Lead the show into a phase, and stall at a random moment. Returns: (n, 3) the pads, show frame."""
     chance = random.Random(turn)
     await into(show)
@@ -111,7 +111,7 @@ ALL_DOWN = Counts(0, 0, 0, on_ground=COUNT, offline=0)
 NEAR_PADS_M = 1.5
 
 
-async def landed_by_one_stop(show: Show, pads_m: Array) -> Landed:
+async def landed_by_one_stop(show: VirtualShow, pads_m: Array) -> Landed:
     record = await show.settled(show.service.commands.command_show(ShowAction.STOP), 150.0)
     await show.until(lambda: show.view.show in {ShowPhase.LANDED, ShowPhase.IDLE})
     await show.wait(0.2)
@@ -124,7 +124,7 @@ async def landed_by_one_stop(show: Show, pads_m: Array) -> Landed:
 def test_stall_state_is_true_and_one_command_returns_all(turn: int, into: Into, stalled_s: float) -> None:
     """Within a second of a stall the shown state is true; one command brings all home."""
 
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         pads_m = await stalls_once(show, turn, into, stalled_s)
         await show.wait(TRUE_WITHIN_S)
         assert_true(show)
@@ -160,7 +160,7 @@ EARLY_CASES = [
 def test_stop_before_modes_are_known_returns_all(
     turn: int, into: Into, stalled_s: float, after_s: float
 ) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         pads_m = await stalls_once(show, turn, into, stalled_s)
         if after_s:  # otherwise before the first tick
             await show.wait(after_s)
@@ -176,7 +176,7 @@ def test_stop_before_modes_are_known_returns_all(
 @pytest.mark.keeps("descend")
 @pytest.mark.parametrize("action", ["descend", "land", "return"])
 def test_stall_explains_the_mode_of_the_configured_failsafe(action: str) -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await running(show)
         show.befall("d1", "pilot")
         stall(show, 2.5)
@@ -203,7 +203,7 @@ def test_stall_explains_the_mode_of_the_configured_failsafe(action: str) -> None
 
 @pytest.mark.soak
 def test_vehicle_nearly_landed_by_its_failsafe_may_touch_down() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         await show.wait(1.0)
         stall(show, 2.5)
         await show.until(lambda: 0.3 < -show.true_m[:, 2].min() < 1.0)
@@ -218,7 +218,7 @@ def test_vehicle_nearly_landed_by_its_failsafe_may_touch_down() -> None:
 
 
 def test_stall_alarm_names_the_commands_for_recovery() -> None:
-    async def story(show: Show) -> None:
+    async def story(show: VirtualShow) -> None:
         stall(show, 4.0)
         await show.wait(TRUE_WITHIN_S)
         alarms = [each for each in show.view.alarms if each.cause is AlarmCause.OWN_FAILSAFE]

@@ -10,7 +10,7 @@ from gcs.service import Outcome, ShowAction
 from gcs.sim.vehicle import versions
 from gcs.sim.vehicle.px4 import Quirks
 from gcs.testing.views import vehicles_of
-from gcs.testing.virtual_show import Show, alarm_texts, fly
+from gcs.testing.virtual_show import VirtualShow, alarm_texts, fly
 from tests.flight.test_shipped_pads import shipped
 
 READY_MAX_S = 20.0
@@ -29,7 +29,7 @@ class Outcomes(NamedTuple):
     alarms: list[str]
 
 
-async def story(show: Show) -> Outcomes:
+async def story(show: VirtualShow) -> Outcomes:
     service, alarms = show.service, list[str]()
     await show.until(lambda: all(seen.ready for seen in vehicles_of(show.view)), BOOTED_MAX_S)
     ready_s = await show.until(lambda: service.preflight.report().passes, READY_MAX_S)

@@ -7,7 +7,7 @@ import pytest
 
 from gcs.model.plan import Obstacle, Orbit, Target
 from gcs.model.state import Array
-from gcs.testing.virtual_show import TARGET_M, Show, alarm_texts, fly, show_config
+from gcs.testing.virtual_show import TARGET_M, VirtualShow, alarm_texts, fly, show_config
 
 X_M, Y_M = TARGET_M
 HALL = Obstacle("hall", X_M + 45.0, Y_M, 8.0, 12.0, 60.0)
@@ -27,16 +27,16 @@ class Flight(NamedTuple):
     floor_violations: int
 
 
-def center_m(show: Show) -> Array:
+def center_m(show: VirtualShow) -> Array:
     assert show.view.center_m is not None
     return np.array(show.view.center_m)
 
 
-def named(show: Show) -> bool:
+def named(show: VirtualShow) -> bool:
     return any("obstacle hall" in text for text in alarm_texts(show))
 
 
-async def story(show: Show) -> Flight:
+async def story(show: VirtualShow) -> Flight:
     service = show.service
     await show.start()
     service.plan.set_orbit(Orbit(0.0, 4.0))

@@ -27,14 +27,14 @@ from gcs.testing.virtual_show import (
     HOLDS_WHEN_LOST,
     READY_AT_ONCE,
     SOON_DISARMED,
-    Show,
     Story,
     T,
+    VirtualShow,
     begin_of,
     load_machine_code,
     show_config,
 )
-from gcs.testing.virtual_time import AtOnce, Loop, UnixClock
+from gcs.testing.virtual_time import AtOnce, UnixClock, VirtualLoop
 from tests.support.written_show import on_pads
 
 ALL = ("d1", "d2", "d3", "d4")
@@ -45,14 +45,14 @@ def four(**sections: dict[str, object]) -> Config:
     return show_config(4, operation=HOLDS_WHEN_LOST, **sections)
 
 
-async def fly_for_a_while(show: Show) -> None:
+async def fly_for_a_while(show: VirtualShow) -> None:
     show.service.plan.set_formation(Formation(radius_m=7.0, height_m=15.0))
     show.service.plan.add_obstacle(BOX)
     await show.start()
     await show.wait(3.0)
 
 
-async def found(show: Show) -> None:
+async def found(show: VirtualShow) -> None:
     """Every vehicle has reported again."""
     await show.until(lambda: {seen.phase for seen in vehicles_of(show.view)} == {Phase.PILOT})
 
@@ -61,7 +61,7 @@ class Vehicles:
     """A fake fleet, and the services that control it one after the other."""
 
     def __init__(self, config: Config) -> None:
-        self._loop, self._unix = Loop(), UnixClock()
+        self._loop, self._unix = VirtualLoop(), UnixClock()
         self._fleet = self._loop.play(self._fleet_of(config))
 
     def close(self) -> None:
@@ -103,7 +103,7 @@ class Vehicles:
         with record:
             planning = AtOnce()
             service = Orchestrator(config, [link], record, unix_s=self._unix, planning=planning)
-            show = Show(config, self._fleet, link, service, self._unix, planning)
+            show = VirtualShow(config, self._fleet, link, service, self._unix, planning)
             tasks = {asyncio.create_task(service.run()), asyncio.create_task(show.record(record))}
             await show.wait(0.0)
             reported = asyncio.ensure_future(story(show))

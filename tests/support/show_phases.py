@@ -2,38 +2,38 @@
 
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import ShowAction
-from gcs.testing.virtual_show import Show
+from gcs.testing.virtual_show import VirtualShow
 
 
-async def on_the_pads(show: Show) -> None:
+async def on_the_pads(show: VirtualShow) -> None:
     await show.standby()
 
 
-async def arming(show: Show) -> None:
+async def arming(show: VirtualShow) -> None:
     await show.standby()
     show.service.commands.command_show(ShowAction.START)
 
 
-async def assembling(show: Show) -> None:
+async def assembling(show: VirtualShow) -> None:
     await arming(show)
     await show.reach(ShowPhase.ASSEMBLING)
 
 
-async def running(show: Show) -> None:
+async def running(show: VirtualShow) -> None:
     if show.view.show is not ShowPhase.RUNNING:
         await show.start()
 
 
-async def paused(show: Show) -> None:
+async def paused(show: VirtualShow) -> None:
     await running(show)
     show.service.commands.command_show(ShowAction.PAUSE)
 
 
-async def returning(show: Show) -> None:
+async def returning(show: VirtualShow) -> None:
     await running(show)
     show.service.commands.command_show(ShowAction.STOP)
 
 
-async def aborting(show: Show) -> None:
+async def aborting(show: VirtualShow) -> None:
     await running(show)
     show.service.commands.command_show(ShowAction.ABORT)

@@ -7,13 +7,13 @@ import numpy as np
 
 from gcs.model.state import Array
 from gcs.safety.floor import minimum_separation
-from gcs.testing.virtual_show import Show
+from gcs.testing.virtual_show import VirtualShow
 
 RECEIVED_FIRST: float = 1.0
 """Share of the messages sent meanwhile that is received afterwards: buffers overflow and keep the oldest."""
 
 
-def stall(show: Show, seconds: float, *, kept_share: float = RECEIVED_FIRST) -> Array:
+def stall(show: VirtualShow, seconds: float, *, kept_share: float = RECEIVED_FIRST) -> Array:
     """Let time pass for the vehicles only; the station receives their messages when it continues.
 
     Args:
@@ -34,7 +34,7 @@ def stall(show: Show, seconds: float, *, kept_share: float = RECEIVED_FIRST) -> 
     return np.array(true_m)
 
 
-def floor_violations(show: Show, true_m: Array) -> int:
+def floor_violations(show: VirtualShow, true_m: Array) -> int:
     """Number of steps at which the true positions of a pair were inside the floor."""
     floor, all_vehicles = show.config.control.safety.floor, np.ones(len(show.config.ids), dtype=np.bool_)
     return sum(minimum_separation(here_m, all_vehicles, floor)[1] > 0 for here_m in true_m)

@@ -11,7 +11,7 @@ from gcs.recording.session import Record
 from gcs.shows import parse
 from gcs.simulation.rehearsal import rehearse
 from gcs.simulation.verdict import judge
-from gcs.testing.virtual_show import HEADING_DEG, Show, Story, T, show_config
+from gcs.testing.virtual_show import HEADING_DEG, Story, T, VirtualShow, show_config
 from gcs.testing.virtual_show import fly as fly_anywhere
 
 NAME = "small"
@@ -68,13 +68,13 @@ def config(folder: Path, **sections: Any) -> Config:
     return show_config(4, shows={"folder": folder}, **sections)
 
 
-def keep(show: Show, text: str = TEXT, name: str = NAME) -> None:
+def keep(show: VirtualShow, text: str = TEXT, name: str = NAME) -> None:
     """Write the file into the folder of the service."""
     assert show.config.shows is not None
     (show.config.shows.folder / f"{name}.yaml").write_text(text)
 
 
-def check(show: Show, text: str = TEXT, name: str = NAME) -> str:
+def check(show: VirtualShow, text: str = TEXT, name: str = NAME) -> str:
     """Write the file and its check. Returns: the hash for the start."""
     keep(show, text, name)
     reported = show.service.shows.found(name, text.encode(), dict(answer(text)))
@@ -83,7 +83,7 @@ def check(show: Show, text: str = TEXT, name: str = NAME) -> str:
     return reported.hash
 
 
-def select(show: Show, text: str = TEXT) -> str:
+def select(show: VirtualShow, text: str = TEXT) -> str:
     """Check and select a show."""
     show_hash = check(show, text)
     show.service.player.select(NAME, show_hash)

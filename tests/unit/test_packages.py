@@ -30,3 +30,13 @@ def test_no_module_lies_flat_in_gcs() -> None:
 
 def test_at_most_twenty_two_packages() -> None:
     assert len([path for path in PACKAGES if path.parent.name == "gcs"]) <= 22
+
+
+def test_no_two_classes_of_gcs_share_a_name() -> None:
+    """The API's schemas and the fake vehicles have worlds of their own: `api/` and `sim/` do not count."""
+    modules: dict[str, list[str]] = {}
+    for path in (ROOT / "gcs").rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef):
+                modules.setdefault(node.name, []).append(str(path.relative_to(ROOT)))
+    assert {name: found for name, found in modules.items() if len(found) > 1} == {}

@@ -19,7 +19,7 @@ from gcs.links.intake import Intake
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.return_paths.paths import ReturnPaths
 from gcs.preflight.vehicles import Placed
-from gcs.recording.sample import Elsewhere as RecordedElsewhere
+from gcs.recording.sample import RecordedElsewhere
 from gcs.service import CommandRecord, FleetView, ShowAction
 from gcs.service.alarms import Condition
 from gcs.shows import Flaw, Show

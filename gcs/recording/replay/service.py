@@ -19,7 +19,7 @@ from gcs.model.state import Landed
 from gcs.model.vehicle_columns import RECORDED, unknown
 from gcs.recording import mcap_layout as layout
 from gcs.recording.flight_report import EXIT_CODES
-from gcs.recording.mcap_reader import About, FlightData, RecordedSample, Sample, Standard
+from gcs.recording.mcap_reader import About, FlightData, ReadSample, RecordedSample, Standard
 from gcs.recording.replay.history import EventHistory, replay_alarm
 from gcs.service import FleetView, Latest, Playback, PlaybackChange, ReportState
 from gcs.service.alarms import ordered
@@ -257,7 +257,7 @@ class Replay:
             if self._sought:
                 return
 
-    def _skip(self, sample: Sample) -> None:
+    def _skip(self, sample: ReadSample) -> None:
         """Skip time in which no vehicle flies; not while paused."""
         if not self._head.skips_idle or self._head.paused or self._sought:
             return
@@ -267,7 +267,7 @@ class Replay:
                 self._head.change(self._now_s(), position_s=span.until_s)
                 self._sought = True
 
-    def _left_s(self, sample: Sample) -> float:
+    def _left_s(self, sample: ReadSample) -> float:
         return self._head.left_s(sample.unix_s - self._began_s, self._now_s())
 
     async def _wait(self, most_s: float) -> None:
@@ -277,7 +277,7 @@ class Replay:
             async with asyncio.timeout(most_s):
                 await self._changed.wait()
 
-    def _show(self, sample: Sample) -> None:
+    def _show(self, sample: ReadSample) -> None:
         self._moment, self._shown_s = sample, self._now_s()
         self.view.promise(partial(self._state, sample, self._shown_s, ended=self._ended))
 
@@ -307,7 +307,7 @@ class Replay:
     def newest(self) -> Sequence[LogEvent]:
         return self._event_history.until(self._moment.unix_s)
 
-    def _state(self, sample: Sample, now_s: float, *, ended: bool) -> FleetView:
+    def _state(self, sample: ReadSample, now_s: float, *, ended: bool) -> FleetView:
         flown = self._data.decoded(sample)
         tick, status = flown.tick, flown.status
         start_unix_s, replay = status.start_unix_time_s, (self._data.path, self._began_s)

@@ -20,7 +20,7 @@ from gcs.model.vehicle_columns import unknown
 from gcs.recording import mcap_layout as layout
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.mcap_writer import WAITING_MAX, FlightFile, LogLine
-from gcs.recording.sample import Elsewhere, Sample
+from gcs.recording.sample import RecordedElsewhere, Sample
 from gcs.recording.session import Record
 from gcs.recording.trajectories import estimated
 from tests.support.machine import soon
@@ -52,11 +52,11 @@ def moving(count: int) -> list[Sample]:
     ]
 
 
-def with_others(made: Sample, elsewhere: Elsewhere) -> Sample:
+def with_others(made: Sample, elsewhere: RecordedElsewhere) -> Sample:
     return replace(made, elsewhere=elsewhere)
 
 
-def others_at(x_m: float, shown: list[int] | None = None) -> Elsewhere:
+def others_at(x_m: float, shown: list[int] | None = None) -> RecordedElsewhere:
     """Two vehicles of another station, at 2 m/s."""
     rows = layout.packed_state(
         np.array([[x_m, 5.0, -20.0], [x_m, 9.0, -20.0]]),
@@ -66,7 +66,7 @@ def others_at(x_m: float, shown: list[int] | None = None) -> Elsewhere:
         {},
     )
     one_each = None if shown is None else np.array(shown)
-    return Elsewhere(("e1", "e2"), rows, ("flown by station east",) * 2, one_each, ShowPhase.RUNNING)
+    return RecordedElsewhere(("e1", "e2"), rows, ("flown by station east",) * 2, one_each, ShowPhase.RUNNING)
 
 
 def test_vehicles_elsewhere_are_read_at_each_tick(tmp_path: Path) -> None:
