@@ -25,7 +25,7 @@ ROW = """\
             api="wind_m_s",
             label="Wind",
             record="wind_m_s",
-            bus=Steps(0.5, least=-10.0),
+            bus=ByteSteps(0.5, least=-10.0),
             metric="gcs_vehicle_wind_meters_per_second",
         ),
     ]
