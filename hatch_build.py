@@ -1,9 +1,11 @@
-"""Puts the built console into the wheel, and builds it first if needed (from an sdist or a plain checkout).
+"""Puts the built console and the documents into the wheel; builds the console first if needed.
 
 The Makefile builds it beforehand, with the same Node (its group `node` in pyproject.toml).
 """
 
 import os
+import re
+import shutil
 import tomllib
 from importlib import import_module
 from importlib.util import find_spec
@@ -13,6 +15,13 @@ from typing import Any, Final
 from hatchling.builders.hooks.plugin.interface import BuildHookInterface
 
 CONSOLE: Final = "api/console"
+DOCS: Final = "docs"
+TEXTS: Final = {".json", ".md", ".py", ".service"}
+"""Suffixes of the documents in a wheel, as `gcs files` lists them: no pictures."""
+REPOSITORY: Final = "https://github.com/formation-gcs/formation-gcs/blob/main"
+GENERATED: Final = {"docs/reference/configuration.md": "gcs/config/schema.py"}
+"""Pages that only the site has, and the file that they are made of."""
+RELATIVE_LINK: Final = re.compile(r"(?<=\]\()(?!https?:|mailto:|#)([^)#\s]+)")
 
 
 class ConsoleHook(BuildHookInterface[Any]):
@@ -35,6 +44,27 @@ class ConsoleHook(BuildHookInterface[Any]):
         if not is_built(folder):
             build(folder)
         build_data["force_include"][str(folder / "dist")] = f"gcs/{CONSOLE}/dist"
+        documents = Path(self.root) / "build" / DOCS
+        pack_documents(Path(self.root), documents)
+        build_data["force_include"][str(documents)] = "gcs/_docs"
+
+
+def pack_documents(root: Path, to: Path) -> None:
+    """Copy the texts of `docs`; links to what a wheel lacks become addresses of the repository."""
+    shutil.rmtree(to, ignore_errors=True)
+    for source in (root / DOCS).rglob("*"):
+        if source.suffix not in TEXTS:
+            continue
+
+        def link(found: re.Match[str], folder: Path = source.parent) -> str:
+            path = (folder / found[1]).resolve().relative_to(root.resolve())
+            inside = path.suffix in TEXTS and path.is_relative_to(DOCS) and (root / path).is_file()
+            return found[1] if inside else f"{REPOSITORY}/{GENERATED.get(str(path), path)}"
+
+        text = source.read_text(encoding="utf-8")
+        copy = to / source.relative_to(root / DOCS)
+        copy.parent.mkdir(parents=True, exist_ok=True)
+        copy.write_text(RELATIVE_LINK.sub(link, text) if source.suffix == ".md" else text, encoding="utf-8")
 
 
 def is_built(folder: Path) -> bool:

@@ -101,24 +101,14 @@ def _create_site_keys(arguments: argparse.Namespace) -> int:
     return 0
 
 
-NAMES = (
-    "architecture.md",
-    "flight-quality.md",
-    "formation-gcs.service",
-    "grafana/formation.json",
-    "invariants.md",
-    "latency.md",
-    "operations.md",
-    "operations/administrator.md",
-    "operations/after-the-show.md",
-    "operations/before-the-show.md",
-    "operations/in-flight.md",
-    "operator-card.md",
-    "px4.md",
-    "records.md",
-    "stream.md",
-)
-"""Files of the repository's folder `docs`; pyproject.toml puts the same files into the wheel."""
+TEXTS: Final = {".json", ".md", ".py", ".service"}
+"""Suffixes of the documents that `gcs files` lists; hatch_build.py puts them into the wheel."""
+
+
+def names() -> list[str]:
+    """Return the documents of the folder, without pictures."""
+    texts = (path for path in folder().rglob("*") if path.suffix in TEXTS)
+    return sorted(str(path.relative_to(folder())) for path in texts)
 
 
 def add_files_arguments(parser: argparse.ArgumentParser) -> None:
@@ -138,12 +128,12 @@ def folder() -> Path:
 def run_files(arguments: argparse.Namespace) -> int:
     """List the files or print one. Returns: 0. Raises: ConfigError when there is no such file."""
     if arguments.action == "list":
-        paths = {name: str(folder() / name) for name in NAMES}
+        paths = {name: str(folder() / name) for name in names()}
         document = [{"name": name, "path": path} for name, path in paths.items()]
-        answer(arguments, document, "\n".join(f"{name:<30} {path}" for name, path in paths.items()))
+        answer(arguments, document, "\n".join(f"{name:<52} {path}" for name, path in paths.items()))
         return 0
-    if arguments.name not in NAMES:
-        raise ConfigError(f"{arguments.name}: there is no such file; there are {', '.join(NAMES)}")
+    if arguments.name not in names():
+        raise ConfigError(f"{arguments.name}: there is no such file; gcs files list names them")
     text = (folder() / arguments.name).read_text(encoding="utf-8")
     answer(arguments, {"name": arguments.name, "text": text}, text.removesuffix("\n"))
     return 0

@@ -8,10 +8,11 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from gcs.cli.output import answer, picture_file, print_json, require_matplotlib
+from gcs.cli.output import answer, note, picture_file, print_json, require_matplotlib
 from gcs.cli.progress import share_of, working
 from gcs.config.setting_errors import explained
 from gcs.model.errors import ConfigError, ShowError
+from gcs.model.jit import is_compiled
 from gcs.shows import LoadedShow, find, load
 from gcs.shows.drawn_checks import examine
 from gcs.simulation import scenario as scenarios
@@ -29,6 +30,7 @@ def run_simulate(arguments: argparse.Namespace) -> int:
     if arguments.plot is not None:
         return _plot_scenario(paths, arguments)
     runs = [run for path in paths for run in _runs(path, arguments)]
+    _note_compilation(arguments)
     if len(runs) == 1:
         return _run_one(runs[0], arguments)
     reports = []
@@ -42,6 +44,13 @@ def run_simulate(arguments: argparse.Namespace) -> int:
     if not arguments.json:
         print(summary(reports))
     return 0 if passed(reports) else 1
+
+
+def _note_compilation(arguments: argparse.Namespace) -> None:
+    """Say why the first flight after an installation begins late."""
+    if not is_compiled():
+        text = "compiling the law first, for a minute or two; later flights begin at once"
+        note(text, as_json=arguments.json)
 
 
 def _run_one(run: Run, arguments: argparse.Namespace) -> int:
@@ -90,6 +99,7 @@ def _plot_scenario(paths: list[Path], arguments: argparse.Namespace) -> int:
     if len(runs) != 1:
         raise ConfigError(f"--plot draws one flight: one scenario and one seed, not {len(runs)}")
     file = picture_file(arguments.plot, "--plot ")
+    _note_compilation(arguments)
     figures = draw(fly(scenarios.load(paths[0]), runs[0].vehicles, runs[0].seed, divide=runs[0].divide), file)
     answer(arguments, figures, summary([figures | {"failed": [], "missed": []}]), indent=None)
     return 0
@@ -115,6 +125,7 @@ def check_show(arguments: argparse.Namespace) -> int:
         else:
             print(error, file=sys.stderr)
         return 1
+    _note_compilation(arguments)
     with share_of(f"flying {path.stem} in virtual time", shown=not arguments.json) as report:
         adversity, wind_m_s = _adversity(arguments)
         verdict = judge(rehearse(loaded, arguments.seed, report, adversity, wind_m_s))
@@ -153,6 +164,7 @@ def plot_show(arguments: argparse.Namespace) -> int:
     from gcs.simulation.plot import draw_show  # noqa: PLC0415  (takes a second, only for plots)
 
     file = picture_file(arguments.picture)
+    _note_compilation(arguments)
     with share_of("flying it in virtual time", shown=not arguments.json) as report:
         verdict = draw_show(rehearse(loaded, arguments.seed, report), file)
     answer(arguments, {"picture": str(file), "good": verdict.good}, "")

@@ -467,13 +467,24 @@ def add_preflight_arguments(parser: argparse.ArgumentParser) -> None:
         help="vehicles that shall fly (default: all that are online)",
     )
     parser.add_argument("--all", action="store_true", help="list the checks that pass, too")
+    parser.add_argument(
+        "--wait",
+        type=_seconds,
+        metavar="SECONDS",
+        help="until a start would be accepted, at most so long, also for a service that does not answer yet",
+    )
     add_connection(parser)
 
 
 def run_preflight(arguments: argparse.Namespace) -> int:
     """Print the report. Returns: the exit code. Raises: GcsError."""
     with connected(arguments) as client:
-        report = client.preflight.report(arguments.vehicles or None)
+        named = arguments.vehicles or None
+        report = (
+            client.preflight.report(named)
+            if arguments.wait is None
+            else client.preflight.wait_until_ready(arguments.wait, named)
+        )
     if arguments.json:
         print_json(document(report))
     else:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Final, Self
 from urllib.parse import urlencode
 
 from gcs.client.http import Calls, Deferred, Exchange, calls, part
-from gcs.model.errors import CommandError, InvalidError
+from gcs.model.errors import CommandError, InvalidError, LinkError
 
 if TYPE_CHECKING:
     from gcs import service
@@ -58,6 +58,26 @@ class PreflightCalls(Calls):
         named = f"?{urlencode([('vehicles', name) for name in vehicles])}" if vehicles else ""
         found: service.PreflightReport = self._exchange.call("GET", f"/api/v1/preflight{named}", self.report)
         return found
+
+    def wait_until_ready(
+        self, timeout_s: float, vehicles: list[str] | None = None
+    ) -> service.PreflightReport:
+        """Wait until every check passes. A service that does not answer yet is waited for as well.
+
+        Returns: the newest report, which may not pass after `timeout_s`.
+        Raises: LinkError if the service does not answer after `timeout_s`.
+        """
+        deadline_s = time.monotonic() + timeout_s
+        while True:
+            left_s = deadline_s - time.monotonic()
+            try:
+                report = self.report(vehicles)
+                if report.passes or left_s <= 0.0:
+                    return report
+            except LinkError:
+                if left_s <= 0.0:
+                    raise
+            time.sleep(min(ASK_AGAIN_S, max(left_s, 0.0)))
 
     @calls("POST", "/api/v1/vehicles/{vehicle_id}/exclude")
     def exclude(self, vehicle_id: str, *, reason: str | None = None) -> service.CommandRecord:

@@ -78,16 +78,19 @@ class Exchange:
         if token is not None:
             headers["Authorization"] = f"Bearer {token}"
         try:
-            trusted = True if ca_file is None else ssl.create_default_context(cafile=str(ca_file))
+            trusted = None if ca_file is None else ssl.create_default_context(cafile=str(ca_file))
         except OSError as error:  # includes SSLError
             raise ConfigError(f"{ca_file}: no PEM certificate: {error}") from None
         timeout = httpx.Timeout(timeout_s, connect=min(timeout_s, CONNECT_S))
 
         def client(to: str) -> httpx.Client:
+            # reading the usual certificates takes 20 ms, which a call without TLS need not wait for
+            without_tls = to.lower().startswith("http:")
+            verify = trusted or (ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT) if without_tls else True)
             # proxies of the environment do not apply: the station is on this machine or the field's network
             try:
                 return httpx.Client(
-                    base_url=to, timeout=timeout, trust_env=False, headers=headers, verify=trusted
+                    base_url=to, timeout=timeout, trust_env=False, headers=headers, verify=verify
                 )
             except (httpx.InvalidURL, UnicodeError) as error:
                 raise ConfigError(f"{to}: no URL, or no token: {error}") from None

@@ -38,6 +38,11 @@ def kept_in(package: Path) -> Path:
 KEPT_IN = str(kept_in(Path(__file__).parents[1]))
 
 
+def is_compiled() -> bool:
+    """Whether an earlier run has kept compiled code of these sources."""
+    return any(Path(KEPT_IN).rglob("*.nbi"))  # numba makes the folder before it compiles
+
+
 def _kept(compiled: Callable[[Kernel], Kernel], function: Kernel) -> Kernel:
     """Decorate the function; its machine code is kept in `KEPT_IN`, other functions' where numba has it."""
     usual = numba.config.CACHE_DIR

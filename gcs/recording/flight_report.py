@@ -77,7 +77,7 @@ class FlightReport:
     standards: tuple[Standard, ...]  # that applied, in order
     pairs: PairDistances
     least_m: Single  # (k,) least distance of all pairs
-    checks: tuple[ReportCheck, ...]
+    checks: tuple[ReportCheck, ...]  # broken ones first
 
     @property
     def standard(self) -> Standard:
@@ -166,7 +166,8 @@ def make_flight_report(
         *_speeds(trajectories, standards),
         *_setpoints(trajectories, standards),
     )
-    return FlightReport(trajectories, standards, pairs, least_m, checks)
+    broken_first = tuple(sorted(checks, key=lambda check: check.kept is not False))
+    return FlightReport(trajectories, standards, pairs, least_m, broken_first)
 
 
 def _approaches(
@@ -261,7 +262,8 @@ def _speeds(trajectories: FlownTrajectories, standards: Sequence[Standard]) -> l
     if len(velocity_m_s) > width:
         change[width:] = (velocity_m_s[width:] - velocity_m_s[:-width]) / (width * period_s)
     most_m_s2 = limit(lambda standard: standard.acceleration_max_m_s2)
-    tolerated, pushed = 1.0 + TOLERATED, _throughout(flown, width)
+    tolerated = 1.0 + TOLERATED
+    pushed = _throughout(_throughout(trajectories.flown & trajectories.recent, width), width)
     size_m_s2 = np.linalg.norm(change, axis=-1)
     return [
         *(

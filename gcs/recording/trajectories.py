@@ -42,6 +42,7 @@ class FlownTrajectories:
     airborne: Mask  # (k, n)
     flown: Mask  # (k, n) under the service's setpoints
     formed: Mask  # (k, n) in formation as well, so that the least height counts
+    recent: Mask  # (k, n) the position is at most RECENT_S old, so that its change is the vehicle's
     setpoint_m_s: Single | None  # (k, n, 3) NaN: none; None: not known
     remarks: tuple[str, ...]  # about the file
     missing: tuple[str, ...] = ()  # parts of the flight that are missing, in words
@@ -57,9 +58,12 @@ class FlownTrajectories:
 
 UNKNOWN: Final = dict.fromkeys(("position_m", "velocity_m_s", "setpoint_m_s"), np.nan) | {
     "uncertainty_m": 0.0,
-    **dict.fromkeys(("airborne", "flown", "formed"), False),
+    **dict.fromkeys(("airborne", "flown", "formed", "recent"), False),
 }
 """Values of an unknown sample in `Trajectories`."""
+
+RECENT_S: Final = 0.25
+"""An older position was brought forward so far that the next to arrive may look like an acceleration."""
 
 GAPS_REPORTED: Final = 20
 GAP_S: Final = 1.0
@@ -81,6 +85,7 @@ def estimated(data: FlightData, on_progress: OnProgress | None = None) -> FlownT
     gaps = _gaps(ticks, time_s, airborne, {loss.to_s for loss in data.losses})
     uncertainty_m = table["position_uncertainty_m"]
     flown = _among(data, table, FLOWN) & np.isfinite(table["setpoint_x_m_s"])
+    recent: Mask = table["position_age_s"] <= RECENT_S
     widest_m = float(np.nanmax(uncertainty_m[airborne], initial=0.0))
     position_m = layout.vectors(table, layout.POSITION)
     return _with_gaps(
@@ -96,8 +101,9 @@ def estimated(data: FlightData, on_progress: OnProgress | None = None) -> FlownT
             airborne,
             flown,
             flown & _among(data, table, {Phase.FORMATION}),
+            recent,
             layout.vectors(table, layout.SETPOINT),
-            (),
+            _late(flown, recent),
             (
                 *_before(data, ticks[0], flies=bool(airborne[0].any())),
                 *data.damages,
@@ -110,6 +116,17 @@ def estimated(data: FlightData, on_progress: OnProgress | None = None) -> FlownT
             data.about.autopilots,
         ),
         [at for at, _ in gaps],
+    )
+
+
+def _late(flown: Mask, recent: Mask) -> tuple[str, ...]:
+    """Describe where accelerations are not judged."""
+    late = flown & ~recent
+    if not late.any():
+        return ()
+    share = late.sum() / flown.sum()
+    return (
+        f"{share:.1%} of the positions in flight are older than {RECENT_S} s: acceleration is not judged",
     )
 
 
@@ -247,6 +264,7 @@ def true(
         values[..., 6] > 0.5,
         flown,
         formed,
+        np.ones_like(flown),
         setpoint_m_s,
         (),
         (*cut, *(() if beside is None else (*beside.missing, *_outside(beside, time_s)))),

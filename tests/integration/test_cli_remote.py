@@ -9,7 +9,7 @@ import sys
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
@@ -34,6 +34,7 @@ from gcs.service.alarms import AlarmCause, Condition
 from gcs.shows import load, shipped
 from tests.support.api_background import in_background
 from tests.support.api_fake_service import FakeService
+from tests.support.machine import free_ports
 from tests.support.replays import FakeRecord
 from tests.support.show_files import FIGURES
 from tests.support.timecode import VIEW
@@ -306,6 +307,7 @@ def test_every_method_of_the_client_is_a_command() -> None:
         "wait_for_check",
         "close",
         "wait_for",
+        "wait_until_ready",  # gcs preflight --wait
         "command",
         "command_vehicles",
         "arm_kill",  # gcs kill has both steps
@@ -495,6 +497,38 @@ def test_preflight_prints_failures_and_sets_the_exit_code(
     assert (reported["passes"], reported["not_flying"]["d2"].endswith("cracked")) == (False, True)
     assert reported["fleet"][0]["value"] is None, "what is no number is null"
     assert "vehicles" in everything
+
+
+def test_preflight_waits_until_a_start_would_be_accepted(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    service = FakeService()
+    service.battery = 0.2
+    with station(service, monkeypatch):
+        assert main(["preflight", "--wait", "0.5"]) == 1
+        assert "not ready to start" in capsys.readouterr().out
+        charged = threading.Timer(0.5, lambda: setattr(service, "battery", 0.9))
+        charged.start()
+        assert main(["preflight", "--wait", "60"]) == 0
+        charged.join()
+        assert "not ready" not in capsys.readouterr().out
+    with pytest.raises(SystemExit):
+        main(["preflight", "--wait", "-1"])
+
+
+def test_preflight_waits_for_a_service_that_starts(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    port = free_ports()
+    monkeypatch.setenv("GCS_URL", f"http://127.0.0.1:{port}")
+    assert main(["preflight", "--wait", "0.5"]) == 3
+    assert "no answer" in capsys.readouterr().err
+    with ExitStack() as running:
+        late = in_background(create_app(FakeService()), port)
+        starts = threading.Timer(0.5, lambda: running.enter_context(late))
+        starts.start()
+        assert main(["preflight", "--wait", "60"]) == 0
+        starts.join()
 
 
 def test_status_reports_no_answer_instead_of_old_state() -> None:

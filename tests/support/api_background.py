@@ -12,7 +12,7 @@ from gcs.api.server import serve
 
 
 @contextmanager
-def in_background(app: ASGIApp) -> Iterator[int]:
+def in_background(app: ASGIApp, port: int = 0) -> Iterator[int]:
     """Serve until the block ends. Yields the port."""
     ready: list[tuple[asyncio.AbstractEventLoop, asyncio.Task[None], int]] = []
     up = threading.Event()
@@ -20,7 +20,7 @@ def in_background(app: ASGIApp) -> Iterator[int]:
     async def main() -> None:
         loop = asyncio.get_running_loop()
         listening = loop.create_future()
-        task = asyncio.create_task(serve(app, port=0, listening=listening))
+        task = asyncio.create_task(serve(app, port=port, listening=listening))
         ready.append((loop, task, await listening))
         up.set()
         with pytest.raises(asyncio.CancelledError):

@@ -13,7 +13,7 @@ from pathlib import Path
 import mypy
 import pytest
 
-from gcs.cli.local_files import NAMES
+from gcs.cli.local_files import names as names_of_documents
 
 ROOT = Path(__file__).parents[2]
 
@@ -32,7 +32,8 @@ def test_wheel_contains_configurations_and_the_fake_fleet(tmp_path: Path) -> Non
     assert {"gcs/api/console/dist/index.html", "gcs/api/console/dist/docs.html"} <= names
     own = {name for name in names if "/" not in name and not name.endswith(".dist-info")}
     assert own == {"gcs"}  # a user's own package `api` or `sim` is not shadowed
-    assert {f"gcs/_docs/{name}" for name in NAMES} <= names
+    assert {f"gcs/_docs/{name}" for name in names_of_documents()} <= names
+    check_links(tmp_path / "site" / "gcs" / "_docs")
     page = (tmp_path / "site" / "gcs" / "api" / "console" / "dist" / "index.html").read_text(encoding="utf-8")
     scripts = [name for name in names if name.endswith(".js")]
     assert scripts
@@ -51,7 +52,7 @@ def test_wheel_contains_configurations_and_the_fake_fleet(tmp_path: Path) -> Non
     )
     where, count = done.stdout.split()
     assert Path(where) == tmp_path / "site" / "gcs" / "_configs" / "demo.yaml"
-    assert count == "10"
+    assert count == "4"
     (metadata,) = (tmp_path / "site").glob("formation_gcs-*.dist-info/METADATA")
     described = email.message_from_string(metadata.read_text(encoding="utf-8"))
     assert {each.split(",")[0] for each in described.get_all("Project-URL", [])} >= {
@@ -66,6 +67,21 @@ def test_wheel_contains_configurations_and_the_fake_fleet(tmp_path: Path) -> Non
     assert all("".join(link).startswith("https://") for link in links)
     check_types(tmp_path)
     check_headless(tmp_path, described)
+
+
+def check_links(documents: Path) -> None:
+    """What a document in the wheel links to is in the wheel, or has an address."""
+    links = [
+        (page, link)
+        for page in documents.rglob("*.md")
+        for link in re.findall(r"\]\(([^)#\s]+)", page.read_text(encoding="utf-8"))
+    ]
+    assert len(links) > 100
+    assert not [
+        (page, link)
+        for page, link in links
+        if not link.startswith(("https://", "http://")) and not (page.parent / link).is_file()
+    ]
 
 
 def check_headless(folder: Path, described: email.message.Message) -> None:

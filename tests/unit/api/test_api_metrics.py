@@ -88,12 +88,12 @@ def test_a_dead_control_loop_is_reported() -> None:
 def test_dashboard_uses_only_reported_metrics(samples: dict[tuple[str, ...], float]) -> None:
     reported = {name for name, *_ in samples}
     panels = json.loads(DASHBOARD.read_text())["panels"]
-    asked = {
-        name
-        for panel in panels
-        for target in panel.get("targets", [])
-        for name in re.findall(r"\bgcs_\w+", target["expr"])
-    }
+    expressions = [target["expr"] for panel in panels for target in panel.get("targets", [])]
+    asked = {name for expression in expressions for name in re.findall(r"\bgcs_\w+", expression)}
     assert len(asked) > 10
     assert asked <= reported
+    # Over at least two scrapes, whatever their interval: a fixed [10s] shows nothing at 15 s.
+    windows = re.findall(r"\[[^\]]+\]", " ".join(expressions))
+    assert windows
+    assert set(windows) <= {"[$__rate_interval]", "[5m]"}
     assert len({panel["id"] for panel in panels}) == len(panels)

@@ -210,6 +210,19 @@ def test_progress_in_percent_never_decreases() -> None:
     assert shown(is_terminal=True, desired=False) == shown(is_terminal=False, desired=True) == ""
 
 
+def test_simulate_says_that_it_compiles(tmp_path: Path) -> None:
+    words, environment = (
+        ["-m", "gcs", "simulate", "assembly"],
+        {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)},
+    )
+    with subprocess.Popen(
+        [sys.executable, *words], env=environment, stderr=subprocess.PIPE, text=True
+    ) as run:
+        assert run.stderr is not None
+        assert run.stderr.readline().startswith("gcs: compiling the law first")
+        run.kill()
+
+
 def test_shipped_files_are_listed_and_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["files", "list"]) == 0
     names_of_files = [line.split()[0] for line in capsys.readouterr().out.splitlines()]

@@ -279,6 +279,47 @@ def test_nearest_pairs_are_those_of_all_pairs(tmp_path: Path) -> None:
     assert pairs.ratio[i, j] <= scaled / floor.horizontal_m + 1e-5
 
 
+def sped_up(folder: Path, *, late_s: float) -> Path:
+    """A vehicle speeds up by 2 m/s^2, of 3; from 2 s on its positions arrive every `late_s` only."""
+    file = FlightFile(
+        folder, layout.about("s1", CONFIG.model_dump_json(), dict.fromkeys(ids_of(2), (1, "a")))
+    )
+    file.open()
+    for tick in range(80):
+        now_s = tick * STEP_S
+        old_s = 0.05 if now_s < 2.0 else 0.05 + (now_s - 2.0) % late_s
+        velocity_m_s = np.array([[0.0, 0.0, 0.0], [2.0 * (now_s - old_s), 0.0, 0.0]])
+        place_m = np.array([[0.0, 0.0, -20.0], [10.0 + now_s**2, 0.0, -20.0]])
+        file.add(
+            sample(
+                time_s=100.0 + now_s,
+                number=tick,
+                position_m=place_m,
+                velocity_m_s=velocity_m_s,
+                setpoint_m_s=np.ones((2, 3)),
+                position_age_s=np.array([0.05, old_s]),
+            )
+        )
+    file.close()
+    return folder / "flight.mcap"
+
+
+def test_late_positions_are_no_acceleration(tmp_path: Path) -> None:
+    for name, late_s in (("steady", 0.05), ("late", 0.8)):
+        _, report = judged(sped_up(tmp_path / name, late_s=late_s))
+        assert check(report, "acceleration")["kept"]
+        assert check(report, "acceleration")["worst"] == pytest.approx(2.0, abs=0.1)
+        remarks = [text for text in report["remarks"] if "acceleration is not judged" in text]
+        assert len(remarks) == (name == "late")
+
+
+def test_broken_limits_come_first(tmp_path: Path) -> None:
+    file = truth(tmp_path / "truth-1.jsonl", stands(0, 50, -20), moves(0, 0, -20, (9.5, 0, 0)))
+    _, report = judged(file, "--config", "demo")
+    assert [each["kept"] for each in report["checks"]][:2] == [False, True]
+    assert report["checks"][0]["name"] == "speed sideways"
+
+
 def test_progress_covers_the_whole_flight(tmp_path: Path) -> None:
     data = FlightData(flight(tmp_path, apart_m=5.0, count=4000))
     read: list[float] = []
