@@ -188,7 +188,7 @@ class Orchestrator:
             own, hooks = cache(self._promised_view(result)), self.flight.elsewhere.hooks
             self.view.promise(partial(hooks.whole, own, result))
             if self._record is not None:
-                run = self.flight.show_run
+                run = self.flight.show.run
                 parts = {} if run is None else run.parts
                 sample = Sample(own(), parts, self.flight.control, elsewhere=hooks.recorded())
                 self._record.note(sample, self.flight.links)

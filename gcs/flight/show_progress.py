@@ -63,12 +63,12 @@ class ShowProgress:
             await self.maneuvers.take_control(vehicle)
         else:
             await self.maneuvers.hold(vehicle)
-        if flight.show in OVER and flight.came_down_by is not None:
+        if flight.show.phase in OVER and flight.show.came_down_by is not None:
             reason = f"{vehicle.id}, which was lost, is received again and comes down as commanded"
-            goes_on = ShowEvent.STOP if flight.came_down_by is ShowPhase.RETURNING else ShowEvent.ABORT
-            flight.move_show(ShowEvent.TAKEN_ON, reason)
-            flight.move_show(goes_on, reason)
-        show = flight.show
+            goes_on = ShowEvent.STOP if flight.show.came_down_by is ShowPhase.RETURNING else ShowEvent.ABORT
+            flight.show.move(ShowEvent.TAKEN_ON, reason)
+            flight.show.move(goes_on, reason)
+        show = flight.show.phase
         if show is ShowPhase.RETURNING and vehicle.home_m is not None:
             await self.maneuvers.landings.come_home(vehicle)
         elif show in {ShowPhase.RETURNING, ShowPhase.ABORTING}:
@@ -97,17 +97,21 @@ class ShowProgress:
         self.commander.recovery.advance()
         busy: list[Vehicle] = []
         if self.maneuvers.any_running:
-            led = (*flight.airborne, *self.maneuvers.waiting, *flight.in_phase(Phase.PILOT))
+            led = (*flight.vehicles.airborne, *self.maneuvers.waiting, *flight.vehicles.in_phase(Phase.PILOT))
             busy = [vehicle for vehicle in led if self.maneuvers.running(vehicle)]
         _follow(flight, busy=bool(busy))
-        if flight.show is ShowPhase.ARMING:
+        if flight.show.phase is ShowPhase.ARMING:
             # vehicles that come down again do not delay the others
             if all(vehicle.phase in {Phase.RETURN, Phase.LANDING} for vehicle in busy):
                 self._all_have_taken_off()
-        elif flight.show is ShowPhase.ASSEMBLING and flight.assembled() and not self.show_player.begin.waits:
-            flight.move_show(ShowEvent.ASSEMBLED, flight.reached)
         elif (
-            (show_run := flight.show_run) is not None
+            flight.show.phase is ShowPhase.ASSEMBLING
+            and flight.assembled()
+            and not self.show_player.begin.waits
+        ):
+            flight.show.move(ShowEvent.ASSEMBLED, flight.reached)
+        elif (
+            (show_run := flight.show.run) is not None
             and flight.elsewhere.shows.leads
             and show_run.is_over(flight.state.time_s)
         ):
@@ -117,13 +121,15 @@ class ShowProgress:
 
     def _all_have_taken_off(self) -> None:
         flight = self.flight
-        holding = ", ".join(f"{vehicle.id} ({vehicle.reason})" for vehicle in flight.in_phase(Phase.HOLD))
-        if flight.in_phase(Phase.FORMATION):
-            flight.move_show(ShowEvent.ALL_UP, "all airborne")
+        holding = ", ".join(
+            f"{vehicle.id} ({vehicle.reason})" for vehicle in flight.vehicles.in_phase(Phase.HOLD)
+        )
+        if flight.vehicles.in_phase(Phase.FORMATION):
+            flight.show.move(ShowEvent.ALL_UP, "all airborne")
         elif holding:
-            flight.move_show(ShowEvent.TAKEN_ON, f"no vehicle in formation; waiting for commands: {holding}")
-        elif not flight.airborne:
-            flight.move_show(ShowEvent.ALL_DOWN, "no vehicle took off")
+            flight.show.move(ShowEvent.TAKEN_ON, f"no vehicle in formation; waiting for commands: {holding}")
+        elif not flight.vehicles.airborne:
+            flight.show.move(ShowEvent.ALL_DOWN, "no vehicle took off")
 
 
 def _follow(flight: Flight, *, busy: bool) -> None:
@@ -131,20 +137,23 @@ def _follow(flight: Flight, *, busy: bool) -> None:
 
     `busy`: whether a vehicle is under control, or takes off or lands.
     """
-    if flight.airborne:
-        if flight.show in ON_THE_GROUND | {ShowPhase.UNCONTROLLED} and flight.show is not ShowPhase.COUNTDOWN:
-            names = ", ".join(vehicle.id for vehicle in flight.airborne)
-            flight.move_show(ShowEvent.TAKEN_ON, f"under control, waiting for commands: {names}")
+    if flight.vehicles.airborne:
+        if (
+            flight.show.phase in ON_THE_GROUND | {ShowPhase.UNCONTROLLED}
+            and flight.show.phase is not ShowPhase.COUNTDOWN
+        ):
+            names = ", ".join(vehicle.id for vehicle in flight.vehicles.airborne)
+            flight.show.move(ShowEvent.TAKEN_ON, f"under control, waiting for commands: {names}")
         return
-    if busy or flight.show in {ShowPhase.PREFLIGHT, ShowPhase.COUNTDOWN}:
+    if busy or flight.show.phase in {ShowPhase.PREFLIGHT, ShowPhase.COUNTDOWN}:
         return
     others = uncontrolled(flight)
     if others:
         why = uncontrolled_reason(others)
-        if flight.show is not ShowPhase.UNCONTROLLED:
-            flight.move_show(ShowEvent.CONTROL_LOST, why)
-        flight.reason = why
-    elif flight.show in ANYTHING_FLIES and flight.show is not ShowPhase.ARMING:
+        if flight.show.phase is not ShowPhase.UNCONTROLLED:
+            flight.show.move(ShowEvent.CONTROL_LOST, why)
+        flight.show.reason = why
+    elif flight.show.phase in ANYTHING_FLIES and flight.show.phase is not ShowPhase.ARMING:
         _land(flight)
 
 
@@ -152,7 +161,7 @@ def _land(flight: Flight) -> None:
     """End the phase with nothing airborne: lost and killed vehicles are named, and no longer count."""
     unknown = [one.id for one in flight.vehicles.values() if flight.whereabouts(one) is Whereabouts.UNKNOWN]
     named = f"; not confirmed on the ground: {', '.join(unknown)}" if unknown else ""
-    if flight.show is ShowPhase.UNCONTROLLED and flight.show_before is ShowPhase.IDLE:
-        flight.move_show(ShowEvent.NEVER_FLEW, f"nothing is airborne any more{named}")
+    if flight.show.phase is ShowPhase.UNCONTROLLED and flight.show.phase_before is ShowPhase.IDLE:
+        flight.show.move(ShowEvent.NEVER_FLEW, f"nothing is airborne any more{named}")
     else:
-        flight.move_show(ShowEvent.ALL_DOWN, f"all vehicles have landed{named}")
+        flight.show.move(ShowEvent.ALL_DOWN, f"all vehicles have landed{named}")

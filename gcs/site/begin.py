@@ -44,14 +44,14 @@ class FollowedBegin(LedBegin):
 
     @property
     def waits(self) -> bool:
-        show_run = self.flight.show_run
+        show_run = self.flight.show.run
         led = self._led(show_run)
         return show_run is not None and (led is None or not led.runs)
 
     def due_s(self, now_s: float) -> float | None:
-        show_run = self.flight.show_run
+        show_run = self.flight.show.run
         begins_s = self._with_lead_s(show_run, now_s)
-        if show_run is None or begins_s is None or self.flight.show is not ShowPhase.ASSEMBLING:
+        if show_run is None or begins_s is None or self.flight.show.phase is not ShowPhase.ASSEMBLING:
             return None
         due_s = begins_s if show_run.goals is not None else begins_s + CENTRE_AFTER_S
         return due_s if 0.0 < due_s - now_s < ALIGNS_S else None
@@ -70,7 +70,7 @@ class FollowedBegin(LedBegin):
 
     def follow(self) -> None:
         """Begin with the lead, and show how it waits. Call once a tick at a station that does not lead."""
-        flight, show_run = self.flight, self.flight.show_run
+        flight, show_run = self.flight, self.flight.show.run
         led, now_s = self._led(show_run), self.flight.state.time_s
         self._watch_timecode(show_run, now_s)
         if led is None or show_run is None:
@@ -81,7 +81,7 @@ class FollowedBegin(LedBegin):
             begin = replace(begin, in_s=begin.in_s - (now_s - led.made_s))
         show_run.begin = begin
         begins_s = self._with_lead_s(show_run, now_s)
-        if flight.show is ShowPhase.ASSEMBLING and begins_s is not None and now_s >= begins_s - EARLY_S:
+        if flight.show.phase is ShowPhase.ASSEMBLING and begins_s is not None and now_s >= begins_s - EARLY_S:
             self.began_s = now_s
             self.local.begin_now(show_run, begins_s)
 

@@ -65,7 +65,7 @@ class SiteCommands:
         lead = self.member.site.lead
         if vehicles is not None and action is ShowAction.START:
             self.shows.check_named(vehicles, here if lead.leads else away.get(lead.name, ()))
-        named = None if vehicles is None or self.local.flight.show_run is None else (*vehicles,)
+        named = None if vehicles is None or self.local.flight.show.run is None else (*vehicles,)
         if action is ShowAction.START:
             self.shows.named = None if named is None else frozenset(named)
         own_here = None if vehicles is None else here

@@ -65,7 +65,7 @@ class SiteDisplay:
                     leads=name == site.lead.name,
                     received=own or name in here,
                     silent_s=silent_s if np.isfinite(silent_s) else None,
-                    show=member.flight.show if own else member.show_of(name),
+                    show=member.flight.show.phase if own else member.show_of(name),
                     vehicles=int(site.owned.sum()) if own else owners.count(name),
                     delay_s=0.0 if own else site.delays.one_way_s(number),
                     term=site.lead.term,

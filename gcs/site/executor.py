@@ -112,8 +112,8 @@ class RequestExecutor:
 
     def _show_part(self, request: ShowRequest) -> Callable[[], CommandRecord]:
         """What executes a fleet-wide command with the own vehicles."""
-        if request.action is ShowAction.RESUME and self.local.flight.show in FORMED:
-            formed = [one.id for one in self.local.flight.in_phase(Phase.FORMATION)]
+        if request.action is ShowAction.RESUME and self.local.flight.show.phase in FORMED:
+            formed = [one.id for one in self.local.flight.vehicles.in_phase(Phase.FORMATION)]
             return partial(self.local.flight.book.done, request.action, formed, {}, "flies already")
         if request.reason:
             return partial(self.local.execute_own_failsafe, request.action, request.reason)
@@ -150,8 +150,8 @@ class RequestExecutor:
 
     def _why_not_ready(self) -> str:
         """Why this station's vehicles could not start now, as preflight has it."""
-        flight, show_run = self.local.flight, self.local.flight.show_run
-        if flight.show not in ON_THE_GROUND or flight.airborne or not self.member.owned.any():
+        flight, show_run = self.local.flight, self.local.flight.show.run
+        if flight.show.phase not in ON_THE_GROUND or flight.vehicles.airborne or not self.member.owned.any():
             return ""
         if why := self.shows.why_not_here:
             return why

@@ -52,14 +52,14 @@ class SiteHolds:
         flight, member = self._flight, self._member
         lead = member.site.lead
         newly_gone = self._note_gone(now_s)
-        if flight.show in FORMED and newly_gone:
+        if flight.show.phase in FORMED and newly_gone:
             name = min(newly_gone)
             self._wait_for(name, f"station {name} is not received: all hold")
-        elif flight.show in FORMED and not lead.leads and self._lead_silent(now_s):
+        elif flight.show.phase in FORMED and not lead.leads and self._lead_silent(now_s):
             self._wait_for(lead.name, f"the leading station {lead.name} is silent: all hold")
         elif not lead.leads and lead.name in member.present():
             self._keep_with_lead(now_s)
-        if self._waits_for and flight.show is ShowPhase.PAUSED and self._may_go_on(now_s):
+        if self._waits_for and flight.show.phase is ShowPhase.PAUSED and self._may_go_on(now_s):
             self._waits_for = ""
             self._resume()
 
@@ -83,7 +83,7 @@ class SiteHolds:
     def _may_go_on(self, now_s: float) -> bool:
         """Whether what this station waited for is over."""
         lead, member = self._member.site.lead, self._member
-        if not self._flight.in_phase(Phase.FORMATION) or now_s - self._waits_since_s < HOLDS_LEAST_S:
+        if not self._flight.vehicles.in_phase(Phase.FORMATION) or now_s - self._waits_since_s < HOLDS_LEAST_S:
             return False
         if not lead.leads:
             return lead.name in member.present() and member.show_of(lead.name) in FORMED
@@ -96,7 +96,7 @@ class SiteHolds:
             self._lead_show = show, now_s
         if now_s - self._lead_show[1] < SETTLED_S:
             return
-        if show is ShowPhase.PAUSED and flight.show in FORMED and not self._waits_for:
+        if show is ShowPhase.PAUSED and flight.show.phase in FORMED and not self._waits_for:
             self._wait_for(lead.name, f"the leading station {lead.name} holds")
-        elif show is ShowPhase.RUNNING and flight.show is ShowPhase.ASSEMBLING:
-            flight.move_show(ShowEvent.ASSEMBLED, flight.reached)
+        elif show is ShowPhase.RUNNING and flight.show.phase is ShowPhase.ASSEMBLING:
+            flight.show.move(ShowEvent.ASSEMBLED, flight.reached)

@@ -120,9 +120,9 @@ class ShowTraffic:
 
     def messages(self, now_s: float) -> Iterator[tuple[str, bytes]]:
         """Topics and payloads that the lead sends after its tick."""
-        show_run, term = self._flight.show_run, self._site.lead.term
+        show_run, term = self._flight.show.run, self._site.lead.term
         timecode = self._flight.timecode
-        flies = self._flight.show not in ON_THE_GROUND
+        flies = self._flight.show.phase not in ON_THE_GROUND
         led_by_a_clock = show_run is not None or timecode.settings is not None
         if now_s >= self._due_s or (flies and (led_by_a_clock or self._led_by_a_clock)):
             self._due_s, self._led_by_a_clock = now_s + SLOWLY_S, led_by_a_clock

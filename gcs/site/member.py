@@ -197,7 +197,7 @@ class SiteMember(Elsewhere):
     @property
     def shows_of_others_fly(self) -> bool:
         """Whether another station's show is in the air, while this one's is over or has not begun."""
-        on_ground = self.flight.show in ON_THE_GROUND | {ShowPhase.UNCONTROLLED}
+        on_ground = self.flight.show.phase in ON_THE_GROUND | {ShowPhase.UNCONTROLLED}
         return on_ground and any(self.show_of(name) not in ON_THE_GROUND for name in self.present())
 
     @property
@@ -226,7 +226,7 @@ class SiteMember(Elsewhere):
     @property
     def show(self) -> ShowPhase:
         """Phase of the whole show: that of a received station, where this one's vehicles are down already."""
-        own = self.flight.show
+        own = self.flight.show.phase
         if own not in ON_THE_GROUND:
             return own
         shows = [self.show_of(name) for name in self.present()]
@@ -270,7 +270,7 @@ class SiteMember(Elsewhere):
     @property
     def taking_part(self) -> Mask:
         """(k,) vehicles of received stations that fly, or on the ground are to fly, with the formation."""
-        flying = self.flight.show not in ON_THE_GROUND
+        flying = self.flight.show.phase not in ON_THE_GROUND
         phases = AIRBORNE if flying else {*AIRBORNE, Phase.STANDBY}
         return self._received & self._in_phase(phases)
 

@@ -49,7 +49,7 @@ class SitePlayer:
     def seek(self, cue: str) -> SelectedShow:
         if self.shows.leads:
             return self.local.seek(cue)
-        show_run, now_s = self.flight.show_run, self.flight.state.time_s
+        show_run, now_s = self.flight.show.run, self.flight.state.time_s
         if show_run is None:
             raise RefusedError("no show is selected: seek is for one that is")
         self._need_lead("seek a cue")
@@ -72,7 +72,7 @@ class SitePlayer:
         self._need_lead_here()
         self.local.begin.check_cancel()
         self._ask("cancel-begin", "")
-        grounded = self.flight.show in ON_THE_GROUND
+        grounded = self.flight.show.phase in ON_THE_GROUND
         begin = None if grounded else BeginView(BeginState.HELD, None, None)
         return replace(self.local.selected(), begin=begin)
 
@@ -89,7 +89,7 @@ class SitePlayer:
         self._ask("follow-timecode", "yes" if follow else "no")
 
     def _need_lead(self, what: str) -> None:
-        self.flight.need_no_countdown()
+        self.flight.show.need_no_countdown()
         self.local.need_ground(what)
         self._need_lead_here()
 
@@ -141,7 +141,7 @@ class SitePlayer:
             self._selecting = None
             if show_run is None:
                 raise RefusedError("the show has not arrived")
-            self.flight.need_no_countdown()
+            self.flight.show.need_no_countdown()
             self.local.need_ground("select a show")
             self.local.fitting(show_run.name, show_run.timeline)
             self.local.take(replace(show_run))

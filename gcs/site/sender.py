@@ -165,12 +165,12 @@ class SiteSender:
         ready = self._column("ready", telemetry.ready, _mask)
         checked = self._column("checked", self._ready_when_checked or (False,), _mask)
         return Reported(
-            self._column("phase", flight.phases, _phase_codes),
+            self._column("phase", flight.vehicles.phases, _phase_codes),
             self._column("mode", telemetry.mode, _mode_codes),
             self._column("armed", telemetry.armed, _mask),
             ready & checked,
             [numbers[name] for name in SENT],
-            flight.show,
+            flight.show.phase,
             all_up,
             self.plan_version,
             self._return_s,

@@ -80,7 +80,7 @@ class SiteShows(ShowsElsewhere):
 
     def send_to(self, station: str, request: ShowMissing) -> None:
         """Send the selected show to a station that has not got it; it asks again if it does not arrive."""
-        show_run = self.flight.show_run
+        show_run = self.flight.show.run
         if show_run is None or show_run.hash != request.hash:
             return
         try:
@@ -102,7 +102,7 @@ class SiteShows(ShowsElsewhere):
     # once a tick
 
     def follow(self) -> bool:
-        flight, show_run = self.flight, self.flight.show_run
+        flight, show_run = self.flight, self.flight.show.run
         if not self.leads:
             self._followed = True
             self._keep_with_lead()
@@ -111,7 +111,7 @@ class SiteShows(ShowsElsewhere):
         if self._followed and show_run is not None:
             if show_run.is_live(now_s) and show_run.live is None:
                 show_run.live = flight.plan.target
-            show_run.follow(flight.show, now_s)
+            show_run.follow(flight.show.phase, now_s)
         self._followed, self._why_not_here = False, ""
         return False
 
@@ -122,10 +122,10 @@ class SiteShows(ShowsElsewhere):
             led = member.show_traffic.led = None  # a lead that comes back may not fly the show yet
         if led is not None:
             self._adopt(led)
-        show_run = flight.show_run
+        show_run = flight.show.run
         if show_run is None:
             return
-        goes_on = member.lead_is_here or flight.show is ShowPhase.RUNNING
+        goes_on = member.lead_is_here or flight.show.phase is ShowPhase.RUNNING
         if led is not None and led.hash == show_run.hash and goes_on:
             keep_clock(show_run, led, now_s, self._keeping.began_s)
             count = show_run.timeline.show.fleet.vehicles
@@ -133,12 +133,12 @@ class SiteShows(ShowsElsewhere):
         else:
             show_run.clock, show_run.pace = show_run.clock.stop(now_s), DrawnPace()
         self._keeping.follow()
-        assembling = flight.show is ShowPhase.ASSEMBLING
+        assembling = flight.show.phase is ShowPhase.ASSEMBLING
         show_run.follow_drawing(self.local.seen(), now_s, assembling=assembling, leads=False)
 
     def _adopt(self, led: LedShow) -> None:
         """Have the show that the lead has, or none."""
-        show_run, now_s = self.flight.show_run, self.flight.state.time_s
+        show_run, now_s = self.flight.show.run, self.flight.state.time_s
         if not led.hash or (show_run is not None and show_run.hash == led.hash):
             self._why_not_here = ""
             if show_run is not None and not led.hash:
@@ -162,7 +162,7 @@ class SiteShows(ShowsElsewhere):
     @property
     def why_not_here(self) -> str:
         """Why this station cannot start the lead's show; empty when it can, or there is none."""
-        led, show_run = self.member.show_traffic.led, self.flight.show_run
+        led, show_run = self.member.show_traffic.led, self.flight.show.run
         here = "" if show_run is None else show_run.hash
         if self.leads or led is None or led.hash == here:
             return ""
@@ -200,7 +200,7 @@ class SiteShows(ShowsElsewhere):
             vehicles: all that are named.
             led: of these, the leading station's. Raises: RefusedError.
         """
-        show_run = self.flight.show_run
+        show_run = self.flight.show.run
         if show_run is None:
             return
         needed, count = show_run.timeline.show.fleet.vehicles, len(set(vehicles))

@@ -165,7 +165,9 @@ class Standby:
         if not self._wants_resume or self._joining:
             return False
         self._wants_resume = False
-        return self.flight.show is ShowPhase.PAUSED and bool(self.flight.in_phase(Phase.FORMATION))
+        return self.flight.show.phase is ShowPhase.PAUSED and bool(
+            self.flight.vehicles.in_phase(Phase.FORMATION)
+        )
 
     # the own vehicles
 

@@ -193,7 +193,7 @@ async def in_formation(orchestrator: Orchestrator, links: Sequence[Link], count:
         vehicle.phase, vehicle.modes = Phase.FORMATION, frozenset({Mode.OFFBOARD})
         vehicle.home_m = flight.position_m(vehicle).copy()
     flight.memory = Memory.fresh(len(flight.vehicles), asyncio.get_running_loop().time())
-    flight.show = ShowPhase.RUNNING
+    flight.show.phase = ShowPhase.RUNNING
 
 
 async def ended(tasks: Sequence[asyncio.Task[None]]) -> None:

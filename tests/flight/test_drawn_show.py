@@ -160,8 +160,8 @@ def blown_off(folder: Path, late: str) -> Late:
 def off_m(show: VirtualShow, vehicle_id: str = "d1") -> float:
     """How far a vehicle is off its trajectory, as the service estimates it."""
     flight = show.service.player.flight
-    assert flight.show_run is not None
-    return float(flight.show_run.off_m[flight.vehicles[vehicle_id].row])
+    assert flight.show.run is not None
+    return float(flight.show.run.off_m[flight.vehicles[vehicle_id].row])
 
 
 @pytest.mark.soak

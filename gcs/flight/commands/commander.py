@@ -66,7 +66,7 @@ class Commander(VehicleCommands):
     @property
     def return_problem(self) -> str:
         """Why the vehicles return without a common plan; empty where no planner has failed."""
-        if self.collective_return is None or self.flight.show is not ShowPhase.RETURNING:
+        if self.collective_return is None or self.flight.show.phase is not ShowPhase.RETURNING:
             return ""
         return self.collective_return.problem
 
@@ -84,7 +84,7 @@ class Commander(VehicleCommands):
         """The same with the vehicles of this flight only."""
         if action is ShowAction.PAUSE:
             return self._pause(reason, reclaim=False)
-        spared = self.flight.in_phase(Phase.LANDING)
+        spared = self.flight.vehicles.in_phase(Phase.LANDING)
         return self._bring_down(ShowEvent(action.value), reason, spared, reclaim=False)
 
     def note_re_formed(self) -> CommandRecord:
@@ -131,7 +131,7 @@ class Commander(VehicleCommands):
         found = self.recovery.reclaim() if reclaim else []
         return [
             one
-            for one in flight.in_phase(Phase.PILOT)
+            for one in flight.vehicles.in_phase(Phase.PILOT)
             if one in found or (self.maneuvers.running(one) and not why_never(flight, one))
         ]
 
@@ -150,7 +150,7 @@ class Commander(VehicleCommands):
         """
         flight, maneuvers, reason = self.flight, self.maneuvers, reason or DOWN[event]
         back = self._reclaimed(reclaim=reclaim)
-        flying = [*(v for v in flight.airborne if v not in spared), *back]
+        flying = [*(v for v in flight.vehicles.airborne if v not in spared), *back]
         waiting, later = maneuvers.waiting, self._expected(reclaim=reclaim)
         self._lead(event, reason, [*flying, *waiting])
         left_out = self._not_ours(back) | {v.id: f"comes down already: {v.reason}" for v in spared}
@@ -173,8 +173,8 @@ class Commander(VehicleCommands):
             maneuvers.start(vehicle, maneuvers.take_control_first(maneuver), self._closer(record, vehicle))
 
         def reached(vehicle: Vehicle) -> None:
-            if flight.show is ShowPhase.UNCONTROLLED:  # possibly no vehicle was reached before
-                flight.move_show(event, reason)
+            if flight.show.phase is ShowPhase.UNCONTROLLED:  # possibly no vehicle was reached before
+                flight.show.move(event, reason)
             begin(vehicle, landing_sites_m(flight, [vehicle]))
 
         for vehicle in flying:
@@ -236,9 +236,9 @@ class Commander(VehicleCommands):
         Raises: RefusedError if nothing is airborne and the phase does not allow it.
         """
         flight = self.flight
-        if flight.show is ShowPhase.UNCONTROLLED and not reached:
+        if flight.show.phase is ShowPhase.UNCONTROLLED and not reached:
             return
-        flight.move_show(event, reason)
+        flight.show.move(event, reason)
 
     def _bring_home(self, reason: str) -> CommandRecord:
         """Take control of the interrupted flight's vehicles, and return them together with the others."""
@@ -247,7 +247,7 @@ class Commander(VehicleCommands):
     def _not_ours(self, reclaimed: Sequence[Vehicle] = ()) -> dict[VehicleId, str]:
         """Vehicles that no fleet-wide command reaches, with the reasons."""
         left_out = {}
-        for vehicle in self.flight.in_phase(Phase.LOST, Phase.PILOT, Phase.KILLED):
+        for vehicle in self.flight.vehicles.in_phase(Phase.LOST, Phase.PILOT, Phase.KILLED):
             if vehicle not in reclaimed:
                 why = f"{vehicle.phase}: {vehicle.reason.removesuffix('.')}"
                 if vehicle.phase is Phase.PILOT:
@@ -259,15 +259,15 @@ class Commander(VehicleCommands):
     def _pause(self, reason: str = "all vehicles hold in place", *, reclaim: bool = True) -> CommandRecord:
         """Stop all vehicles in place, also those that return or land, except those touching down."""
         flight, maneuvers = self.flight, self.maneuvers
-        advance_show(flight.show, ShowEvent.PAUSE)
+        advance_show(flight.show.phase, ShowEvent.PAUSE)
         taking_over = self.recovery.taking_over  # the take-over ends paused: the pause closes with it
         back = [one for one in self._reclaimed(reclaim=reclaim) if one not in taking_over]
         waiting = self.maneuvers.waiting
         later = [one for one in self._expected(reclaim=reclaim) if one not in taking_over]
         self._stop_on_the_way()
-        self._lead(ShowEvent.PAUSE, reason, flight.airborne)
-        stopped = flight.in_phase(Phase.FORMATION)
-        others = flight.in_phase(Phase.TAKEOFF, Phase.HOLD, Phase.LANDING)
+        self._lead(ShowEvent.PAUSE, reason, flight.vehicles.airborne)
+        stopped = flight.vehicles.in_phase(Phase.FORMATION)
+        others = flight.vehicles.in_phase(Phase.TAKEOFF, Phase.HOLD, Phase.LANDING)
         left_out = self._not_ours(back) | {v.id: f"{v.phase}: {v.reason}" for v in others}
         reached_ids = [v.id for v in (*stopped, *taking_over, *back, *waiting, *later)]
         left_out = {name: why for name, why in left_out.items() if name not in reached_ids}
@@ -294,14 +294,14 @@ class Commander(VehicleCommands):
     def _stop_on_the_way(self) -> None:
         """Stop the vehicles in formation and those that return or land, except those touching down."""
         flight, maneuvers = self.flight, self.maneuvers
-        if flight.show in {ShowPhase.RETURNING, ShowPhase.ABORTING}:
-            for vehicle in flight.in_phase(Phase.HOLD):  # about to return or land
+        if flight.show.phase in {ShowPhase.RETURNING, ShowPhase.ABORTING}:
+            for vehicle in flight.vehicles.in_phase(Phase.HOLD):  # about to return or land
                 maneuvers.stop(vehicle, "paused by another command")
-        for vehicle in flight.in_phase(Phase.RETURN, Phase.LANDING):
+        for vehicle in flight.vehicles.in_phase(Phase.RETURN, Phase.LANDING):
             if not vehicle.flags.handed_over:
                 maneuvers.stop(vehicle, "paused by another command")
                 vehicle.apply(Event.PAUSE, "paused on its way, holds in place")
-        for vehicle in flight.in_phase(Phase.FORMATION):
+        for vehicle in flight.vehicles.in_phase(Phase.FORMATION):
             vehicle.hold_m = self._stops_m(vehicle)
 
     def _stops_m(self, vehicle: Vehicle) -> Array:
@@ -312,22 +312,22 @@ class Commander(VehicleCommands):
         return place_m
 
     def _resume(self) -> CommandRecord:
-        show_run = self.flight.show_run
+        show_run = self.flight.show.run
         if show_run is not None and not show_run.started:
             raise RefusedError(f"show {show_run.name!r} was never started: stop brings home all vehicles")
         flight = self.flight
-        advance_show(flight.show, ShowEvent.RESUME)
+        advance_show(flight.show.phase, ShowEvent.RESUME)
         joining = self.recovery.taking_over or any(
-            vehicle.flags.entering_offboard for vehicle in flight.airborne
+            vehicle.flags.entering_offboard for vehicle in flight.vehicles.airborne
         )
-        if not joining and not flight.in_phase(Phase.FORMATION):
+        if not joining and not flight.vehicles.in_phase(Phase.FORMATION):
             raise RefusedError("no vehicle is in formation: use take-over where it is offered, or join")
-        flight.move_show(ShowEvent.RESUME, "re-forms, then goes on")
+        flight.show.move(ShowEvent.RESUME, "re-forms, then goes on")
         self._commanded = ShowEvent.RESUME
         self.recovery.awaited.replace()
         return self._done("resume")
 
     def _done(self, action: str, left_out: Mapping[VehicleId, str] | None = None) -> CommandRecord:
         """Record a command that the next tick executes for the whole formation."""
-        formed = [vehicle.id for vehicle in self.flight.in_phase(Phase.FORMATION)]
+        formed = [vehicle.id for vehicle in self.flight.vehicles.in_phase(Phase.FORMATION)]
         return self.flight.book.done(action, formed, left_out or {})

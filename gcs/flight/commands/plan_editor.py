@@ -34,14 +34,14 @@ class PlanEditor:
         return self.flight.plan
 
     def _taking_part(self) -> list[Vehicle]:
-        return [*self.flight.airborne, *self.maneuvers.waiting]
+        return [*self.flight.vehicles.airborne, *self.maneuvers.waiting]
 
     def _to_fly(self) -> list[Vehicle]:
         """Vehicles that the formation must have room for: on the ground, those online and not excluded."""
         flight = self.flight
         online = (vehicle for vehicle in flight.vehicles.values() if vehicle.phase is not Phase.OFFLINE)
         found = [vehicle for vehicle in online if vehicle.id not in flight.excluded]
-        flying = found if flight.show in ON_THE_GROUND else self._taking_part()
+        flying = found if flight.show.phase in ON_THE_GROUND else self._taking_part()
         return flying or list(flight.vehicles.values())
 
     def set_formation(self, formation: Formation, fields: Sequence[str] = ()) -> None:
@@ -51,7 +51,7 @@ class PlanEditor:
         was = flight.plan.formation
         formation = _changed(was, formation, fields)
         if formation.law is not was.law:
-            flight.need_no_countdown()
+            flight.show.need_no_countdown()
             self.show_player.need_ground("change the law")
             if formation == replace(
                 was, law=formation.law
@@ -183,14 +183,14 @@ class RestoredPlan:
             plan = self._checked(found)
             if found.written is None:
                 self.flight.plan = plan
-            elif self.flight.show_run is None:
+            elif self.flight.show.run is None:
                 self.show_player.resume(found.written, plan)
         self._restored.add(offer)
 
     def _restore_obstacles(self, found: Interruption) -> None:
         """Restore as many obstacles as are allowed; an unreadable record has none."""
         flight = self.flight
-        if found.plan is None or flight.show_run is not None:
+        if found.plan is None or flight.show.run is not None:
             return
         try:
             recorded = self._recorded(found).obstacles

@@ -191,7 +191,7 @@ class FlightRecovery:
             self._go_on(batch)
         if found is None:
             return
-        if self.flight.show in BEGUN_ANEW or (found.vehicles and self._all_settled(found)):
+        if self.flight.show.phase in BEGUN_ANEW or (found.vehicles and self._all_settled(found)):
             log.info("interruption_over", extra={"of_session": found.session})
             self.found, self._regained = None, set()
             self._plans.forget()
@@ -323,7 +323,7 @@ class FlightRecovery:
     def _go_on(self, batch: _Batch) -> None:
         """Send all vehicles of a batch on together once they hold; a newer command counts."""
         holding = [one for one in batch.handed if one.phase is Phase.HOLD]
-        comes_down = self.flight.show in COMES_DOWN
+        comes_down = self.flight.show.phase in COMES_DOWN
         ours = [one for one in holding if not (comes_down or self.maneuvers.running(one))]
         for vehicle in batch.handed:
             if vehicle not in ours:

@@ -68,10 +68,10 @@ class Spares:
 
     def replace_lost(self) -> None:
         """Give the places of lost vehicles to spare ones; called once a tick."""
-        flight, show_run = self.flight, self.flight.show_run
+        flight, show_run = self.flight, self.flight.show.run
         if show_run is None or not show_run.spares:
             return
-        if flight.show not in {ShowPhase.ASSEMBLING, ShowPhase.RUNNING}:
+        if flight.show.phase not in {ShowPhase.ASSEMBLING, ShowPhase.RUNNING}:
             return
         lost = [name for name, vehicle in flight.vehicles.items() if vehicle.phase in REPLACED]
         for gone, spare in replacements(show_run, flight.state.time_s, lost, self._may_climb):
@@ -83,7 +83,7 @@ class Spares:
         here_m = flight.position_m(vehicle)
         if vehicle.phase is not Phase.STANDBY or not np.isfinite(here_m).all():
             return False
-        airborne_m = np.array([flight.position_m(other) for other in flight.airborne]).reshape(-1, 3)
+        airborne_m = np.array([flight.position_m(other) for other in flight.vehicles.airborne]).reshape(-1, 3)
         free = climb_is_free(here_m, airborne_m, flight.config.operation.takeoff_height_m)
         return free and not bool(closed_to(flight, [vehicle.row], here_m[None])[0])
 
@@ -103,8 +103,8 @@ class Spares:
         def ended(outcome: Outcome, reason: str) -> None:
             if outcome is Outcome.FAILED:
                 flight.left_behind[name] = reason
-                if flight.show_run is not None:
-                    flight.show_run.give_back(name, lost)
+                if flight.show.run is not None:
+                    flight.show.run.give_back(name, lost)
             flight.book.close(record, name, outcome, reason)
 
         return ended

@@ -64,14 +64,14 @@ class StallRecovery:
 
     def __post_init__(self) -> None:
         # At the end of a tick: commands after a stall may come before its first tick.
-        self._show = self.flight.show, self.flight.reason
+        self._show = self.flight.show.phase, self.flight.show.reason
         self._states: list[Any] = []  # of `VehicleStates.flown`
         self.stall: Stall | None = None  # the newest, while it explains modes
 
     def note_setpoints(self) -> None:
         """Remember which vehicles fly under setpoints until the next tick; called at the end of each tick."""
-        self._show = self.flight.show, self.flight.reason
-        self._states = self.flight.vehicle_states.flown
+        self._show = self.flight.show.phase, self.flight.show.reason
+        self._states = self.flight.vehicles.states.flown
 
     def _flown(self) -> dict[VehicleId, tuple[Phase, str]]:
         """Vehicles under setpoints as of the last note, with their phases and reasons."""
@@ -83,7 +83,7 @@ class StallRecovery:
 
     def stalled(self, gap_s: float) -> None:
         """Keep what was flown when no tick came for `gap_s`; to be called before telemetry changes phases."""
-        flight, show_run, (show, reason) = self.flight, self.flight.show_run, self._show
+        flight, show_run, (show, reason) = self.flight, self.flight.show.run, self._show
         now_s = flight.state.time_s
         noticed_s = flight.uncontrolled.without_setpoints.flies_on_s.min(initial=np.inf)
         if gap_s < STALL_SHARE * noticed_s:

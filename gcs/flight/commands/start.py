@@ -29,7 +29,7 @@ NAMED: Final = 6
 
 def uncontrolled(flight: Flight) -> list[Vehicle]:
     """Airborne vehicles under the control of a pilot or of their own autopilot."""
-    vehicles = flight.in_phase(Phase.PILOT, Phase.KILLED)
+    vehicles = flight.vehicles.in_phase(Phase.PILOT, Phase.KILLED)
     return [one for one in vehicles if flight.whereabouts(one) is Whereabouts.UNCONTROLLED]
 
 
@@ -80,7 +80,7 @@ class Starting:
         if others := uncontrolled(self.flight):
             raise RefusedError(f"a start needs all vehicles on the ground: {uncontrolled_reason(others)}")
         event = ShowEvent.START if at_unix_s is None else ShowEvent.SCHEDULE
-        advance_show(self.flight.show, event)
+        advance_show(self.flight.show.phase, event)
         if at_unix_s is not None:
             ahead_s = at_unix_s - self.flight.unix_s()
             if not 0.0 < ahead_s <= AHEAD_MAX_S:
@@ -90,7 +90,7 @@ class Starting:
         if at_unix_s is not None:
             record = self.flight.book.open("start", chosen, left_out)
             self.countdown = Countdown(at_unix_s, record, tuple(chosen), show_hash)
-            self.flight.move_show(ShowEvent.SCHEDULE, f"{len(chosen)} vehicles take off in {ahead_s:.0f} s")
+            self.flight.show.move(ShowEvent.SCHEDULE, f"{len(chosen)} vehicles take off in {ahead_s:.0f} s")
             return record
         if self.countdown is not None:
             self._end_countdown(self.countdown, "started before its time, by another command")
@@ -107,8 +107,8 @@ class Starting:
             flight.book.close(record.id, name, Outcome.DONE, STANDS_BY)
         chosen = flies
         flight.left_behind, flight.accepted = left_out, tuple(chosen)
-        flight.move_show(ShowEvent.START, "checks every vehicle")
-        flight.move_show(ShowEvent.CHECKED, f"{len(chosen)} vehicles take off one after the other")
+        flight.show.move(ShowEvent.START, "checks every vehicle")
+        flight.show.move(ShowEvent.CHECKED, f"{len(chosen)} vehicles take off one after the other")
         for turn, name in enumerate(chosen):
             vehicle = flight.vehicles[name]
             vehicle.home_m = flight.position_m(vehicle).copy()
@@ -133,20 +133,20 @@ class Starting:
         if countdown is None:
             return
         late_s = self.flight.unix_s() - countdown.at_unix_s
-        if late_s < 0.0 and not self.flight.airborne and not uncontrolled(self.flight):
+        if late_s < 0.0 and not self.flight.vehicles.airborne and not uncontrolled(self.flight):
             return
         try:
             chosen, left_out = self._still_ready(countdown, late_s)
         except (RefusedError, InvalidError, UnknownError) as error:
             self._end_countdown(countdown, str(error))
-            self.flight.move_show(ShowEvent.CHECK_FAILED, f"did not start: {error}")
+            self.flight.show.move(ShowEvent.CHECK_FAILED, f"did not start: {error}")
             return
         self.countdown = None
         self._take_off(countdown.record, chosen, left_out)
 
     def _still_ready(self, countdown: Countdown, late_s: float) -> Cleared:
         """Check again, at take-off time. Raises: RefusedError, InvalidError, UnknownError."""
-        if self.flight.airborne:
+        if self.flight.vehicles.airborne:
             raise RefusedError("a vehicle is in the air already")
         if others := uncontrolled(self.flight):
             raise RefusedError(uncontrolled_reason(others))
@@ -162,5 +162,5 @@ class Starting:
     def call_off(self, action: ShowAction) -> CommandRecord:
         if self.countdown is not None:
             self._end_countdown(self.countdown, "called off")
-        self.flight.move_show(ShowEvent(action.value), "the countdown was called off")
+        self.flight.show.move(ShowEvent(action.value), "the countdown was called off")
         return self.flight.book.open(action, [], {})

@@ -39,7 +39,7 @@ class VehicleCommands:
     maneuvers: Maneuvers
 
     def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> CommandRecord:
-        vehicle = self.flight.vehicle(vehicle_id)
+        vehicle = self.flight.vehicles.named(vehicle_id)
         with instead(self.flight, vehicle_id):
             return self._command(vehicle, action)
 
@@ -56,7 +56,7 @@ class VehicleCommands:
 
     def _require(self, vehicle: Vehicle, action: VehicleAction) -> None:
         """Check that the vehicle accepts the command now. Raises: RefusedError naming the vehicle."""
-        name, show = vehicle.id, self.flight.show
+        name, show = vehicle.id, self.flight.show.phase
         if not (action is VehicleAction.HOLD and vehicle.phase is Phase.HOLD):
             require_phase(vehicle, EVENT_OF[action])
         if action is VehicleAction.HOLD and vehicle.flags.pilot_in_control:
@@ -81,7 +81,7 @@ class VehicleCommands:
         if vehicles is None:
             meant = [v for v in self.flight.vehicles.values() if v.phase not in GROUNDED]
         else:
-            meant = [self.flight.vehicle(name) for name in dict.fromkeys(vehicles)]
+            meant = [self.flight.vehicles.named(name) for name in dict.fromkeys(vehicles)]
         chosen, left_out = self._reached(action, meant, named=vehicles is not None)
         if not chosen:
             reasons = "; ".join(left_out.values()) or "no vehicle is airborne"
@@ -147,9 +147,9 @@ class VehicleCommands:
     def check_room(self, joining: Sequence[Vehicle]) -> None:
         """Check that the sphere has room for these as well. Raises: RefusedError."""
         flight = self.flight
-        if flight.show_run is not None and flight.show_run.goals is not None:
+        if flight.show.run is not None and flight.show.run.goals is not None:
             return  # a drawing leads: it has a place for each of its vehicles
-        others = [other for other in flight.airborne if other not in joining]
+        others = [other for other in flight.vehicles.airborne if other not in joining]
         formed = [
             other for other in others if other.flags.entering_offboard or other.phase is Phase.FORMATION
         ]
@@ -163,7 +163,7 @@ class VehicleCommands:
     @with_alternative
     def kill(self, vehicle_ids: Sequence[VehicleId]) -> CommandRecord:
         """Stop motors. The phases change at once: nothing else is sent from then on."""
-        named = [self.flight.vehicle(name) for name in dict.fromkeys(vehicle_ids)]
+        named = [self.flight.vehicles.named(name) for name in dict.fromkeys(vehicle_ids)]
         left_out = {one.id: f"offline: {one.reason}" for one in named if (one.phase, Event.KILL) not in NEXT}
         chosen = [vehicle for vehicle in named if vehicle.id not in left_out]
         if not chosen:

@@ -124,7 +124,7 @@ class CollectiveReturn:
             self._rows = {self._flight.state.ids[row]: at for at, row in enumerate(self._places)}
             if self._exchanges_pads:
                 for row, place_m in zip(self._places, home_m, strict=True):
-                    self._flight.at_row(row).home_m = place_m.copy()
+                    self._flight.vehicles.rows[row].home_m = place_m.copy()
             self._planned = Future()
             self._planned.set_result((paths, home_m))
         return True
@@ -231,7 +231,7 @@ class CollectiveReturn:
 
     @property
     def _exchanges_pads(self) -> bool:
-        return self._flight.show_run is not None and self._flight.show_run.exchanges_pads
+        return self._flight.show.run is not None and self._flight.show.run.exchanges_pads
 
     def _exchange_pads(self, homing: Sequence[Vehicle], theirs: Returning) -> Returning:
         """Assign the pads of all returning vehicles anew; from then on they are their own.

@@ -49,7 +49,11 @@ class Maneuvers:
     @property
     def waiting(self) -> list[Vehicle]:
         """Vehicles on the ground that are about to take off."""
-        on_ground = self._flight.in_phase(Phase.STANDBY) if self._flight.show is ShowPhase.ARMING else []
+        on_ground = (
+            self._flight.vehicles.in_phase(Phase.STANDBY)
+            if self._flight.show.phase is ShowPhase.ARMING
+            else []
+        )
         return [vehicle for vehicle in on_ground if self.running(vehicle)]
 
     @property
@@ -208,7 +212,7 @@ class Maneuvers:
         return self._flight.once("all up", self._all_up_now)
 
     def _all_up_now(self) -> bool:
-        return not any(map(self.running, self._flight.in_phase(Phase.STANDBY, Phase.TAKEOFF)))
+        return not any(map(self.running, self._flight.vehicles.in_phase(Phase.STANDBY, Phase.TAKEOFF)))
 
     @property
     def all_up(self) -> bool:

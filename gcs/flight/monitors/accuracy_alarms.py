@@ -75,7 +75,7 @@ class AccuracyAlarms:
             return
         named = {name for each in failsafes if each.cause == Cause.BAD_POSITION for name in each.vehicles}
         for row in np.flatnonzero(doubtful | jumped).tolist():
-            vehicle = flight.at_row(row)
+            vehicle = flight.vehicles.rows[row]
             if vehicle.phase not in FLIES or vehicle.id in named or flight.silent[row]:
                 continue
             if doubtful[row]:
@@ -90,10 +90,10 @@ class AccuracyAlarms:
         Where a few vehicles alone make it too small, these are named instead. A drawn show has no radius.
         """
         flight = self.flight
-        if flight.show_run is not None and flight.show_run.goals is not None:
+        if flight.show.run is not None and flight.show.run.goals is not None:
             return
         doubtful = flight.state.doubtful
-        formed = flight.in_phase(Phase.FORMATION) if flight.show in SHOW_FLIES else []
+        formed = flight.vehicles.in_phase(Phase.FORMATION) if flight.show.phase in SHOW_FLIES else []
         formed = [vehicle for vehicle in formed if not doubtful[vehicle.row]]
         uncertainty_m = flight.in_formation_m(formed)
         about = len(uncertainty_m), flight.control.safety, uncertainty_m
@@ -150,7 +150,7 @@ class AccuracyAlarms:
         """Yield vehicles with heights that differ from their receivers', or from the ground under them."""
         flight, found = self.flight, self.flight.heights.found
         for row in np.flatnonzero(found.named).tolist() if found.named.any() else ():
-            vehicle = flight.at_row(row)
+            vehicle = flight.vehicles.rows[row]
             if vehicle.phase in FLIES:
                 consequence = "Others keep so much farther above and below [it|them]."
                 yield Condition(AlarmCause.HEIGHT_DIFFERS, found.in_words(row), (vehicle.id,), consequence)
@@ -197,7 +197,7 @@ class AccuracyAlarms:
             yield Condition(AlarmCause.SLOW_VEHICLE, because, (self.flight.state.ids[row],), consequence)
         least_m_s2 = slowest_m_s2(self.flight.traits.response)
         for row in np.flatnonzero(tick.memory.answers.slow[: len(fastest_m_s)]).tolist():
-            vehicle = self.flight.at_row(row)
+            vehicle = self.flight.vehicles.rows[row]
             because = f"{vehicle.autopilot.title}, less than {least_m_s2[row]:.1f} m/s^2"
             consequence = "[Its stops|Their stops] may be longer than the safety filter counts on."
             yield Condition(AlarmCause.SLOW_ANSWERS, because, (vehicle.id,), consequence)

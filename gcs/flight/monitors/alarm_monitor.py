@@ -210,7 +210,7 @@ class AlarmMonitor:
             newest = ((row, text) for row, own in enumerate(texts) for text in own)
             self._urgent = [each for each in newest if meaning_of(each[1].text) is Meaning.LAND_NOW]
         for row, text in self._urgent:
-            vehicle, age_s = flight.at_row(row), flight.state.time_s - text.time_s
+            vehicle, age_s = flight.vehicles.rows[row], flight.state.time_s - text.time_s
             if vehicle.phase in FLIES and age_s <= TEXTS_COUNT_S:
                 words = text.text.rstrip(".")
                 yield Condition(AlarmCause.LAND_NOW, f'"{words}"', (vehicle.id,), about=words)
@@ -238,7 +238,7 @@ class AlarmMonitor:
         self._poor = beyond(self._poor, share, POOR_LINK)
         if self._poor.any():
             for row in np.flatnonzero(self._poor).tolist():
-                vehicle = flight.at_row(row)
+                vehicle = flight.vehicles.rows[row]
                 if vehicle.phase in FLIES:
                     because = f"{share[row]:.0%} of its positions arrive"
                     yield Condition(AlarmCause.POOR_LINK, because, (vehicle.id,))
@@ -252,7 +252,7 @@ class AlarmMonitor:
             severity = None if vehicle_id in flight.excluded else AlarmSeverity.CAUTION
             because = reason.removeprefix(f"{vehicle_id}: ")
             yield Condition(AlarmCause.NOT_FLYING, because, (vehicle_id,), severity=severity)
-        if flight.columns and flight.show in BEFORE_ASSEMBLING:
+        if flight.columns and flight.show.phase in BEFORE_ASSEMBLING:
             yield Condition(AlarmCause.STACKED, flight.columns)
 
 

@@ -74,14 +74,16 @@ class FailsafeMonitor:
     def look(self) -> None:
         """Evaluate all triggers; called once a tick."""
         seen = self._seen()
-        if self.flight.show is not ShowPhase.PAUSED:
+        if self.flight.show.phase is not ShowPhase.PAUSED:
             self._paused_since_s = None
         elif self._paused_since_s is None:
             self._paused_since_s = seen.time_s
         requests = self._failsafes.look(seen, self._roles, active=bool(self.active))
         if requests is None or not (requests or self.active):
             return
-        self._sent = {row: sent for row, sent in self._sent.items() if self.is_busy(self.flight.at_row(row))}
+        self._sent = {
+            row: sent for row, sent in self._sent.items() if self.is_busy(self.flight.vehicles.rows[row])
+        }
         self._failsafes.execute(requests, self._standing, self._command)
         self._show(requests)
 
@@ -118,7 +120,7 @@ class FailsafeMonitor:
             if vehicle.phase is Phase.KILLED
             or (vehicle.phase is Phase.LOST and not vehicle.flags.pilot_in_control)
         }
-        self._lost_before = lost if self.flight.show in ON_THE_GROUND else self._lost_before & lost
+        self._lost_before = lost if self.flight.show.phase in ON_THE_GROUND else self._lost_before & lost
         newly_lost = lost - self._lost_before
         since_s = self._paused_since_s
         return Roles(
@@ -137,16 +139,16 @@ class FailsafeMonitor:
     def _standing(self) -> Standing:
         """Return what is in progress; a vehicle's maneuver counts as what it was commanded."""
         flight = self.flight
-        of_show = SHOW_STANDING.get(flight.show, FLIES_ON)
+        of_show = SHOW_STANDING.get(flight.show.phase, FLIES_ON)
         severities = np.full(len(flight.vehicles), np.nan)
         for row, vehicle in enumerate(flight.vehicles.values()):
             if vehicle.phase in STANDING:
                 sent = max(of_show, self._sent.get(row, 0)) if self.is_busy(vehicle) else 0
                 severities[row] = max(STANDING[vehicle.phase], sent)
         possible = {Action.RETURN, Action.LAND}
-        if flight.show in FORMED:
+        if flight.show.phase in FORMED:
             possible |= {Action.PAUSE, Action.RE_FORM, Action.HOLD_TARGET}
-        led = flight.show not in ON_THE_GROUND | {ShowPhase.UNCONTROLLED}
+        led = flight.show.phase not in ON_THE_GROUND | {ShowPhase.UNCONTROLLED}
         able = frozenset() if not led else frozenset(possible)
         return Standing(of_show, severities, able)
 
@@ -162,7 +164,7 @@ class FailsafeMonitor:
 
     def _act(self, request: FailsafeRequest) -> FailsafeRequest | None:
         """Command the vehicles of a request; a climbing vehicle is not stopped, but may be landed."""
-        named = [self.flight.at_row(row) for row in request.rows]
+        named = [self.flight.vehicles.rows[row] for row in request.rows]
         able = [v for v in named if v.phase is not Phase.TAKEOFF or request.action is not Action.HOLD]
         if not able:
             return None
@@ -171,7 +173,7 @@ class FailsafeMonitor:
         return request
 
     def _note(self, request: FailsafeRequest, record: CommandRecord) -> None:
-        rows = [v.row for v in self.flight.airborne] if request.whole_show else request.rows
+        rows = [v.row for v in self.flight.vehicles.airborne] if request.whole_show else request.rows
         self._sent |= dict.fromkeys(rows, request.severity)
         self._commanded[request.cause, request.action] = record.id
         reported = {"cause": request.cause.value, "action": request.action.value, "command": record.id}

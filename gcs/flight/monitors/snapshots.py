@@ -44,12 +44,12 @@ def fleet_view(
 
     `flight` is as of that tick: a shallow copy, where commands may have changed it since.
     """
-    center, fleet, show_run = tick.memory.center, flight.state, flight.show_run
+    center, fleet, show_run = tick.memory.center, flight.state, flight.show.run
     return FleetView(
         time_s=fleet.time_s,
         unix_time_s=unix_time_s,
-        show=flight.show,
-        reason=flight.reason,
+        show=flight.show.phase,
+        reason=flight.show.reason,
         rows=_rows(flight, tick),
         plan=flight.plan,
         flight_envelope=FlightEnvelope.of(flight.control.safety),
@@ -92,7 +92,7 @@ def measured(flight: Flight) -> dict[str, Array]:
 
 
 def _rows(flight: Flight, tick: Tick) -> VehicleTable:
-    fleet, telemetry, show_run = flight.state, flight.telemetry, flight.show_run
+    fleet, telemetry, show_run = flight.state, flight.telemetry, flight.show.run
     vehicles, known = flight.vehicles.values(), flight.known  # only those with all data can be ready
     setpoint_m_s = np.full((len(fleet.ids), 3), np.nan)
     if tick.setpoints.ids:
@@ -168,7 +168,7 @@ class Estimating:
 
     def _assembled_s(self, waiting: int) -> float | None:
         flight = self._flight
-        if flight.show not in FORMING:
+        if flight.show.phase not in FORMING:
             return None
         control, operation, memory = flight.control, flight.config.operation, flight.memory
         position_m, formation = flight.state.position_m, flight.plan.formation
@@ -189,7 +189,7 @@ class Estimating:
         joining_m = _raised(position_m, coming, waits_m)
         climbs_m = [
             waits_m - (vehicle.home_m[2] - flight.position_m(vehicle)[2])
-            for vehicle in flight.in_phase(Phase.TAKEOFF)
+            for vehicle in flight.vehicles.in_phase(Phase.TAKEOFF)
             if vehicle.home_m is not None
         ]
         if waiting:
@@ -200,31 +200,31 @@ class Estimating:
             time_estimates.to_sphere_s(joining_m, center_m, formation.radius_m, within_m, speeds),
             abs(formation.radius_m - memory.radius_m) / speeds.radius_m_s if formed.any() else 0.0,
         )
-        if flight.show is ShowPhase.ARMING:
+        if flight.show.phase is ShowPhase.ARMING:
             stagger_s = operation.takeoff_stagger_s
             on_way_s += time_estimates.take_off_s(waiting, stagger_s, np.array(climbs_m))
         return on_way_s if np.isfinite(on_way_s) and (waiting or formed.any() or coming.any()) else None
 
     def _home_s(self, left_s: float | None) -> float | None:
         flight, operation = self._flight, self._flight.config.operation
-        ours = flight.airborne
+        ours = flight.vehicles.airborne
         homes = [(vehicle, vehicle.home_m) for vehicle in ours if vehicle.home_m is not None]
         if not ours or len(homes) < len(ours):
             return None
         position_m = flight.state.position_m[[vehicle.row for vehicle in ours]]
-        aborting = flight.show is ShowPhase.ABORTING
+        aborting = flight.show.phase is ShowPhase.ABORTING
         goals_m = [one.goal_m if aborting and one.goal_m is not None else pad_m for one, pad_m in homes]
         home_m = np.array(goals_m)
         home_m[:, 2] = [pad_m[2] for _, pad_m in homes]
         stands = [flight.telemetry.landed[one.row] is Landed.ON_GROUND for one in ours]
         position_m[stands, 2] = home_m[stands, 2]  # whatever its height says
         heights_m = operation.takeoff_height_m, operation.handover_height_m
-        standing, speeds = flight.show in COMES_DOWN, speeds_of(flight.control)
+        standing, speeds = flight.show.phase in COMES_DOWN, speeds_of(flight.control)
         slow_from_m = flight.slow_from_m(ours)
         found_s = time_estimates.home_s(
             position_m, home_m, *heights_m, speeds, standing=standing, slow_from_m=slow_from_m
         )
-        if found_s is None or left_s is None or flight.show is not ShowPhase.RETURNING:
+        if found_s is None or left_s is None or flight.show.phase is not ShowPhase.RETURNING:
             return found_s
         return max(found_s, left_s + time_estimates.SEEN_DOWN_S)
 

@@ -105,7 +105,9 @@ class SpaceAlarms:
     def of_obstacles(self) -> Iterator[Condition]:
         """Yield vehicles of this station inside the margins of obstacles, which may appear where they are."""
         fleet, boxes = self.flight.state, self.flight.plan.obstacles
-        steered = [vehicle for vehicle in self.flight.in_phase(*FLOWN) if not vehicle.flags.handed_over]
+        steered = [
+            vehicle for vehicle in self.flight.vehicles.in_phase(*FLOWN) if not vehicle.flags.handed_over
+        ]
         if not boxes or not steered:
             return
         avoidance = self.flight.control.law.avoidance

@@ -61,7 +61,7 @@ class TelemetryMonitor:
         flight = self.flight
         now_s, telemetry = flight.state.time_s, flight.telemetry
         for row in np.flatnonzero(flight.reset_time_s == now_s).tolist():
-            self._mind_reset(flight.at_row(row))
+            self._mind_reset(flight.vehicles.rows[row])
         fresh = self._judge(now_s, telemetry)
         self._forget_heartbeats(fresh)
         changed = self._changed(telemetry, fresh)
@@ -87,7 +87,7 @@ class TelemetryMonitor:
         """
         flight, before = self.flight, self._looked
         now: tuple[Sequence[Any], ...] = (
-            *(flight.vehicle_states.phases, flight.vehicle_states.modes),
+            *(flight.vehicles.states.phases, flight.vehicles.states.modes),
             *(telemetry.mode, telemetry.armed, telemetry.in_failsafe, telemetry.landed),
             *(flight.silent.tobytes(), flight.has_heartbeat.tobytes(), fresh.tobytes()),
         )
@@ -117,7 +117,7 @@ class TelemetryMonitor:
         Returns: (n,) which have sent every sign of life lately, a heartbeat as well.
         """
         flight = self.flight
-        phases = flight.phases
+        phases = flight.vehicles.phases
         if phases is not self._judged[0] and phases != self._judged[0]:
             lacks_s = np.array([BEATS_LACK_S.get(phase, BEATS_LACK_MAX_S) for phase in phases])
             away = np.array([phase in {Phase.OFFLINE, Phase.LOST} for phase in phases])

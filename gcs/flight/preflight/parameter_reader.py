@@ -104,14 +104,14 @@ class ParameterReader:
             self._note_versions(received)
         reboot_count, armed = self._reported_columns
         for row in np.flatnonzero((absent & ~self._absent) | (reboot_count != self._reboot_count)).tolist():
-            self._forget(flight.at_row(row))
+            self._forget(flight.vehicles.rows[row])
         self._reboot_count, self._absent = reboot_count, absent
         self._due |= armed  # others may change parameters during a flight
         self._outdated |= armed
         waits = self._reading | armed | absent | (now_s < self._not_before_s)
         room = AT_ONCE_MAX - int(self._reading.sum())
         for row in np.flatnonzero(self._due & ~waits)[: max(room, 0)].tolist():
-            self._begin(flight.at_row(row))
+            self._begin(flight.vehicles.rows[row])
 
     def _note_versions(self, received: Telemetry) -> None:
         """Read the parameters of vehicles that have another version than before: others may be required."""

@@ -76,10 +76,10 @@ class PreflightGate:
         """As of the port: made within the last second; in the air it is the report from before take-off."""
         flight = self.flight
         for name in vehicles or ():
-            flight.vehicle(name)
-        if flight.show not in ON_THE_GROUND or flight.airborne:
+            flight.vehicles.named(name)
+        if flight.show.phase not in ON_THE_GROUND or flight.vehicles.airborne:
             if self._last is None:
-                raise RefusedError(f"preflight is for the ground, and the show is {flight.show}")
+                raise RefusedError(f"preflight is for the ground, and the show is {flight.show.phase}")
             return self._last[2]
         made_s, question, report = self._last or (-np.inf, None, None)
         same = question == self._question(vehicles) and flight.state.time_s - made_s < AGAIN_S
@@ -87,10 +87,10 @@ class PreflightGate:
 
     def _question(self, desired: Sequence[VehicleId] | None) -> Question:
         meant = None if desired is None else tuple(desired)
-        return meant, self.flight.show_run, frozenset(self.flight.excluded)
+        return meant, self.flight.show.run, frozenset(self.flight.excluded)
 
     def _made(self, desired: Sequence[VehicleId] | None) -> PreflightReport:
-        flight, show = self.flight, self.flight.show_run
+        flight, show = self.flight, self.flight.show.run
         try:
             chosen, _ = cleared = self._choose(desired)
             fleet = [_all_vehicles(chosen)]
@@ -112,7 +112,7 @@ class PreflightGate:
         fleet: Sequence[Check],
         looked: FleetReadiness,
     ) -> PreflightReport:
-        show, flying = self.flight.show_run, set(cleared.chosen)
+        show, flying = self.flight.show.run, set(cleared.chosen)
         report = PreflightReport(
             unix_time_s=self.flight.unix_s(),
             show=None if show is None else show.name,
@@ -215,7 +215,7 @@ class PreflightGate:
 
     def _inputs(self) -> PreflightInputs:
         flight, operation = self.flight, self.flight.config.operation
-        show = flight.show_run
+        show = flight.show.run
         found = None if show is None else show.figures
         return PreflightInputs(
             fleet=flight.state,
@@ -246,8 +246,8 @@ class PreflightGate:
         """Return the selected show's pads, in the order of the fleet; without a show the configured ones."""
         flight, config = self.flight, self.flight.config
         heading_deg = config.show_frame.heading_deg
-        if flight.show_run is not None:
-            pads_m = flight.show_run.timeline.show.start_places_m[:, :2]
+        if flight.show.run is not None:
+            pads_m = flight.show.run.timeline.show.start_places_m[:, :2]
             return Pattern(pads_m, self.show_player.pads(), heading_deg)
         places = config.preflight.start_places
         if not places:
@@ -317,7 +317,7 @@ class PreflightGate:
 
     def _check_vertical_overlap(self, chosen: Sequence[VehicleId]) -> None:
         """Store how many pairs will be stacked, as far as it can be predicted."""
-        flight, show_run = self.flight, self.flight.show_run
+        flight, show_run = self.flight, self.flight.show.run
         rows = [flight.vehicles[name].row for name in chosen]
         width_m = column_m(flight.control.safety.floor, flight.traits.uncertainty_m[rows])
         plans = [plan for _, plan in self.show_player.plans()]
@@ -345,7 +345,7 @@ class PreflightGate:
         """Return the vehicles that fly, and why the others do not. Raises: UnknownError, RefusedError."""
         flight = self.flight
         for name in desired or ():
-            flight.vehicle(name)
+            flight.vehicles.named(name)
         chosen, _ = cleared = self._could(desired)
         meant = set(flight.vehicles if desired is None else desired) - set(chosen)
         for name, vehicle in flight.vehicles.items():
@@ -382,7 +382,7 @@ class PreflightGate:
     def exclude(self, vehicle_id: VehicleId, reason: str) -> CommandRecord:
         if len(reason) > REASON_MAX:
             raise InvalidError("reason", reason[:20], f"at most {REASON_MAX} characters")
-        self.flight.need_no_countdown()
+        self.flight.show.need_no_countdown()
         self._need_ground(vehicle_id)
         exclusion = Exclusion(CALLER.get(), reason, self.flight.unix_s())
         self.flight.excluded[vehicle_id] = exclusion
@@ -391,7 +391,7 @@ class PreflightGate:
 
     @with_alternative
     def include(self, vehicle_id: VehicleId) -> CommandRecord:
-        self.flight.need_no_countdown()
+        self.flight.show.need_no_countdown()
         self._need_ground(vehicle_id)
         if self.flight.excluded.pop(vehicle_id, None) is None:
             raise RefusedError(f"{vehicle_id} was not taken out of the show")
@@ -399,10 +399,10 @@ class PreflightGate:
         return self.flight.book.done("include", [vehicle_id])
 
     def _need_ground(self, vehicle_id: VehicleId) -> None:
-        vehicle, flight = self.flight.vehicle(vehicle_id), self.flight
-        if flight.show not in ON_THE_GROUND or flight.airborne:
+        vehicle, flight = self.flight.vehicles.named(vehicle_id), self.flight
+        if flight.show.phase not in ON_THE_GROUND or flight.vehicles.airborne:
             raise RefusedError(
-                f"vehicles can be excluded or included only on the ground (the show is {flight.show})"
+                f"vehicles can be excluded or included only on the ground (the show is {flight.show.phase})"
             )
         if vehicle.phase not in GROUNDED:
             because = vehicle.reason.removesuffix(".")

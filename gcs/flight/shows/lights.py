@@ -38,7 +38,7 @@ def battery_colours(remaining: Array, battery_min: float) -> Colours:
 
 def find(flight: Flight, vehicle_id: VehicleId) -> None:
     """Let a vehicle on the ground blink. Raises: RefusedError, UnknownError."""
-    vehicle = flight.vehicle(vehicle_id)
+    vehicle = flight.vehicles.named(vehicle_id)
     if flight.config.lights.driver is LightDriver.NONE:
         raise RefusedError(f"{vehicle_id} has no lights: lights.driver of the configuration is none")
     if vehicle.phase is not Phase.STANDBY:
@@ -76,7 +76,7 @@ class Lights(Feature):
     def colours(self) -> Colours:
         """(n, 3) red, green, blue; rows as in FleetState."""
         flight, now_s = self._flight, self._flight.state.time_s
-        ids, run = tuple(flight.vehicles), flight.show_run
+        ids, run = tuple(flight.vehicles), flight.show.run
         colour = np.zeros((len(ids), 3), np.uint8)
         if run is not None:
             shown, lit = run.colours(ids, now_s)

@@ -86,7 +86,7 @@ class ShowBegin:
         """Forget the time. Raises: RefusedError."""
         show_run = self.check_cancel()
         self._at_unix_s = None
-        self._held = self.flight.show not in ON_THE_GROUND or bool(self.flight.airborne)
+        self._held = self.flight.show.phase not in ON_THE_GROUND or bool(self.flight.vehicles.airborne)
         self._show(show_run)
         log.info("show_begin_cancelled", extra={"show": show_run.name, "held": self._held})
 
@@ -118,7 +118,7 @@ class ShowBegin:
         log.warning("show_begin_forgotten", extra=reported)
 
     def _unbegun(self, what: str) -> ShowRun:
-        show_run = self.flight.show_run
+        show_run = self.flight.show.run
         if show_run is None:
             raise RefusedError(f"no show is selected: {what} is for one that is")
         if show_run.begun:
@@ -136,7 +136,7 @@ class ShowBegin:
         if (led := self.flight.elsewhere.shows.begin) is not None:
             return led.waits
         given = self._held or self._at_unix_s is not None
-        return self.flight.show_run is not None and (given or self.flight.timecode.followed)
+        return self.flight.show.run is not None and (given or self.flight.timecode.followed)
 
     # once a tick
 
@@ -144,8 +144,8 @@ class ShowBegin:
         """When a tick should come, on the loop's clock; None: any time is as good."""
         if (led := self.flight.elsewhere.shows.begin) is not None:
             return led.due_s(now_s)
-        show_run, timecode = self.flight.show_run, self.flight.timecode
-        if show_run is None or not self._ready or self.flight.show is not ShowPhase.ASSEMBLING:
+        show_run, timecode = self.flight.show.run, self.flight.timecode
+        if show_run is None or not self._ready or self.flight.show.phase is not ShowPhase.ASSEMBLING:
             return None
         left_s = inf
         if timecode.followed:
@@ -157,11 +157,11 @@ class ShowBegin:
 
     def look(self) -> None:
         """Let the show begin when it is time, and keep its tempo. Call once a tick, before the show leads."""
-        flight, show_run = self.flight, self.flight.show_run
+        flight, show_run = self.flight, self.flight.show.run
         now_s = flight.state.time_s
         before_s, self._before_s = self._before_s, now_s
-        flew, self._flew = self._flew, flight.show not in ON_THE_GROUND
-        over = flight.show in {ShowPhase.RETURNING, ShowPhase.ABORTING} or (flew and not self._flew)
+        flew, self._flew = self._flew, flight.show.phase not in ON_THE_GROUND
+        over = flight.show.phase in {ShowPhase.RETURNING, ShowPhase.ABORTING} or (flew and not self._flew)
         if show_run is None or over:
             self.forget("the show is over, or none is selected")
         if show_run is None:
@@ -169,7 +169,7 @@ class ShowBegin:
         if flight.timecode.settings is not None:
             flight.timecode.problem, flight.timecode.expected = "", False
             self._keep_time(show_run, now_s, 0.0 if before_s is None else now_s - before_s)
-        if flight.show is not ShowPhase.ASSEMBLING:
+        if flight.show.phase is not ShowPhase.ASSEMBLING:
             self._ready = False
         else:
             self._ready = self._ready or flight.assembled()
@@ -209,7 +209,7 @@ class ShowBegin:
         flight, now_s = self.flight, self.flight.state.time_s
         show_run.begins_s, show_run.tempo = begins_s, Tempo()
         late_s = 0.0 if self._at_unix_s is None else flight.unix_s() - self._at_unix_s
-        flight.move_show(ShowEvent.ASSEMBLED, "the show's time has come")
+        flight.show.move(ShowEvent.ASSEMBLED, "the show's time has come")
         log.info(
             "show_began",
             extra={

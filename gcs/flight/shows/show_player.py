@@ -50,7 +50,7 @@ class ShowPlayer:
 
     @with_alternative
     def select(self, name: str, show_hash: str) -> SelectedShow:
-        self.flight.need_no_countdown()
+        self.flight.show.need_no_countdown()
         self.need_ground("select a show")
         timeline = self.fitting(name, self.show_library.cleared(name, show_hash))
         return self.take(ShowRun(name, timeline, figures=self.show_library.checked(name).figures))
@@ -121,33 +121,33 @@ class ShowPlayer:
         """Have a show, its limits and its fence, or none; the flight that leads decides the plan."""
         flight = self.flight
         if show_run is None:
-            flight.show_run, flight.control = None, flight.config.control
+            flight.show.run, flight.control = None, flight.config.control
             return
-        if flight.show_run is None:
+        if flight.show.run is None:
             self._reported = flight.plan
         show = show_run.timeline.show
-        flight.show_run, flight.control = show_run, control_of(show.limits, show.fence, flight.config.control)
+        flight.show.run, flight.control = show_run, control_of(show.limits, show.fence, flight.config.control)
 
     @with_alternative
     def deselect(self) -> None:
         flight = self.flight
-        flight.need_no_countdown()
+        flight.show.need_no_countdown()
         self.need_ground("deselect the show")
-        if flight.show_run is None:
+        if flight.show.run is None:
             return
-        own, yaw = self._own_obstacles(flight.show_run), flight.plan.yaw
-        flight.show_run, flight.control, self.waits = None, flight.config.control, ()
+        own, yaw = self._own_obstacles(flight.show.run), flight.plan.yaw
+        flight.show.run, flight.control, self.waits = None, flight.config.control, ()
         target = replace(self._reported.target, time_s=flight.state.time_s)
         flight.plan = replace(self._reported, target=target, obstacles=own, yaw=yaw)
 
     @with_alternative
     def seek(self, cue: str) -> SelectedShow:
         flight = self.flight
-        flight.need_no_countdown()
-        show_run = flight.show_run
+        flight.show.need_no_countdown()
+        show_run = flight.show.run
         if show_run is None:
             raise RefusedError("no show is selected: seek is for one that is")
-        grounded = flight.show in ON_THE_GROUND and not flight.airborne
+        grounded = flight.show.phase in ON_THE_GROUND and not flight.vehicles.airborne
         show_run.clock = show_run.clock.seek(show_run.timeline, cue, grounded=grounded)
         self.lead()
         return show_run.view(flight.state.time_s)
@@ -165,9 +165,9 @@ class ShowPlayer:
 
     def selected(self) -> SelectedShow:
         """The selected show. Raises: RefusedError without one."""
-        if self.flight.show_run is None:
+        if self.flight.show.run is None:
             raise RefusedError("no show is selected")
-        return self.flight.show_run.view(self.flight.state.time_s)
+        return self.flight.show.run.view(self.flight.state.time_s)
 
     def check_start(
         self, chosen: Sequence[VehicleId], show_hash: str | None, *, named: bool, taken_out: int = 0
@@ -176,7 +176,7 @@ class ShowPlayer:
 
         `taken_out` is the number of vehicles that an operator excluded. Raises: RefusedError.
         """
-        show_run = self.flight.show_run
+        show_run = self.flight.show.run
         if show_run is None:
             if show_hash is not None:
                 raise RefusedError("no show is selected: select one, or start without a show's hash")
@@ -201,7 +201,7 @@ class ShowPlayer:
 
     def give_parts(self, chosen: Sequence[VehicleId]) -> Sequence[VehicleId]:
         """Start the selected show, if there is one. Returns: those that take off; the others are spares."""
-        show_run = self.flight.show_run
+        show_run = self.flight.show.run
         if show_run is None:
             return chosen
         others, seen = self.flight.elsewhere.shows, self.seen()
@@ -221,7 +221,7 @@ class ShowPlayer:
 
         The fleet's order decides, unless a drawing leaves it open and most vehicles stand on some pad.
         """
-        show_run = self.flight.show_run
+        show_run = self.flight.show.run
         if show_run is None:
             return {}
         show, rows = show_run.timeline.show, self.flight.elsewhere.shows.rows([*self.flight.vehicles])
@@ -241,19 +241,21 @@ class ShowPlayer:
 
     def plans(self) -> Sequence[tuple[str, Plan]]:
         """Plans to be flown in order, with the names of their cues."""
-        show_run = self.flight.show_run
+        show_run = self.flight.show.run
         return [("", self.flight.plan)] if show_run is None else show_run.timeline.stages()
 
     def obstacles(self) -> tuple[Obstacle, ...]:
-        show_run, plan = self.flight.show_run, self.flight.plan
+        show_run, plan = self.flight.show.run, self.flight.plan
         if show_run is None:
             return plan.obstacles
         return (*self._own_obstacles(show_run), *show_run.obstacles)
 
     def need_ground(self, what: str) -> None:
         flight = self.flight
-        if flight.show not in ON_THE_GROUND or flight.airborne:
-            raise RefusedError(f"cannot {what} while the show is {flight.show}: stop it, and wait for landed")
+        if flight.show.phase not in ON_THE_GROUND or flight.vehicles.airborne:
+            raise RefusedError(
+                f"cannot {what} while the show is {flight.show.phase}: stop it, and wait for landed"
+            )
         if why := flight.elsewhere.shows.why_busy:
             raise RefusedError(f"cannot {what} {why}")
 
@@ -264,11 +266,11 @@ class ShowPlayer:
         if self.flight.elsewhere.shows.follow():
             return
         self.begin.look()
-        flight, show_run = self.flight, self.flight.show_run
+        flight, show_run = self.flight, self.flight.show.run
         if show_run is None:
             return
         seen, now_s = self.seen(), flight.state.time_s
-        show_run.follow_drawing(seen, now_s, assembling=flight.show is ShowPhase.ASSEMBLING)
+        show_run.follow_drawing(seen, now_s, assembling=flight.show.phase is ShowPhase.ASSEMBLING)
         desired = show_run.desired(now_s)
         standing = {box.id for box in flight.plan.obstacles}
         own = self._own_obstacles(show_run)
@@ -286,13 +288,13 @@ class ShowPlayer:
     def seen(self) -> ShowFleet:
         """The vehicles among which the show is played, at this tick."""
         flight = self.flight
-        formed = np.array([phase is Phase.FORMATION for phase in flight.phases], dtype=np.bool_)
+        formed = np.array([phase is Phase.FORMATION for phase in flight.vehicles.phases], dtype=np.bool_)
         own = ShowFleet(flight.state.ids, flight.state.position_m, formed, len(formed))
         return flight.elsewhere.shows.joined(own)
 
     def _report_lags(self, show_run: ShowRun, vehicle_ids: Sequence[VehicleId]) -> None:
         """Log once, when a show with drawn parts has ended, how well each vehicle followed its trajectory."""
-        over = self.flight.show not in {ShowPhase.RUNNING, ShowPhase.PAUSED, ShowPhase.ASSEMBLING}
+        over = self.flight.show.phase not in {ShowPhase.RUNNING, ShowPhase.PAUSED, ShowPhase.ASSEMBLING}
         if not over or show_run.lags_reported or show_run.errors is None:
             return
         show_run.lags_reported = True
@@ -310,7 +312,7 @@ class ShowPlayer:
         """Why an obstacle of the show cannot stand yet: airborne vehicles, also those flown elsewhere."""
         flight = self.flight
         moving = flight.elsewhere.airborne_m()
-        for vehicle in flight.airborne:
+        for vehicle in flight.vehicles.airborne:
             moving[vehicle.id] = flight.position_m(vehicle), flight.state.velocity_m_s[vehicle.row]
         try:
             check_obstacle(
@@ -327,7 +329,7 @@ class ShowPlayer:
 
     @property
     def _reported_obstacles(self) -> tuple[Obstacle, ...]:
-        show_run = self.flight.show_run
+        show_run = self.flight.show.run
         return self.flight.plan.obstacles if show_run is None else self._own_obstacles(show_run)
 
     def _own_obstacles(self, show_run: ShowRun) -> tuple[Obstacle, ...]:
@@ -338,7 +340,7 @@ class ShowPlayer:
     # changes during a show
 
     def need_free(self, what: str) -> None:
-        show_run = self.flight.show_run
+        show_run = self.flight.show.run
         if show_run is not None:
             raise RefusedError(
                 f"show {show_run.name!r} decides the {what}: it can be paused or stopped, and deselected"
@@ -346,14 +348,14 @@ class ShowPlayer:
             )
 
     def need_own_obstacle(self, obstacle_id: str) -> None:
-        show_run = self.flight.show_run
+        show_run = self.flight.show.run
         if show_run is not None and obstacle_id in show_run.obstacle_ids:
             self.need_free(f"obstacle {obstacle_id}")
 
     @property
     def reserved(self) -> int:
         """Number of the show's obstacles that have not appeared."""
-        show_run = self.flight.show_run
+        show_run = self.flight.show.run
         if show_run is None:
             return 0
         return len(show_run.obstacle_ids - {box.id for box in self.flight.plan.obstacles})
@@ -361,7 +363,7 @@ class ShowPlayer:
     @property
     def target_age_s(self) -> float:
         """Age of the newest update of a live cue's target; NaN if none is expected or none was sent."""
-        flight, show_run = self.flight, self.flight.show_run
+        flight, show_run = self.flight, self.flight.show.run
         if show_run is None or show_run.live is None or not show_run.clock.runs:
             return nan
         if not flight.elsewhere.shows.leads:
@@ -371,7 +373,7 @@ class ShowPlayer:
 
     def hold_target(self) -> None:
         """Hold a live target that is not updated at its present position, until its next update."""
-        flight, show_run = self.flight, self.flight.show_run
+        flight, show_run = self.flight, self.flight.show.run
         if show_run is None or show_run.live is None or show_run.live is self._held:
             return
         now_s, live = flight.state.time_s, show_run.live
@@ -380,7 +382,7 @@ class ShowPlayer:
 
     def set_target(self, target: Target) -> None:
         """Set a target, without a show or for a live cue. Raises: RefusedError, InvalidError."""
-        flight, show_run = self.flight, self.flight.show_run
+        flight, show_run = self.flight, self.flight.show.run
         if show_run is not None and not show_run.is_live(target.time_s):
             self.need_free(f"target at cue {show_run.cue(target.time_s)!r}")
         check_target(target, flight.plan.orbit, flight.plan.formation, flight.control)

@@ -7,6 +7,7 @@ import asyncio
 import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import fields, replace
 from functools import lru_cache
 from itertools import chain
@@ -29,17 +30,17 @@ from gcs.failsafe.autopilot_failsafe import TEXTS_COUNT_S, FailsafeInputs
 from gcs.flight.state.corrections import Corrections
 from gcs.flight.state.elsewhere import Elsewhere
 from gcs.flight.state.feature import Feature, Instant
-from gcs.flight.state.running_show import ShowRun
+from gcs.flight.state.show_state import ShowState
 from gcs.flight.state.timecode import Timecode
 from gcs.flight.state.uncontrolled_space import UncontrolledSpace
-from gcs.flight.state.vehicle import SHOW_FLIES, Vehicle, VehicleStates
+from gcs.flight.state.vehicle import SHOW_FLIES, FlightVehicles, Vehicle
 from gcs.formation.repulsion import NEAREST_FACTOR, NEAREST_FACTOR_FEW
 from gcs.links import Command, ParameterValue
 from gcs.links.autopilots.versions import Version
 from gcs.links.batch_link import Link
 from gcs.links.intake import Intake
-from gcs.model.errors import CommandError, RefusedError, UnknownError
-from gcs.model.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowEvent, ShowPhase, advance_show
+from gcs.model.errors import CommandError
+from gcs.model.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowPhase
 from gcs.model.plan import LawName, Plan
 from gcs.model.preflight_report import Exclusion
 from gcs.model.response import FleetResponse
@@ -163,7 +164,6 @@ class Flight:
         self.link_of: Mapping[VehicleId, Link] = {name: link for link in links for name in link.ids}
         self.vehicles = self._made_vehicles()
         self.elsewhere = Elsewhere(len(self.vehicles))  # of a flight alone
-        self._states = VehicleStates(self.vehicles.values())
         self.parameters: dict[VehicleId, Mapping[str, ParameterValue]] = {}  # as last read on the ground
         self._fall_on_ground = [one for one in self.vehicles.values() if one.autopilot.falls_on_ground]
         self._presumed = presumed_parameters(config)
@@ -177,11 +177,8 @@ class Flight:
         )
         self.plan: Plan = replace(config.plan, target=replace(config.plan.target, time_s=now_s))
         self.control = config.control  # narrower while a show is selected
-        self.show_run: ShowRun | None = None
-        self.show, self.reason = ShowPhase.IDLE, "nothing has been started"
+        self.show = ShowState(lambda: self.state.time_s)
         self.columns = ""  # how many pairs will be stacked, in words; as of the last start
-        self.show_before = ShowPhase.IDLE  # the phase before control of everything airborne was lost
-        self.came_down_by: ShowPhase | None = None  # how the last show ended, if by a command
         self.excluded: dict[VehicleId, Exclusion] = {}  # taken out of the show by an operator
         self.left_behind: dict[VehicleId, str] = {}  # why vehicles do not fly with the last start
         self.corrections = Corrections(config.rtk, self.links, now_s)
@@ -215,6 +212,7 @@ class Flight:
         """As it is now: a view of a tick is made of it later. Copied with every tick."""
         copied = object.__new__(Flight)
         copied.__dict__.update(self.__dict__)
+        copied.show = copy(self.show)
         return copied
 
     @property
@@ -224,15 +222,15 @@ class Flight:
         own = chain.from_iterable(feature.intakes for feature in self.features)
         return *own, *self.elsewhere.intakes, *others
 
-    def _made_vehicles(self) -> dict[VehicleId, Vehicle]:
+    def _made_vehicles(self) -> FlightVehicles:
         """Return the configured vehicles, in order."""
         autopilots = [profile for link in self.config.links for profile in link.autopilots]
-        return {
-            one.id: Vehicle(
+        return FlightVehicles(
+            Vehicle(
                 one.id, row, one.system_id, self.link_of[one.id].name, one.charge, autopilot=autopilots[row]
             )
             for row, one in enumerate(self.config.fleet)
-        }
+        )
 
     def _made_table(self) -> Table:
         config, alone = self.config, [vehicle.without_setpoints for vehicle in self.vehicles.values()]
@@ -325,7 +323,7 @@ class Flight:
         """The control settings of this tick: `control`, slower and wider where links are late."""
         # pairs across flights know each other later
         late_s = self.link_delay.delay_s + self.elsewhere.delay_s
-        flying = np.array([phase in AIRBORNE for phase in self.phases], dtype=np.bool_)
+        flying = np.array([phase in AIRBORNE for phase in self.vehicles.phases], dtype=np.bool_)
         before = self._slowed
         delay_s = fleet_delay_s(late_s, flying, 0.0 if before is None else before[1])
         if before is None or before[0] is not self.control or before[1] != delay_s:
@@ -369,9 +367,6 @@ class Flight:
         place_m: Array = self.uncontrolled.seen_m[vehicle.row]
         return place_m if np.isfinite(place_m).all() else None
 
-    def at_row(self, row: int) -> Vehicle:
-        return self.vehicles[self.state.ids[row]]
-
     @property
     def setpoints_sent(self) -> int:
         return sum(link.setpoints_sent for link in self.links)
@@ -379,7 +374,7 @@ class Flight:
     @property
     def instant(self) -> Instant:
         """What features are asked about."""
-        return Instant(self.state.time_s, self.show, self.show_run)
+        return Instant(self.state.time_s, self.show.phase, self.show.run)
 
     def once(self, name: str, compute: Callable[[], T]) -> T:
         """What `compute` returns, computed once for the state of this tick: all vehicles ask for it."""
@@ -431,7 +426,7 @@ class Flight:
 
     def note_setpoints(self) -> None:
         """Begin a tick, before telemetry changes phases: see `SetpointGaps` and `KeptSetpoints`."""
-        phases = self.phases
+        phases = self.vehicles.phases
         left = np.zeros(len(phases), np.bool_)
         if Phase.PILOT in phases:
             left[:] = [phase is Phase.PILOT for phase in phases]
@@ -455,29 +450,9 @@ class Flight:
     def not_flying(self) -> dict[VehicleId, str]:
         """Vehicles that stay on the ground while the others fly or will fly, with the reasons."""
         why = {name: str(exclusion) for name, exclusion in self.excluded.items()}
-        if self.show not in ON_THE_GROUND:
+        if self.show.phase not in ON_THE_GROUND:
             why = self.left_behind | why
         return {name: text for name, text in why.items() if self.vehicles[name].phase in GROUNDED}
-
-    @property
-    def vehicle_states(self) -> VehicleStates:
-        """The vehicles as they are now: the same object until one of them changes."""
-        if not self._states.is_current:
-            self._states = VehicleStates(self.vehicles.values())
-        return self._states
-
-    @property
-    def phases(self) -> list[Phase]:
-        """Of all vehicles, by row; not to be changed."""
-        return self.vehicle_states.phases
-
-    def in_phase(self, *phases: Phase) -> list[Vehicle]:
-        return self.vehicle_states.in_phase(phases).copy()
-
-    @property
-    def airborne(self) -> list[Vehicle]:
-        """Vehicles in the air under this service's control."""
-        return self.in_phase(*AIRBORNE)
 
     def whereabouts(self, vehicle: Vehicle) -> Whereabouts:
         """Whether it is airborne and under control, on the ground, or unknown; see `fleet_counts`."""
@@ -514,7 +489,7 @@ class Flight:
         return not self.once("lowest beside", self._lowest_beside_m) > self.position_m(vehicle)[2]
 
     def _lowest_beside_m(self) -> float:
-        landing = [one for one in self.in_phase(Phase.LANDING) if one.goal_m is not None]
+        landing = [one for one in self.vehicles.in_phase(Phase.LANDING) if one.goal_m is not None]
         here_m = self.state.position_m[[one.row for one in landing]]
         goal_m = np.array([one.goal_m for one in landing], dtype=float).reshape(-1, 3)
         return lowest_beside_m(here_m, goal_m)
@@ -526,10 +501,10 @@ class Flight:
         """
         if self.elsewhere.lead_runs:
             return True
-        if self.show_run is not None and self.show_run.goals is not None:
-            return self.show_run.there
+        if self.show.run is not None and self.show.run.goals is not None:
+            return self.show.run.there
         center, radius_m = self.memory.center, self.memory.radius_m
-        rows = [vehicle.row for vehicle in self.in_phase(Phase.FORMATION)]
+        rows = [vehicle.row for vehicle in self.vehicles.in_phase(Phase.FORMATION)]
         if center is None or not rows:
             return False
         their_m, their_charge = self.elsewhere.formed_m()
@@ -548,33 +523,9 @@ class Flight:
         absent = [name for name in self.accepted if self.vehicles[name].phase is not Phase.FORMATION]
         return f"formation reached, without {', '.join(absent)}" if absent else "formation reached"
 
-    def vehicle(self, vehicle_id: VehicleId) -> Vehicle:
-        """Return the vehicle with this id. Raises: UnknownError."""
-        try:
-            return self.vehicles[vehicle_id]
-        except KeyError:
-            known = ", ".join(self.vehicles)
-            raise UnknownError(f"there is no vehicle {vehicle_id}; there are {known}") from None
-
-    def need_no_countdown(self) -> None:
-        if self.show is ShowPhase.COUNTDOWN:
-            raise RefusedError("a start is being counted down: stop cancels it")
-
-    def move_show(self, event: ShowEvent, reason: str) -> None:
-        """Move the show to its next phase. Raises: RefusedError when the transition is not allowed."""
-        before, self.show = self.show, advance_show(self.show, event)
-        self.reason = reason
-        if event is ShowEvent.CONTROL_LOST:
-            self.show_before = before
-        if event in {ShowEvent.ALL_DOWN, ShowEvent.CONTROL_LOST} and before is not ShowPhase.UNCONTROLLED:
-            self.came_down_by = before if before in {ShowPhase.RETURNING, ShowPhase.ABORTING} else None
-        if self.show_run is not None:
-            self.show_run.follow(self.show, self.state.time_s)
-        log.info("show_phase", extra={"was": before.value, "phase": self.show.value, "reason": reason})
-
     def tasks(self) -> Tasks:
         """What every vehicle has to do in this tick."""
-        tasks, show_run = self._tasks_now(), self.show_run
+        tasks, show_run = self._tasks_now(), self.show.run
         if show_run is not None and show_run.goals is not None:
             tasks = tasks.led_by(show_run.goals, moves=show_run.moves)
         self.last_tasks = tasks
@@ -582,9 +533,9 @@ class Flight:
 
     def _tasks_now(self) -> Tasks:
         vehicles = self.vehicles.values()  # rows as in FleetState
-        now_s, show = self.state.time_s, self.show
+        now_s, show = self.state.time_s, self.show.phase
         show_flies = show in SHOW_FLIES
-        states = self.vehicle_states
+        states = self.vehicles.states
         phases = states.phases
         flown = show_flies and now_s >= states.frozen_until_s and phases.count(Phase.FORMATION) == len(phases)
         age_s = self.state.age_s
@@ -628,6 +579,6 @@ class Flight:
         return self.once("closing", self._closing_now)
 
     def _closing_now(self) -> frozenset[VehicleId]:
-        lost = self.in_phase(Phase.LOST, Phase.KILLED)
+        lost = self.vehicles.in_phase(Phase.LOST, Phase.KILLED)
         own = frozenset(vehicle.id for vehicle in lost if self.last_m(vehicle) is not None)
         return own | self.elsewhere.closing()

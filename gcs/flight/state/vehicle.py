@@ -1,7 +1,7 @@
 """Runtime state of one vehicle: its phase, its task, and its reported status."""
 
 import logging
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import inf
@@ -12,7 +12,7 @@ from gcs.control import Task
 from gcs.failsafe.autopilot_failsafe import TERMINATED, FailsafeCause
 from gcs.flight.state.flags import Flags
 from gcs.links.autopilots import DEFAULT, Autopilot
-from gcs.model.errors import RefusedError
+from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.lifecycle import AIRBORNE, FLOWN, Event, Phase, ShowPhase, advance
 from gcs.model.setpoint_loss import WithoutSetpoints
 from gcs.model.state import Array, Landed, Mode, VehicleId
@@ -224,8 +224,8 @@ class Vehicle:
 class VehicleStates:
     """Columns of all vehicles of a fleet, by row, until one of them changes: seldom in flight."""
 
-    def __init__(self, vehicles: Collection[Vehicle]) -> None:
-        self._vehicles = tuple(vehicles)
+    def __init__(self, vehicles: tuple[Vehicle, ...]) -> None:
+        self._vehicles = vehicles
         self._changes = Vehicle.changes
         self._in_phases: dict[tuple[Phase, ...], list[Vehicle]] = {}
 
@@ -259,6 +259,42 @@ class VehicleStates:
 
 
 _FLOWN = attrgetter("phase", "reason", "flags")
+
+
+class FlightVehicles(dict[VehicleId, Vehicle]):
+    """The vehicles of one flight by id, in the order of their rows; none is added or removed."""
+
+    def __init__(self, vehicles: Iterable[Vehicle]) -> None:
+        self.rows = tuple(vehicles)
+        super().__init__((vehicle.id, vehicle) for vehicle in self.rows)
+        self._states = VehicleStates(self.rows)
+
+    def named(self, vehicle_id: VehicleId) -> Vehicle:
+        """Return the vehicle with this id. Raises: UnknownError."""
+        try:
+            return self[vehicle_id]
+        except KeyError:
+            raise UnknownError(f"there is no vehicle {vehicle_id}; there are {', '.join(self)}") from None
+
+    @property
+    def states(self) -> VehicleStates:
+        """The vehicles as they are now: the same object until one of them changes."""
+        if not self._states.is_current:
+            self._states = VehicleStates(self.rows)
+        return self._states
+
+    @property
+    def phases(self) -> list[Phase]:
+        """Of all vehicles, by row; not to be changed."""
+        return self.states.phases
+
+    def in_phase(self, *phases: Phase) -> list[Vehicle]:
+        return self.states.in_phase(phases).copy()
+
+    @property
+    def airborne(self) -> list[Vehicle]:
+        """Vehicles in the air under this service's control."""
+        return self.in_phase(*AIRBORNE)
 
 
 def require_phase(vehicle: Vehicle, event: Event) -> None:

@@ -24,7 +24,7 @@ BLOWN: Final = np.array([1.5, 0.0, 0.0])
 def running(uncertain: dict[int, float], *, doubtful: tuple[int, ...] = ()) -> Flight:
     """All in formation; the uncertainty of some rows in m, and rows without a 3D fix."""
     subject = flight(COUNT)
-    subject.show = ShowPhase.RUNNING
+    subject.show.phase = ShowPhase.RUNNING
     for vehicle in subject.vehicles.values():
         vehicle.phase = Phase.FORMATION
     uncertainty_m = np.full(COUNT, GOOD_M)

@@ -36,7 +36,7 @@ def listed(subject: Flight) -> dict[str, Alarm]:
 
 def test_termination_is_an_emergency_and_no_pilot() -> None:
     subject = flying()
-    vehicle = subject.vehicle("d2")
+    vehicle = subject.vehicles.named("d2")
     assert vehicle.observe(TERMINATED)
     (alarm,) = listed(subject).values()
     assert (alarm.cause, alarm.severity) == ("terminated", AlarmSeverity.EMERGENCY)
@@ -53,9 +53,9 @@ def test_space_below_a_terminated_vehicle_is_closed() -> None:
     subject = flying()
     subject.note_seen(np.ones(COUNT, np.bool_))
     assert len(subject.closed()[0]) == 0
-    assert subject.vehicle("d2").observe(TERMINATED)
+    assert subject.vehicles.named("d2").observe(TERMINATED)
     segments_m, _ = subject.closed()
-    here_m = subject.position_m(subject.vehicle("d2"))
+    here_m = subject.position_m(subject.vehicles.named("d2"))
     below = (np.abs(segments_m[:, :, :2] - here_m[:2]).max(axis=(1, 2)) < 0.1) & (segments_m[:, 1, 2] > -0.1)
     assert below.any()
     assert subject.closing() == {"d2"}
@@ -68,5 +68,5 @@ def test_landing_that_an_autopilot_asks_for_is_an_alarm() -> None:
     (alarm,) = listed(subject).values()
     assert alarm.text == f'Vehicle d1 asked to land by the autopilot: "{LAND_NOW}".'
     assert (alarm.advice, alarm.vehicles) == ("Land it.", ("d1",))
-    subject.vehicle("d1").phase = Phase.STANDBY
+    subject.vehicles.named("d1").phase = Phase.STANDBY
     assert listed(subject) == {}, "it has landed"

@@ -130,7 +130,7 @@ def test_a_look_at_a_large_sphere_lists_no_far_pairs() -> None:
 
 def test_in_formation_only_frozen_or_returning_have_a_goal() -> None:
     subject = at(flight(3), CENTER_M + RADIUS_M * best(3))
-    subject.show = ShowPhase.RUNNING
+    subject.show.phase = ShowPhase.RUNNING
     tasks = subject.tasks()
     assert tasks.task.tolist() == [Task.FORMATION] * 3
     assert tasks.airborne.all()
@@ -145,7 +145,7 @@ def test_in_formation_only_frozen_or_returning_have_a_goal() -> None:
     first.frozen_until_s = -1.0
     second.phase, second.goal_m = Phase.RETURN, here_m
     assert subject.tasks().task.tolist() == [Task.FORMATION, Task.GOAL, Task.FORMATION]
-    second.phase, subject.show = Phase.FORMATION, ShowPhase.PAUSED
+    second.phase, subject.show.phase = Phase.FORMATION, ShowPhase.PAUSED
     assert Task.FORMATION not in subject.tasks().task.tolist()
 
 

@@ -30,7 +30,7 @@ FELL_S = 2.7
 def test_killed_ardupilot_is_on_the_ground_when_it_lies_there() -> None:
     link = NativeLink("none", {"d2": 2}, (), CONFIG.frame, autopilots=(AUTOPILOTS["ardupilot"],))
     flight = Flight(CONFIG, (link,), 0.0)
-    vehicle = flight.vehicle("d2")
+    vehicle = flight.vehicles.named("d2")
     seen: list[tuple[float, Landed, Whereabouts, float]] = []
     for time_s, frame in frames("ardupilot/kill.tlog.xz"):
         reported = link._telemetry

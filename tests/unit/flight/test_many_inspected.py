@@ -88,7 +88,7 @@ def scene() -> Scene:
 def test_all_vehicles_are_known_after_the_first_tick() -> None:
     scene = Scene()
     scene.tick()
-    assert scene.flight.phases == [Phase.PILOT] * COUNT
+    assert scene.flight.vehicles.phases == [Phase.PILOT] * COUNT
 
 
 def test_each_vehicle_is_explained_anew_when_its_turn_comes(scene: Scene) -> None:
@@ -112,4 +112,4 @@ def test_a_silence_of_all_is_seen_in_its_own_tick(scene: Scene) -> None:
     silence_s = scene.flight.config.operation.silence_s
     scene.flight.receive(scene.link.now_s + silence_s + 10.0)
     scene.monitor.look()
-    assert scene.flight.phases == [Phase.LOST] * COUNT
+    assert scene.flight.vehicles.phases == [Phase.LOST] * COUNT
