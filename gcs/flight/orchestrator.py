@@ -18,17 +18,25 @@ from gcs.estimation import link_health
 from gcs.failsafe import triggers
 from gcs.flight.commands.commander import Commander
 from gcs.flight.commands.plan_editor import PlanEditor
+from gcs.flight.maneuvers.descent import Descent
+from gcs.flight.maneuvers.landing_places import LandingPlaces
+from gcs.flight.maneuvers.landings import Landings
+from gcs.flight.maneuvers.maneuver_steps import Steps
 from gcs.flight.maneuvers.maneuvers import Maneuvers
 from gcs.flight.monitors.alarm_monitor import AlarmMonitor, Findings
+from gcs.flight.monitors.failsafe_monitor import FailsafeMonitor
 from gcs.flight.monitors.snapshots import Estimating, fleet_view
+from gcs.flight.monitors.telemetry_monitor import TelemetryMonitor
 from gcs.flight.preflight.parameter_reader import ParameterReader
 from gcs.flight.preflight.preflight_gate import PreflightGate
-from gcs.flight.show_progress import ShowProgress
+from gcs.flight.show_progress import ComeBack, ShowProgress
 from gcs.flight.shows.lights import Lights
+from gcs.flight.shows.show_begin import ShowBegin
 from gcs.flight.shows.show_player import ShowPlayer
 from gcs.flight.state.corrections import Corrections
 from gcs.flight.state.elsewhere import Elsewhere
 from gcs.flight.state.flight import Flight
+from gcs.flight.state.refusals import Refusals
 from gcs.flight.state.ticker import TickClock, garbage_between_ticks, ticks
 from gcs.flight.state.timecode import Timecode
 from gcs.links.batch_link import Link
@@ -62,6 +70,36 @@ class Heart(Protocol):
 
     def beat(self) -> None:
         """Report a tick that came in time. Never waits, never raises."""
+
+
+def landing_places(flight: Flight) -> LandingPlaces:
+    return LandingPlaces(
+        flight.newest,
+        flight.in_force,
+        flight.vehicles,
+        flight.config.operation,
+        flight.uncontrolled.last_m,
+        flight.closed,
+        lambda: flight.elsewhere,
+    )
+
+
+def maneuvers_of(flight: Flight, group: asyncio.TaskGroup, places: LandingPlaces) -> Maneuvers:
+    newest, slow_from_m = flight.newest, flight.slow_from_m
+    steps = Steps(newest, flight.ticked, flight.execute)
+    descent = partial(Descent, newest, flight.in_force, flight.config, flight.link_delay, slow_from_m)
+    return Maneuvers(
+        group,
+        steps,
+        Landings(newest, steps, places, descent, flight.may_descend, flight.closing),
+        newest,
+        flight.vehicles,
+        flight.show,
+        flight.config.operation,
+        flight.climb_ended,
+        flight.once,
+        lambda: flight.elsewhere.all_up,
+    )
 
 
 class Orchestrator:
@@ -107,30 +145,120 @@ class Orchestrator:
         self._failed_links: dict[str, str] = {}
         self._interventions = 0
         self._group = asyncio.TaskGroup()  # the control group, entered by `run`
-        self._estimating = Estimating(flight)
-        flight.features.append(Lights(flight))
+        newest, vehicles, show = flight.newest, flight.vehicles, flight.show
+        self._estimating = Estimating(newest, vehicles, show, flight.in_force, config, flight.slow_from_m)
+        lights = Lights(newest, vehicles, show, flight.links, config, lambda: flight.elsewhere.owned)
+        flight.features.append(lights)
         if record is not None:
             known = flight.vehicles.keys()
             flight.excluded |= {name: out for name, out in record.excluded.items() if name in known}
-        self.maneuvers = maneuvers = Maneuvers(self._group, flight)
-        parameter_reader = ParameterReader(self._group, flight)
+        operation = config.operation
+        refusals = self.refusals = Refusals(flight.newest, flight.vehicles, operation, flight.inputs)
+        places = landing_places(flight)
+        self.maneuvers = maneuvers = maneuvers_of(flight, self._group, places)
+        parameter_reader = ParameterReader(
+            self._group,
+            newest,
+            vehicles,
+            config,
+            flight.link_of,
+            flight.parameters,
+            flight.changed_parameters,
+            flight.note_parameters,
+        )
 
         self.frame = config.frame
         self.replaying = None
         self.audit: Audit = NoAudit() if record is None else record.audit
         self.events = EventLog()
-        take_off = config.operation.takeoff_height_m, config.operation.takeoff_stagger_s
+        take_off = operation.takeoff_height_m, operation.takeoff_stagger_s
         self.shows = ShowLibrary(None if config.shows is None else config.shows.folder, take_off)
-        self.player = ShowPlayer(flight, self.shows)
-        self.preflight = PreflightGate(flight, parameter_reader, self.player)
-        self.plan = PlanEditor(flight, self.player, maneuvers, loop.time)
+        begin = ShowBegin(
+            newest,
+            vehicles,
+            show,
+            flight.timecode,
+            unix_s,
+            clock_problem,
+            flight.assembled,
+            lambda: flight.elsewhere,
+        )
+        self.player = ShowPlayer(
+            newest,
+            flight.in_force,
+            show,
+            vehicles,
+            config,
+            lambda: flight.elsewhere,
+            begin,
+            refusals,
+            self.shows,
+        )
+        self.preflight = PreflightGate(flight, refusals, parameter_reader, self.player)
+        self.plan = PlanEditor(
+            flight.in_force,
+            flight.show,
+            flight.vehicles,
+            flight.excluded,
+            flight.in_formation_m,
+            self.player,
+            maneuvers,
+            loop.time,
+        )
         found = None if record is None else record.found
-        self.commands = Commander(flight, maneuvers, self.player, self.preflight, self._planning, found)
+        self.commands = Commander(
+            flight,
+            refusals,
+            places,
+            maneuvers,
+            lights.find,
+            self.player,
+            self.preflight,
+            self._planning,
+            found,
+        )
         self.recovery = self.commands.recovery
         self.stations = None
         self.alarms = AlarmMonitor(flight)
+        come_back = ComeBack(show, maneuvers, self.commands)
+        self._telemetry_monitor = TelemetryMonitor(
+            newest,
+            vehicles,
+            flight.links,
+            config,
+            flight.table,
+            flight.note_seen,
+            lambda: flight.elsewhere.owned,
+            flight.inputs,
+            maneuvers,
+            come_back.fly,
+        )
+        self._failsafe_monitor = FailsafeMonitor(
+            newest,
+            vehicles,
+            show,
+            flight.in_force,
+            config.failsafes,
+            flight.table,
+            flight.link_delay,
+            flight.link_quality,
+            unix_s,
+            self.player,
+            self._clock,
+            self.commands,
+            maneuvers.running,
+        )
         self._progress = ShowProgress(
-            flight, maneuvers, self.commands, parameter_reader, self.player, self._clock
+            newest,
+            vehicles,
+            show,
+            flight.assembled,
+            lambda: flight.elsewhere,
+            maneuvers,
+            self.commands,
+            parameter_reader,
+            self._failsafe_monitor,
+            begin,
         )
         first = self._decide()
         self.view = Latest(self._promised_view(first)())
@@ -139,7 +267,9 @@ class Orchestrator:
         """Have vehicles that are flown elsewhere take part, before `run`."""
         flight = self.flight
         flight.elsewhere = elsewhere
-        flight.memory = Memory.fresh(len(flight.vehicles) + elsewhere.count, flight.state.time_s)
+        flight.newest.memory = Memory.fresh(
+            len(flight.vehicles) + elsewhere.count, flight.newest.state.time_s
+        )
         self.recovery.review()
         first = self._decide()
         self.view.promise(partial(elsewhere.hooks.whole, self._promised_view(first), first))
@@ -190,7 +320,7 @@ class Orchestrator:
             if self._record is not None:
                 run = self.flight.show.run
                 parts = {} if run is None else run.parts
-                sample = Sample(own(), parts, self.flight.control, elsewhere=hooks.recorded())
+                sample = Sample(own(), parts, self.flight.in_force.control, elsewhere=hooks.recorded())
                 self._record.note(sample, self.flight.links)
             self.flight.wake()
             collect_garbage(now_s)
@@ -203,14 +333,15 @@ class Orchestrator:
         flight.note_setpoints()
         gap_s = self._clock.gap_before(now_s)
         if gap_s > self._config.setpoint_timeout_s:
-            self._progress.stalled(gap_s)
-        self._progress.telemetry_monitor.look()
+            self.recovery.stalls.stalled(gap_s)  # control may have been lost
+            self._telemetry_monitor.resume()
+        self._telemetry_monitor.look()
         self.player.lead()
         result = self._decide()
         if hooks.may_send:
             self._routing.send(result.setpoints)
         # The rest can wait for the next tick: setpoints cannot.
-        flight.memory = result.memory
+        flight.newest.memory = result.memory
         flight.note_links()
         self._interventions += len(result.limited_by) - result.limited_by.count("")
         hooks.sent(result, all_up=self.maneuvers.all_up)
@@ -227,7 +358,7 @@ class Orchestrator:
         links = self.flight.links
         recorded = () if self._record is None else self._record.problems
         return Findings(
-            failsafes=self._progress.failsafe_monitor.active,
+            failsafes=self._failsafe_monitor.active,
             obstacles_wait=self.player.waits,
             not_recorded=(*recorded, *(problem for link in links for problem in link.problems)),
             failed_links=self._failed_links,
@@ -240,7 +371,14 @@ class Orchestrator:
 
     def _decide(self) -> Tick:
         flight = self.flight
-        now = flight.state, flight.tasks(), flight.plan, flight.traits, flight.memory, flight.control_now
+        now = (
+            flight.newest.state,
+            flight.tasks(),
+            flight.in_force.plan,
+            flight.newest.traits,
+            flight.newest.memory,
+            flight.control_now,
+        )
         return tick(*now, None, flight.elsewhere.others, flight.elsewhere.shared())
 
     @property
@@ -261,7 +399,7 @@ class Orchestrator:
             estimates=self._estimating.newest,
             unix_time_s=self.flight.unix_s(),
             start_unix_s=None if countdown is None else countdown.at_unix_s,
-            failsafes=self._progress.failsafe_monitor.active,
+            failsafes=self._failsafe_monitor.active,
             interrupted=self.recovery.view(),
             alarms=self.alarms.alarms,
         )

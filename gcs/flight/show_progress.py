@@ -1,20 +1,20 @@
 """Advances the show automatically, once a tick: telemetry, failsafes, take-off, assembly, landing."""
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
 from gcs.flight.commands.commander import Commander
 from gcs.flight.commands.start import uncontrolled, uncontrolled_reason
-from gcs.flight.maneuvers.landing_places import landing_sites_m
 from gcs.flight.maneuvers.maneuvers import Maneuvers
 from gcs.flight.monitors.failsafe_monitor import FailsafeMonitor
-from gcs.flight.monitors.telemetry_monitor import TelemetryMonitor
 from gcs.flight.preflight.parameter_reader import ParameterReader
-from gcs.flight.shows.show_player import ShowPlayer
-from gcs.flight.state.flight import Flight
-from gcs.flight.state.ticker import TickClock
-from gcs.flight.state.vehicle import Vehicle
+from gcs.flight.shows.show_begin import ShowBegin
+from gcs.flight.state.elsewhere import Elsewhere
+from gcs.flight.state.newest import Newest
+from gcs.flight.state.show_state import ShowState, reached
+from gcs.flight.state.vehicle import FlightVehicles, Vehicle
 from gcs.model.errors import CommandError, RefusedError
 from gcs.model.lifecycle import ANYTHING_FLIES, ON_THE_GROUND, Phase, ShowEvent, ShowPhase
 from gcs.model.state import Whereabouts
@@ -29,50 +29,38 @@ OVER = frozenset({ShowPhase.LANDED, ShowPhase.UNCONTROLLED})
 """Phases in which the show leads no vehicle."""
 
 
-@dataclass(eq=False)
-class ShowProgress:
-    """Follows the telemetry with phases, failsafes and the show's progress. Called once a tick."""
+@dataclass(frozen=True, eq=False)
+class ComeBack:
+    """What vehicles fly that this station has lost, once they are received again."""
 
-    flight: Flight
+    show: ShowState
     maneuvers: Maneuvers
     commander: Commander
-    parameter_reader: ParameterReader
-    show_player: ShowPlayer
-    clock: TickClock
 
-    def __post_init__(self) -> None:
-        self.telemetry_monitor = TelemetryMonitor(self.flight, self.maneuvers, self._come_back)
-        self.failsafe_monitor = FailsafeMonitor(
-            self.flight, self.show_player, self.clock, self.commander, self.maneuvers.running
-        )
-
-    def stalled(self, gap_s: float) -> None:
-        """Note that no tick came for `gap_s`, longer than any setpoint lives: control may have been lost."""
-        self.commander.recovery.stalls.stalled(gap_s)
-        self.telemetry_monitor.resume()
-
-    async def _come_back(self, vehicle: Vehicle) -> None:
+    async def fly(self, vehicle: Vehicle) -> None:
         """Take control through HOLD, then join the formation, return or land, as the other vehicles do.
 
         For a vehicle that was lost, or that holds because its link lost setpoints. A command to return or
         land still applies to it, also when all other vehicles have landed and the show is over. It joins
         automatically only if it was in formation.
         """
-        flight, rejoins = self.flight, vehicle.flags.rejoins
+        rejoins = vehicle.flags.rejoins
         if vehicle.phase is Phase.PILOT:
             await self.maneuvers.take_control(vehicle)
         else:
             await self.maneuvers.hold(vehicle)
-        if flight.show.phase in OVER and flight.show.came_down_by is not None:
+        if self.show.phase in OVER and self.show.came_down_by is not None:
             reason = f"{vehicle.id}, which was lost, is received again and comes down as commanded"
-            goes_on = ShowEvent.STOP if flight.show.came_down_by is ShowPhase.RETURNING else ShowEvent.ABORT
-            flight.show.move(ShowEvent.TAKEN_ON, reason)
-            flight.show.move(goes_on, reason)
-        show = flight.show.phase
+            goes_on = ShowEvent.STOP if self.show.came_down_by is ShowPhase.RETURNING else ShowEvent.ABORT
+            self.show.move(ShowEvent.TAKEN_ON, reason)
+            self.show.move(goes_on, reason)
+        show = self.show.phase
         if show is ShowPhase.RETURNING and vehicle.home_m is not None:
             await self.maneuvers.landings.come_home(vehicle)
         elif show in {ShowPhase.RETURNING, ShowPhase.ABORTING}:
-            await self.maneuvers.landings.descend(landing_sites_m(flight, [vehicle])[vehicle.id])(vehicle)
+            await self.maneuvers.landings.descend(self.commander.places.sites_m([vehicle])[vehicle.id])(
+                vehicle
+            )
         elif rejoins and show in REJOINED:
             await self._rejoin(vehicle)
 
@@ -86,9 +74,24 @@ class ShowProgress:
             raise
         log.info("rejoined", extra={"vehicle": vehicle.id})
 
+
+@dataclass(eq=False)
+class ShowProgress:
+    """Moves the show's phase with what the vehicles do. Called once a tick."""
+
+    newest: Newest
+    vehicles: FlightVehicles
+    show: ShowState
+    assembled: Callable[[], bool]
+    elsewhere: Callable[[], Elsewhere]
+    maneuvers: Maneuvers
+    commander: Commander
+    parameter_reader: ParameterReader
+    failsafe_monitor: FailsafeMonitor
+    begin: ShowBegin
+
     def advance(self) -> None:
-        flight = self.flight
-        self.parameter_reader.watch(flight.telemetry)  # starts the reads that are due
+        self.parameter_reader.watch(self.newest.telemetry)  # starts the reads that are due
         self.failsafe_monitor.look()
         self.commander.starting.count_down()
         self.commander.spares.replace_lost()
@@ -97,71 +100,66 @@ class ShowProgress:
         self.commander.recovery.advance()
         busy: list[Vehicle] = []
         if self.maneuvers.any_running:
-            led = (*flight.vehicles.airborne, *self.maneuvers.waiting, *flight.vehicles.in_phase(Phase.PILOT))
+            led = (*self.vehicles.airborne, *self.maneuvers.waiting, *self.vehicles.in_phase(Phase.PILOT))
             busy = [vehicle for vehicle in led if self.maneuvers.running(vehicle)]
-        _follow(flight, busy=bool(busy))
-        if flight.show.phase is ShowPhase.ARMING:
+        self._follow(busy=bool(busy))
+        if self.show.phase is ShowPhase.ARMING:
             # vehicles that come down again do not delay the others
             if all(vehicle.phase in {Phase.RETURN, Phase.LANDING} for vehicle in busy):
                 self._all_have_taken_off()
+        elif self.show.phase is ShowPhase.ASSEMBLING and self.assembled() and not self.begin.waits:
+            self.show.move(ShowEvent.ASSEMBLED, reached(self.show, self.vehicles))
         elif (
-            flight.show.phase is ShowPhase.ASSEMBLING
-            and flight.assembled()
-            and not self.show_player.begin.waits
-        ):
-            flight.show.move(ShowEvent.ASSEMBLED, flight.reached)
-        elif (
-            (show_run := flight.show.run) is not None
-            and flight.elsewhere.shows.leads
-            and show_run.is_over(flight.state.time_s)
+            (show_run := self.show.run) is not None
+            and self.elsewhere().shows.leads
+            and show_run.is_over(self.newest.state.time_s)
         ):
             reason = f"show {show_run.name!r} is over: all vehicles return home"
             self.commander.execute_show_failsafe(ShowAction.STOP, reason)
         self.commander.recovery.stalls.note_setpoints()
 
     def _all_have_taken_off(self) -> None:
-        flight = self.flight
         holding = ", ".join(
-            f"{vehicle.id} ({vehicle.reason})" for vehicle in flight.vehicles.in_phase(Phase.HOLD)
+            f"{vehicle.id} ({vehicle.reason})" for vehicle in self.vehicles.in_phase(Phase.HOLD)
         )
-        if flight.vehicles.in_phase(Phase.FORMATION):
-            flight.show.move(ShowEvent.ALL_UP, "all airborne")
+        if self.vehicles.in_phase(Phase.FORMATION):
+            self.show.move(ShowEvent.ALL_UP, "all airborne")
         elif holding:
-            flight.show.move(ShowEvent.TAKEN_ON, f"no vehicle in formation; waiting for commands: {holding}")
-        elif not flight.vehicles.airborne:
-            flight.show.move(ShowEvent.ALL_DOWN, "no vehicle took off")
+            self.show.move(ShowEvent.TAKEN_ON, f"no vehicle in formation; waiting for commands: {holding}")
+        elif not self.vehicles.airborne:
+            self.show.move(ShowEvent.ALL_DOWN, "no vehicle took off")
 
+    def _follow(self, *, busy: bool) -> None:
+        """Move the show's phase to match what is airborne; called once a tick.
 
-def _follow(flight: Flight, *, busy: bool) -> None:
-    """Move the show's phase to match what is airborne; called once a tick.
+        `busy`: whether a vehicle is under control, or takes off or lands.
+        """
+        if self.vehicles.airborne:
+            if (
+                self.show.phase in ON_THE_GROUND | {ShowPhase.UNCONTROLLED}
+                and self.show.phase is not ShowPhase.COUNTDOWN
+            ):
+                names = ", ".join(vehicle.id for vehicle in self.vehicles.airborne)
+                self.show.move(ShowEvent.TAKEN_ON, f"under control, waiting for commands: {names}")
+            return
+        if busy or self.show.phase in {ShowPhase.PREFLIGHT, ShowPhase.COUNTDOWN}:
+            return
+        others = uncontrolled(self.vehicles, self.newest)
+        if others:
+            why = uncontrolled_reason(others)
+            if self.show.phase is not ShowPhase.UNCONTROLLED:
+                self.show.move(ShowEvent.CONTROL_LOST, why)
+            self.show.reason = why
+        elif self.show.phase in ANYTHING_FLIES and self.show.phase is not ShowPhase.ARMING:
+            self._land()
 
-    `busy`: whether a vehicle is under control, or takes off or lands.
-    """
-    if flight.vehicles.airborne:
-        if (
-            flight.show.phase in ON_THE_GROUND | {ShowPhase.UNCONTROLLED}
-            and flight.show.phase is not ShowPhase.COUNTDOWN
-        ):
-            names = ", ".join(vehicle.id for vehicle in flight.vehicles.airborne)
-            flight.show.move(ShowEvent.TAKEN_ON, f"under control, waiting for commands: {names}")
-        return
-    if busy or flight.show.phase in {ShowPhase.PREFLIGHT, ShowPhase.COUNTDOWN}:
-        return
-    others = uncontrolled(flight)
-    if others:
-        why = uncontrolled_reason(others)
-        if flight.show.phase is not ShowPhase.UNCONTROLLED:
-            flight.show.move(ShowEvent.CONTROL_LOST, why)
-        flight.show.reason = why
-    elif flight.show.phase in ANYTHING_FLIES and flight.show.phase is not ShowPhase.ARMING:
-        _land(flight)
-
-
-def _land(flight: Flight) -> None:
-    """End the phase with nothing airborne: lost and killed vehicles are named, and no longer count."""
-    unknown = [one.id for one in flight.vehicles.values() if flight.whereabouts(one) is Whereabouts.UNKNOWN]
-    named = f"; not confirmed on the ground: {', '.join(unknown)}" if unknown else ""
-    if flight.show.phase is ShowPhase.UNCONTROLLED and flight.show.phase_before is ShowPhase.IDLE:
-        flight.show.move(ShowEvent.NEVER_FLEW, f"nothing is airborne any more{named}")
-    else:
-        flight.show.move(ShowEvent.ALL_DOWN, f"all vehicles have landed{named}")
+    def _land(self) -> None:
+        """End the phase with nothing airborne: lost and killed vehicles are named, and no longer count."""
+        unknown = [
+            one.id for one in self.vehicles.values() if self.newest.whereabouts(one) is Whereabouts.UNKNOWN
+        ]
+        named = f"; not confirmed on the ground: {', '.join(unknown)}" if unknown else ""
+        if self.show.phase is ShowPhase.UNCONTROLLED and self.show.phase_before is ShowPhase.IDLE:
+            self.show.move(ShowEvent.NEVER_FLEW, f"nothing is airborne any more{named}")
+        else:
+            self.show.move(ShowEvent.ALL_DOWN, f"all vehicles have landed{named}")

@@ -4,14 +4,17 @@ The lead sends how long it is until then. A station whose own clock agrees uses 
 a message arrives is known to half a tick only.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import inf, nan
 from typing import Final
 
 from gcs.flight.shows.show_begin import ALIGNS_S, EARLY_S, ShowBegin
 from gcs.flight.state.elsewhere import LedBegin
-from gcs.flight.state.flight import Flight
+from gcs.flight.state.newest import Newest
 from gcs.flight.state.running_show import ShowRun
+from gcs.flight.state.show_state import ShowState
+from gcs.flight.state.timecode import Timecode
 from gcs.model.lifecycle import ShowPhase
 from gcs.site.led_show import LedShow
 from gcs.site.member import SiteMember
@@ -27,7 +30,10 @@ CENTRE_AFTER_S: Final = 0.015
 class FollowedBegin(LedBegin):
     """When the show begins at a station that does not lead: with the lead."""
 
-    flight: Flight
+    newest: Newest
+    show: ShowState
+    timecode: Timecode
+    unix_s: Callable[[], float]
     member: SiteMember
     local: ShowBegin
     began_s: float = -inf  # when a show began here, by the loop's clock
@@ -44,14 +50,14 @@ class FollowedBegin(LedBegin):
 
     @property
     def waits(self) -> bool:
-        show_run = self.flight.show.run
+        show_run = self.show.run
         led = self._led(show_run)
         return show_run is not None and (led is None or not led.runs)
 
     def due_s(self, now_s: float) -> float | None:
-        show_run = self.flight.show.run
+        show_run = self.show.run
         begins_s = self._with_lead_s(show_run, now_s)
-        if show_run is None or begins_s is None or self.flight.show.phase is not ShowPhase.ASSEMBLING:
+        if show_run is None or begins_s is None or self.show.phase is not ShowPhase.ASSEMBLING:
             return None
         due_s = begins_s if show_run.goals is not None else begins_s + CENTRE_AFTER_S
         return due_s if 0.0 < due_s - now_s < ALIGNS_S else None
@@ -63,15 +69,15 @@ class FollowedBegin(LedBegin):
             return None
         at_unix_s = None if led.begin is None else led.begin.at_unix_time_s
         if at_unix_s is not None:
-            own_s = now_s + at_unix_s - self.flight.unix_s()
+            own_s = now_s + at_unix_s - self.unix_s()
             if abs(own_s - led.begins_s) <= AGREES_S:
                 return own_s
         return led.begins_s
 
     def follow(self) -> None:
         """Begin with the lead, and show how it waits. Call once a tick at a station that does not lead."""
-        flight, show_run = self.flight, self.flight.show.run
-        led, now_s = self._led(show_run), self.flight.state.time_s
+        show_run = self.show.run
+        led, now_s = self._led(show_run), self.newest.state.time_s
         self._watch_timecode(show_run, now_s)
         if led is None or show_run is None:
             return
@@ -81,18 +87,18 @@ class FollowedBegin(LedBegin):
             begin = replace(begin, in_s=begin.in_s - (now_s - led.made_s))
         show_run.begin = begin
         begins_s = self._with_lead_s(show_run, now_s)
-        if flight.show.phase is ShowPhase.ASSEMBLING and begins_s is not None and now_s >= begins_s - EARLY_S:
+        if self.show.phase is ShowPhase.ASSEMBLING and begins_s is not None and now_s >= begins_s - EARLY_S:
             self.began_s = now_s
             self.local.begin_now(show_run, begins_s)
 
     def _watch_timecode(self, show_run: ShowRun | None, now_s: float) -> None:
         """Say that the own timecode is not followed, because another station leads."""
-        timecode, led = self.flight.timecode, self.member.show_traffic.led
+        timecode, led = self.timecode, self.member.show_traffic.led
         if timecode.settings is None:
             return
         clock_s = nan if show_run is None or not show_run.begun else show_run.clock.show_s(now_s)
         timecode.note_show(clock_s)
-        timecode.note_frozen(False, self.flight.unix_s())
+        timecode.note_frozen(False, self.unix_s())
         theirs = None if led is None else led.timecode
         if theirs is not None:
             timecode.followed = theirs.followed  # kept where this station leads next

@@ -50,7 +50,7 @@ class SiteDisplay:
     def stations(self) -> tuple[StationView, ...]:
         """Every station of the site, in its order."""
         member = self._member
-        site, now_s = member.site, member.flight.state.time_s
+        site, now_s = member.site, member.flight.newest.state.time_s
         here = set(member.present())
         owners = site.owners
         found = []
@@ -126,7 +126,7 @@ class SiteDisplay:
         this tick.
         """
         member, before = self._member, self._recorded
-        site, shown, now_s = member.site, member.site.shown, member.flight.state.time_s
+        site, shown, now_s = member.site, member.site.shown, member.flight.newest.state.time_s
         twice = len(shown) < len(site.own_ids) + site.count
         if before is not None and not twice and before.show is member.show and now_s < self._record_due_s:
             return before

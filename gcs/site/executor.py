@@ -59,7 +59,7 @@ class RequestExecutor:
 
     def advance(self) -> None:
         """Execute what other stations ask, report to them, and follow the lead."""
-        now_s = self.local.flight.state.time_s
+        now_s = self.local.flight.newest.state.time_s
         for sender, body in self.member.received:
             try:
                 request = REQUEST.validate_python(body)

@@ -4,7 +4,9 @@ import logging
 from collections.abc import Callable
 from typing import Final
 
-from gcs.flight.state.flight import Flight
+from gcs.flight.state.newest import Newest
+from gcs.flight.state.show_state import ShowState, reached
+from gcs.flight.state.vehicle import FlightVehicles
 from gcs.model.lifecycle import AIRBORNE, Phase, ShowEvent, ShowPhase
 from gcs.site.member import SiteMember
 
@@ -30,13 +32,15 @@ class SiteHolds:
 
     def __init__(
         self,
-        flight: Flight,
+        newest: Newest,
+        vehicles: FlightVehicles,
+        show: ShowState,
         member: SiteMember,
         pause: Callable[[str], object],
         resume: Callable[[], object],
     ) -> None:
         """`pause`, with a reason, and `resume` command the own vehicles only."""
-        self._flight, self._member = flight, member
+        self._newest, self._vehicles, self._show, self._member = newest, vehicles, show, member
         self._pause, self._resume = pause, resume
         self._waits_for = ""  # the station for which this one holds
         self._waits_since_s = 0.0
@@ -49,17 +53,17 @@ class SiteHolds:
 
     def advance(self, now_s: float) -> None:
         """Once a tick."""
-        flight, member = self._flight, self._member
+        member = self._member
         lead = member.site.lead
         newly_gone = self._note_gone(now_s)
-        if flight.show.phase in FORMED and newly_gone:
+        if self._show.phase in FORMED and newly_gone:
             name = min(newly_gone)
             self._wait_for(name, f"station {name} is not received: all hold")
-        elif flight.show.phase in FORMED and not lead.leads and self._lead_silent(now_s):
+        elif self._show.phase in FORMED and not lead.leads and self._lead_silent(now_s):
             self._wait_for(lead.name, f"the leading station {lead.name} is silent: all hold")
         elif not lead.leads and lead.name in member.present():
             self._keep_with_lead(now_s)
-        if self._waits_for and flight.show.phase is ShowPhase.PAUSED and self._may_go_on(now_s):
+        if self._waits_for and self._show.phase is ShowPhase.PAUSED and self._may_go_on(now_s):
             self._waits_for = ""
             self._resume()
 
@@ -78,25 +82,25 @@ class SiteHolds:
     def _wait_for(self, station: str, reason: str) -> None:
         log.warning("holds_for_station", extra={"other": station, "reason": reason})
         self._pause(reason)
-        self._waits_for, self._waits_since_s = station, self._flight.state.time_s
+        self._waits_for, self._waits_since_s = station, self._newest.state.time_s
 
     def _may_go_on(self, now_s: float) -> bool:
         """Whether what this station waited for is over."""
         lead, member = self._member.site.lead, self._member
-        if not self._flight.vehicles.in_phase(Phase.FORMATION) or now_s - self._waits_since_s < HOLDS_LEAST_S:
+        if not self._vehicles.in_phase(Phase.FORMATION) or now_s - self._waits_since_s < HOLDS_LEAST_S:
             return False
         if not lead.leads:
             return lead.name in member.present() and member.show_of(lead.name) in FORMED
         return all(now_s >= until_s for until_s in self._gone.values())
 
     def _keep_with_lead(self, now_s: float) -> None:
-        flight, lead = self._flight, self._member.site.lead
+        lead = self._member.site.lead
         show = self._member.show_of(lead.name)
         if show is not self._lead_show[0]:
             self._lead_show = show, now_s
         if now_s - self._lead_show[1] < SETTLED_S:
             return
-        if show is ShowPhase.PAUSED and flight.show.phase in FORMED and not self._waits_for:
+        if show is ShowPhase.PAUSED and self._show.phase in FORMED and not self._waits_for:
             self._wait_for(lead.name, f"the leading station {lead.name} holds")
-        elif show is ShowPhase.RUNNING and flight.show.phase is ShowPhase.ASSEMBLING:
-            flight.show.move(ShowEvent.ASSEMBLED, flight.reached)
+        elif show is ShowPhase.RUNNING and self._show.phase is ShowPhase.ASSEMBLING:
+            self._show.move(ShowEvent.ASSEMBLED, reached(self._show, self._vehicles))

@@ -12,8 +12,9 @@ from typing import Any, Final
 
 from pydantic_core import from_json
 
-from gcs.flight.state.flight import Flight
 from gcs.flight.state.running_show import ShowRun
+from gcs.flight.state.show_state import ShowState
+from gcs.flight.state.timecode import Timecode
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import ON_THE_GROUND
 from gcs.model.state import VehicleId
@@ -78,9 +79,9 @@ class LedShow:
 class ShowTraffic:
     """What of the show crosses the bus: the lead sends it, the others take it."""
 
-    def __init__(self, flight: Flight, site: Site, ids: tuple[VehicleId, ...]) -> None:
+    def __init__(self, show: ShowState, timecode: Timecode, site: Site, ids: tuple[VehicleId, ...]) -> None:
         """`ids`: all vehicles of the site, in the order of its file."""
-        self._flight, self._site, self._ids = flight, site, ids
+        self._show, self._timecode, self._site, self._ids = show, timecode, site, ids
         self._row_of = {name: row for row, name in enumerate(ids)}
         self.led: LedShow | None = None  # None: not known
         self._parts: tuple[str, dict[VehicleId, int]] = ("", {})  # of the show with this hash
@@ -120,9 +121,9 @@ class ShowTraffic:
 
     def messages(self, now_s: float) -> Iterator[tuple[str, bytes]]:
         """Topics and payloads that the lead sends after its tick."""
-        show_run, term = self._flight.show.run, self._site.lead.term
-        timecode = self._flight.timecode
-        flies = self._flight.show.phase not in ON_THE_GROUND
+        show_run, term = self._show.run, self._site.lead.term
+        timecode = self._timecode
+        flies = self._show.phase not in ON_THE_GROUND
         led_by_a_clock = show_run is not None or timecode.settings is not None
         if now_s >= self._due_s or (flies and (led_by_a_clock or self._led_by_a_clock)):
             self._due_s, self._led_by_a_clock = now_s + SLOWLY_S, led_by_a_clock

@@ -86,9 +86,11 @@ class SiteMember(Elsewhere):
         self.letters = {name: Letters(membership.session) for name in self.site.stations}
         self.received: list[tuple[str, dict[str, Any]]] = []  # requests and answers of this tick
         self.texts: dict[str, StationTexts] = {name: StationTexts() for name in self.site.stations}
-        self.show_traffic = ShowTraffic(flight, site, self.all_ids)
+        self.show_traffic = ShowTraffic(flight.show, flight.timecode, site, self.all_ids)
         self.sender = SiteSender(flight, site, self.bus, self.letters, self.show_traffic)
-        self.returns = self._returns = SiteReturns(site, self, self.sender, lambda: flight.state.time_s)
+        self.returns = self._returns = SiteReturns(
+            site, self, self.sender, lambda: flight.newest.state.time_s
+        )
         self._changed_s = -np.inf  # when this station changed the lead's plan
         self._changes = 0  # of the plan, that this station asked of the lead
         self._plan_of: tuple[str, int, int] | None = None  # sender, term and version of the newest that came
@@ -138,14 +140,14 @@ class SiteMember(Elsewhere):
         own_pending = (
             applied.get(site.own, 0) < self._changes and arrived_s - self._changed_s < CHANGED_AGAIN_S
         )
-        if own_pending or plan == self.flight.plan:
+        if own_pending or plan == self.flight.in_force.plan:
             return
         # the same plan, moved by when it happened to arrive, is flown and recorded as it was
-        before = self.flight.plan
+        before = self.flight.in_force.plan
         moved_s = abs(plan.target.time_s - before.target.time_s)
         flown, self._plan_of = self._plan_of, (sender, term, version)
         if flown != self._plan_of or moved_s > ARRIVES_WITHIN_S or not plan.differs_in_time_only(before):
-            self.flight.plan = plan
+            self.flight.in_force.plan = plan
 
     def _take_info(self, sender: str, payload: bytes) -> None:
         try:
@@ -182,13 +184,13 @@ class SiteMember(Elsewhere):
 
     def present(self, now_s: float | None = None) -> list[str]:
         """Other stations that are received."""
-        return self.site.present(self.flight.state.time_s if now_s is None else now_s)
+        return self.site.present(self.flight.newest.state.time_s if now_s is None else now_s)
 
     @property
     def lost(self) -> dict[str, str]:
         """Stations that are not received any more, with what is known of their vehicles."""
         found = {}
-        for name in self.site.lost(self.flight.state.time_s):
+        for name in self.site.lost(self.flight.newest.state.time_s):
             flying = len(self.ids_of(name, *AIRBORNE))
             vehicles = "vehicle of it" if flying == 1 else "vehicles of it"
             found[name] = f"{flying} {vehicles} in the air" if flying else "none of its vehicles in the air"
@@ -215,12 +217,12 @@ class SiteMember(Elsewhere):
     def others(self) -> Others:
         """The other stations' vehicles at the time of this tick."""
         if self._others is None:
-            self._others = self.site.others(self.flight.state.time_s)
+            self._others = self.site.others(self.flight.newest.state.time_s)
         return self._others
 
     def shared(self) -> FormationState | None:
         """The lead's formation at this tick; None: this station computes it."""
-        found = self.site.formation(self.flight.state.time_s, self.lead_silent_s)
+        found = self.site.formation(self.flight.newest.state.time_s, self.lead_silent_s)
         return None if found is None or found.center is None else found
 
     @property
@@ -310,12 +312,14 @@ class SiteMember(Elsewhere):
 
     def closed(self) -> tuple[Array, Array]:
         """(m, 2, 3) paths of those that are lost, and (m,) the uncertainty of each."""
-        segments_m, segments_of = self.site.closed(self.flight.state.time_s)
+        segments_m, segments_of = self.site.closed(self.flight.newest.state.time_s)
         return segments_m, self.others.uncertainty_m[segments_of]
 
     def closing(self) -> frozenset[VehicleId]:
         """Those that are lost."""
-        return frozenset(self.site.ids[row] for row in self.site.lost_rows(self.flight.state.time_s).tolist())
+        return frozenset(
+            self.site.ids[row] for row in self.site.lost_rows(self.flight.newest.state.time_s).tolist()
+        )
 
     def airborne_m(self) -> dict[VehicleId, tuple[Array, Array]]:
         """(3,) position and velocity of those in the air, show frame."""
@@ -362,7 +366,7 @@ class SiteMember(Elsewhere):
 
     def post(self, station: str, body: dict[str, Any]) -> None:
         """Send a request or answer to one station. Raises: LinkError when too many wait."""
-        self.letters[station].post(body, self.flight.state.time_s)
+        self.letters[station].post(body, self.flight.newest.state.time_s)
 
     def refuse(self, station: str, refusal: Refusal) -> None:
         """Log why a change that a station asked for is not made, and have that station log it as well."""
@@ -374,5 +378,5 @@ class SiteMember(Elsewhere):
     def note_change(self) -> int:
         """Note that this station asks the lead for a change of the plan. Returns: its number."""
         self._changes += 1
-        self._changed_s = self.flight.state.time_s
+        self._changed_s = self.flight.newest.state.time_s
         return self._changes

@@ -1,11 +1,13 @@
 """Shows of a site: any station selects one, and the lead plays it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from gcs.flight.shows.show_player import ShowPlayer
-from gcs.flight.state.flight import Flight
+from gcs.flight.state.newest import Newest
 from gcs.flight.state.running_show import ShowRun
+from gcs.flight.state.show_state import ShowState
 from gcs.model.errors import GcsError, RefusedError
 from gcs.model.lifecycle import ON_THE_GROUND
 from gcs.service import CALLER, BeginState, BeginView, SelectedShow
@@ -21,7 +23,9 @@ SELECTED_WITHIN_S: Final = 60.0
 class SitePlayer:
     """Commands to the show, executed at the lead or asked of it. Implements `gcs.service.Player`."""
 
-    flight: Flight
+    newest: Newest
+    show: ShowState
+    unix_s: Callable[[], float]
     local: ShowPlayer
     member: SiteMember
     shows: SiteShows
@@ -37,7 +41,7 @@ class SitePlayer:
         show_run = ShowRun(name, timeline, figures=self.local.show_library.checked(name).figures)
         self.shows.post(self.member.site.lead.name, show_run)
         self._ask("select", show_hash)
-        return show_run.view(self.flight.state.time_s)
+        return show_run.view(self.newest.state.time_s)
 
     def deselect(self) -> None:
         if self.shows.leads:
@@ -49,7 +53,7 @@ class SitePlayer:
     def seek(self, cue: str) -> SelectedShow:
         if self.shows.leads:
             return self.local.seek(cue)
-        show_run, now_s = self.flight.show.run, self.flight.state.time_s
+        show_run, now_s = self.show.run, self.newest.state.time_s
         if show_run is None:
             raise RefusedError("no show is selected: seek is for one that is")
         self._need_lead("seek a cue")
@@ -63,7 +67,7 @@ class SitePlayer:
         self._need_lead_here()
         self.local.begin.check(at_unix_time_s)
         self._ask("begin", repr(at_unix_time_s))
-        in_s = at_unix_time_s - self.flight.unix_s()
+        in_s = at_unix_time_s - self.unix_s()
         return replace(self.local.selected(), begin=BeginView(BeginState.ARMED, at_unix_time_s, in_s))
 
     def cancel_begin(self) -> SelectedShow:
@@ -72,7 +76,7 @@ class SitePlayer:
         self._need_lead_here()
         self.local.begin.check_cancel()
         self._ask("cancel-begin", "")
-        grounded = self.flight.show.phase in ON_THE_GROUND
+        grounded = self.show.phase in ON_THE_GROUND
         begin = None if grounded else BeginView(BeginState.HELD, None, None)
         return replace(self.local.selected(), begin=begin)
 
@@ -89,7 +93,7 @@ class SitePlayer:
         self._ask("follow-timecode", "yes" if follow else "no")
 
     def _need_lead(self, what: str) -> None:
-        self.flight.show.need_no_countdown()
+        self.show.need_no_countdown()
         self.local.need_ground(what)
         self._need_lead_here()
 
@@ -108,7 +112,7 @@ class SitePlayer:
             if not self.shows.leads:
                 raise RefusedError(f"station {self.member.site.own} does not lead")
             if request.action == "select":
-                self._selecting = station, request, self.flight.state.time_s + SELECTED_WITHIN_S
+                self._selecting = station, request, self.newest.state.time_s + SELECTED_WITHIN_S
                 self.advance()
             else:
                 self._change(request)
@@ -133,7 +137,7 @@ class SitePlayer:
         """Select the show that another station asked for, once its drawing is read; once a tick."""
         if self._selecting is None or not self.shows.leads:
             return
-        (station, request, until_s), now_s = self._selecting, self.flight.state.time_s
+        (station, request, until_s), now_s = self._selecting, self.newest.state.time_s
         try:
             show_run = self.shows.arrivals.find(request.value, now_s)
             if show_run is None and self.shows.arrivals.has(request.value) and now_s < until_s:
@@ -141,7 +145,7 @@ class SitePlayer:
             self._selecting = None
             if show_run is None:
                 raise RefusedError("the show has not arrived")
-            self.flight.show.need_no_countdown()
+            self.show.need_no_countdown()
             self.local.need_ground("select a show")
             self.local.fitting(show_run.name, show_run.timeline)
             self.local.take(replace(show_run))

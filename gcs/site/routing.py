@@ -66,7 +66,9 @@ class SiteRouting:
                 missing = f"station {station}: {error}"
         if missing:
             return book.include(record.id, {one: VehicleOutcome(Outcome.FAILED, missing) for one in ids})
-        asked = self._asked.setdefault(record.id, _Requested(record.id, self._member.flight.state.time_s))
+        asked = self._asked.setdefault(
+            record.id, _Requested(record.id, self._member.flight.newest.state.time_s)
+        )
         asked.open[station] = set(ids)
         return book.include(record.id, {one: VehicleOutcome(Outcome.PENDING) for one in ids})
 

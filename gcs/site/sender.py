@@ -85,11 +85,11 @@ class SiteSender:
             all_up: no vehicle climbs, or waits for its turn.
             leads: send formation, plan and show as well.
         """
-        flight, site, now_s = self.flight, self.site, self.flight.state.time_s
+        flight, site, now_s = self.flight, self.site, self.flight.newest.state.time_s
         memory = result.memory
         reported = self._reported(all_up=all_up)
         tasks = flight.last_tasks
-        made = batch(site, flight.seen(), tasks, flight.traits.uncertainty_m, memory, reported)
+        made = batch(site, flight.seen(), tasks, flight.newest.traits.uncertainty_m, memory, reported)
         if now_s >= self._slow_due_s:
             self._slow_due_s = now_s + SLOWLY_S
             self._send_anew("homes", self._encoded_homes())
@@ -124,7 +124,7 @@ class SiteSender:
 
     def _send_anew(self, topic: str, payload: bytes) -> None:
         """Send what has changed; the same again for stations that missed it."""
-        now_s = self.flight.state.time_s
+        now_s = self.flight.newest.state.time_s
         if self._sent_texts.get(topic) == payload and now_s < self._again_s.get(topic, -inf):
             return
         self._sent_texts[topic], self._again_s[topic] = payload, now_s + UNCHANGED_S
@@ -138,7 +138,7 @@ class SiteSender:
             self._messages[topic] = payload
 
     def _publish_plan(self, now_s: float) -> None:
-        plan = self.flight.plan
+        plan = self.flight.in_force.plan
         if plan is not self._sent_plan:
             self.plan_version += 1
             self._sent_plan, self._plan_due_s = plan, 0.0
@@ -161,7 +161,11 @@ class SiteSender:
         return json.dumps({"why_not_ready": why, "offers": self.offers, "reasons": reasons}).encode()
 
     def _reported(self, *, all_up: bool) -> Reported:
-        flight, telemetry, numbers = self.flight, self.flight.telemetry, measured(self.flight)
+        flight, telemetry, numbers = (
+            self.flight,
+            self.flight.newest.telemetry,
+            measured(self.flight.newest, self.flight.link_quality),
+        )
         ready = self._column("ready", telemetry.ready, _mask)
         checked = self._column("checked", self._ready_when_checked or (False,), _mask)
         return Reported(
@@ -189,8 +193,8 @@ class SiteSender:
 
     def is_check_due(self, every_s: float, least_s: float) -> bool:
         """Whether readiness must be checked again; after `least_s` where a vehicle became ready."""
-        since_s = self.flight.state.time_s - self._checked_s
-        changed = self.flight.telemetry.ready != self._ready_when_checked
+        since_s = self.flight.newest.state.time_s - self._checked_s
+        changed = self.flight.newest.telemetry.ready != self._ready_when_checked
         return since_s >= every_s or (changed and since_s >= least_s)
 
     def note_checked(self, why_not_ready: str) -> None:
@@ -201,8 +205,8 @@ class SiteSender:
         if why_not_ready != self._why_not_ready:
             self._slow_due_s = 0.0
         self._why_not_ready = why_not_ready
-        self._ready_when_checked = tuple(self.flight.telemetry.ready)
-        self._checked_s = self.flight.state.time_s
+        self._ready_when_checked = tuple(self.flight.newest.telemetry.ready)
+        self._checked_s = self.flight.newest.state.time_s
 
     def note_applied(self, station: str, number: int) -> None:
         """Note, as the lead, that a station's change of the plan is in force, or was refused."""
@@ -237,7 +241,7 @@ class SiteSender:
             )
             for part, message in enumerate(in_parts(whole)):
                 self._return_parts.append((f"return.{name}.{part}", message.encode()))
-        self._return_until_s = self.flight.state.time_s + RETURN_SENT_S
+        self._return_until_s = self.flight.newest.state.time_s + RETURN_SENT_S
         self._return_due_s = 0.0
 
 

@@ -14,6 +14,7 @@ from gcs.recording.sample import RecordedElsewhere
 from gcs.service import CommandRecord, FleetView, ShowAction
 from gcs.service.alarms import AlarmCause, Condition
 from gcs.site.arrivals import ShowArrivals
+from gcs.site.begin import FollowedBegin
 from gcs.site.commander import SiteCommands, SitePreflight, SiteRecovery, SiteStations
 from gcs.site.display import SiteDisplay
 from gcs.site.executor import RequestExecutor
@@ -82,14 +83,31 @@ class SiteService:
         flight, commander, bus = local.flight, local.commands, membership.site.bus
         self._member = member = SiteMember(flight, membership)
         display, routing = SiteDisplay(member, membership.site), SiteRouting(member, flight.book)
-        standby = Standby(flight, local.maneuvers, member, bus.lease_s, bus.standby_rejoins)
+        newest, vehicles, show = flight.newest, flight.vehicles, flight.show
+        standby = Standby(
+            newest,
+            vehicles,
+            show,
+            flight.book,
+            local.refusals,
+            local.maneuvers,
+            member,
+            bus.lease_s,
+            flight.config.setpoint_timeout_s,
+            bus.standby_rejoins,
+        )
         pause = partial(commander.execute_own_failsafe, ShowAction.PAUSE)
-        holds = SiteHolds(flight, member, pause, partial(commander.command_show, ShowAction.RESUME))
+        holds = SiteHolds(
+            newest, vehicles, show, member, pause, partial(commander.command_show, ShowAction.RESUME)
+        )
+        begin = FollowedBegin(newest, show, flight.timecode, flight.unix_s, member, local.player.begin)
         arrivals = ShowArrivals(local.shows, reading)
-        member.shows = shows = SiteShows(flight, local.player, member, arrivals)
+        member.shows = shows = SiteShows(
+            newest, show, flight.in_force, vehicles, begin, local.player, member, arrivals
+        )
 
         self.plan = SitePlanEditor(local.plan, member)
-        self.player = SitePlayer(flight, local.player, member, shows)
+        self.player = SitePlayer(newest, show, flight.unix_s, local.player, member, shows)
         self.commands = SiteCommands(commander, member, shows, routing, holds)
         self.stations = SiteStations(member, display, standby, routing)
         self.preflight = SitePreflight(local.preflight, member, routing)

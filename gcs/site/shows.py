@@ -15,8 +15,10 @@ import numpy as np
 
 from gcs.flight.shows.show_player import ShowPlayer
 from gcs.flight.state.elsewhere import LedBegin, ShowsElsewhere
-from gcs.flight.state.flight import Flight
+from gcs.flight.state.newest import InForce, Newest
 from gcs.flight.state.running_show import ShowFleet, ShowRun
+from gcs.flight.state.show_state import ShowState
+from gcs.flight.state.vehicle import FlightVehicles
 from gcs.model.errors import LinkError, RefusedError
 from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.model.state import VehicleId
@@ -40,13 +42,16 @@ class SiteShows(ShowsElsewhere):
 
     why_begin_lost = "the station was restarted; only another that leads now keeps the time"
 
-    flight: Flight
+    newest: Newest
+    show: ShowState
+    in_force: InForce
+    vehicles: FlightVehicles
+    followed_begin: FollowedBegin
     local: ShowPlayer
     member: SiteMember
     arrivals: ShowArrivals
 
     def __post_init__(self) -> None:
-        self._keeping = FollowedBegin(self.flight, self.member, self.local.begin)
         self.member.show_traffic.begins_s = self.local.begin.due_s
         self._packed: tuple[str, list[str]] = ("", [])  # the newest that was sent, by its hash
         self._ask_due_s = 0.0
@@ -64,7 +69,7 @@ class SiteShows(ShowsElsewhere):
 
     @property
     def begin(self) -> LedBegin | None:
-        return None if self.leads else self._keeping
+        return None if self.leads else self.followed_begin
 
     def misfits(self, show: Show) -> list[Flaw]:
         if show.drawing is None or show.drawing.spares is None:
@@ -80,7 +85,7 @@ class SiteShows(ShowsElsewhere):
 
     def send_to(self, station: str, request: ShowMissing) -> None:
         """Send the selected show to a station that has not got it; it asks again if it does not arrive."""
-        show_run = self.flight.show.run
+        show_run = self.show.run
         if show_run is None or show_run.hash != request.hash:
             return
         try:
@@ -102,43 +107,43 @@ class SiteShows(ShowsElsewhere):
     # once a tick
 
     def follow(self) -> bool:
-        flight, show_run = self.flight, self.flight.show.run
+        show_run = self.show.run
         if not self.leads:
             self._followed = True
             self._keep_with_lead()
             return True
-        now_s = flight.state.time_s
+        now_s = self.newest.state.time_s
         if self._followed and show_run is not None:
             if show_run.is_live(now_s) and show_run.live is None:
-                show_run.live = flight.plan.target
-            show_run.follow(flight.show.phase, now_s)
+                show_run.live = self.in_force.plan.target
+            show_run.follow(self.show.phase, now_s)
         self._followed, self._why_not_here = False, ""
         return False
 
     def _keep_with_lead(self) -> None:
-        member, flight, now_s = self.member, self.flight, self.flight.state.time_s
+        member, now_s = self.member, self.newest.state.time_s
         led = member.show_traffic.led
         if led is not None and now_s - led.made_s > member.lead_silent_s:
             led = member.show_traffic.led = None  # a lead that comes back may not fly the show yet
         if led is not None:
             self._adopt(led)
-        show_run = flight.show.run
+        show_run = self.show.run
         if show_run is None:
             return
-        goes_on = member.lead_is_here or flight.show.phase is ShowPhase.RUNNING
+        goes_on = member.lead_is_here or self.show.phase is ShowPhase.RUNNING
         if led is not None and led.hash == show_run.hash and goes_on:
-            keep_clock(show_run, led, now_s, self._keeping.began_s)
+            keep_clock(show_run, led, now_s, self.followed_begin.began_s)
             count = show_run.timeline.show.fleet.vehicles
             show_run.parts = member.show_traffic.parts_of(led.hash, count) or show_run.parts
         else:
             show_run.clock, show_run.pace = show_run.clock.stop(now_s), DrawnPace()
-        self._keeping.follow()
-        assembling = flight.show.phase is ShowPhase.ASSEMBLING
+        self.followed_begin.follow()
+        assembling = self.show.phase is ShowPhase.ASSEMBLING
         show_run.follow_drawing(self.local.seen(), now_s, assembling=assembling, leads=False)
 
     def _adopt(self, led: LedShow) -> None:
         """Have the show that the lead has, or none."""
-        show_run, now_s = self.flight.show.run, self.flight.state.time_s
+        show_run, now_s = self.show.run, self.newest.state.time_s
         if not led.hash or (show_run is not None and show_run.hash == led.hash):
             self._why_not_here = ""
             if show_run is not None and not led.hash:
@@ -162,7 +167,7 @@ class SiteShows(ShowsElsewhere):
     @property
     def why_not_here(self) -> str:
         """Why this station cannot start the lead's show; empty when it can, or there is none."""
-        led, show_run = self.member.show_traffic.led, self.flight.show.run
+        led, show_run = self.member.show_traffic.led, self.show.run
         here = "" if show_run is None else show_run.hash
         if self.leads or led is None or led.hash == here:
             return ""
@@ -172,7 +177,7 @@ class SiteShows(ShowsElsewhere):
 
     @property
     def count(self) -> int:
-        return len(self.member.site.shown) - len(self.flight.vehicles)
+        return len(self.member.site.shown) - len(self.vehicles)
 
     def joined(self, own: ShowFleet) -> ShowFleet:
         their, here = self.member.others, self.member.flown_by_others(Phase.FORMATION)
@@ -200,7 +205,7 @@ class SiteShows(ShowsElsewhere):
             vehicles: all that are named.
             led: of these, the leading station's. Raises: RefusedError.
         """
-        show_run = self.flight.show.run
+        show_run = self.show.run
         if show_run is None:
             return
         needed, count = show_run.timeline.show.fleet.vehicles, len(set(vehicles))

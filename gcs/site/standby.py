@@ -12,12 +12,14 @@ from dataclasses import dataclass, field
 from typing import Final
 
 from gcs.flight.maneuvers.maneuvers import Maneuvers
-from gcs.flight.state.flight import Flight
-from gcs.flight.state.refusals import why_never, why_not_touching_down
-from gcs.flight.state.vehicle import Vehicle
+from gcs.flight.state.newest import Newest
+from gcs.flight.state.refusals import Refusals
+from gcs.flight.state.show_state import ShowState
+from gcs.flight.state.vehicle import FlightVehicles, Vehicle
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import AIRBORNE, GROUNDED, Event, Phase, ShowPhase
 from gcs.service import CommandRecord, Outcome
+from gcs.service.commands import CommandLog
 from gcs.site.absences import FENCED_S
 from gcs.site.member import SiteMember
 
@@ -40,10 +42,15 @@ LONG_TICK_S: Final = 0.1
 class Standby:
     """What a station does for those that it stands by for, and for its own standbys. Used once a tick."""
 
-    flight: Flight
+    newest: Newest
+    vehicles: FlightVehicles
+    show: ShowState
+    book: CommandLog
+    refusals: Refusals
     maneuvers: Maneuvers
     member: SiteMember
     lease_s: float
+    setpoint_timeout_s: float
     rejoins: bool
 
     taken: dict[str, float] = field(default_factory=dict)  # stations taken over, and when each was lost
@@ -58,7 +65,7 @@ class Standby:
     @property
     def lost_after_s(self) -> float:
         """Silence of an owner after which it is taken over."""
-        return self.lease_s + self.flight.config.setpoint_timeout_s + SPARE_S
+        return self.lease_s + self.setpoint_timeout_s + SPARE_S
 
     def look(self, now_s: float) -> bool:
         """Take over what is due. Returns: whether the show is to be resumed now."""
@@ -84,7 +91,7 @@ class Standby:
         site = self.member.site
         ids = site.take_over(name)
         for one in ids:
-            vehicle = self.flight.vehicles[one]
+            vehicle = self.vehicles[one]
             vehicle.home_m = site.known_home_m(vehicle.row)
             vehicle.reason = f"taken over from station {name}"
         if ids:
@@ -93,7 +100,7 @@ class Standby:
 
     def _give_back(self, name: str) -> None:
         """Leave the vehicles of a station that is there again to it, once all are on the ground."""
-        vehicles = [self.flight.vehicles[one] for one in self.member.roles.stands_by_for[name]]
+        vehicles = [self.vehicles[one] for one in self.member.roles.stands_by_for[name]]
         if all(one.phase in GROUNDED and not self.maneuvers.running(one) for one in vehicles):
             del self.taken[name]
             ids = {one.id for one in vehicles}
@@ -102,9 +109,7 @@ class Standby:
             log.warning("station_given_back", extra={"other": name, "vehicles": len(ids)})
 
     def _of_taken(self) -> list[Vehicle]:
-        return [
-            self.flight.vehicles[one] for name in self.taken for one in self.member.roles.stands_by_for[name]
-        ]
+        return [self.vehicles[one] for name in self.taken for one in self.member.roles.stands_by_for[name]]
 
     def _hold(self) -> None:
         """Have vehicles that were taken over hold, unless a person or their own failsafe has them."""
@@ -112,7 +117,7 @@ class Standby:
             if vehicle.id in self._held or vehicle.phase is not Phase.PILOT:
                 continue
             self._held.add(vehicle.id)  # once: a later mode is the decision of a pilot or of the autopilot
-            if not why_never(self.flight, vehicle) and not why_not_touching_down(self.flight, vehicle):
+            if not (self.refusals.why_never(vehicle) or self.refusals.why_not_touching_down(vehicle)):
                 self.maneuvers.start(vehicle, self.maneuvers.take_control, lambda _outcome, _reason: None)
 
     def _rejoin_by_itself(self, now_s: float) -> None:
@@ -124,7 +129,7 @@ class Standby:
                     self.join(waiting, None)
 
     def _holding(self, name: str) -> list[Vehicle]:
-        vehicles = [self.flight.vehicles[one] for one in self.member.roles.stands_by_for[name]]
+        vehicles = [self.vehicles[one] for one in self.member.roles.stands_by_for[name]]
         return [one for one in vehicles if one.phase is Phase.HOLD and not self.maneuvers.running(one)]
 
     def go_on(self, name: str) -> CommandRecord:
@@ -132,7 +137,7 @@ class Standby:
         if name not in self.member.roles.stands_by_for:
             known = ", ".join(self.member.roles.stands_by_for) or "none"
             raise RefusedError(f"this station is no standby for {name}; it is for: {known}")
-        now_s = self.flight.state.time_s
+        now_s = self.newest.state.time_s
         if name not in self.taken:
             raise RefusedError(f"station {name} is not lost: stop it there first")
         left_s = NO_SETPOINTS_S - (now_s - self.taken[name])
@@ -141,7 +146,7 @@ class Standby:
         waiting = self._holding(name)
         if not waiting:
             raise RefusedError(f"no vehicle of station {name} holds here")
-        record = self.flight.book.open(TAKE_OVER, [one.id for one in waiting], {})
+        record = self.book.open(TAKE_OVER, [one.id for one in waiting], {})
         self.join(waiting, record)
         return record
 
@@ -156,7 +161,7 @@ class Standby:
             def done(outcome: Outcome, reason: str, name: str = vehicle.id) -> None:
                 self._joining.discard(name)
                 if record is not None:
-                    self.flight.book.close(record.id, name, outcome, reason)
+                    self.book.close(record.id, name, outcome, reason)
 
             self.maneuvers.start(vehicle, self.maneuvers.join, done)
         self._wants_resume = True
@@ -165,9 +170,7 @@ class Standby:
         if not self._wants_resume or self._joining:
             return False
         self._wants_resume = False
-        return self.flight.show.phase is ShowPhase.PAUSED and bool(
-            self.flight.vehicles.in_phase(Phase.FORMATION)
-        )
+        return self.show.phase is ShowPhase.PAUSED and bool(self.vehicles.in_phase(Phase.FORMATION))
 
     # the own vehicles
 
@@ -176,7 +179,7 @@ class Standby:
         owned = self.member.owned
         if owned.all():
             return
-        for vehicle in self.flight.vehicles.values():
+        for vehicle in self.vehicles.values():
             if not owned[vehicle.row] and vehicle.phase is not Phase.OFFLINE:
                 self.maneuvers.stop(vehicle, "another station flies it now")
                 vehicle.apply(Event.RELEASED, "flown by another station")
@@ -199,11 +202,7 @@ class Standby:
         if self._fenced:
             return
         self._fenced = True
-        flown = [
-            one
-            for one in self.flight.vehicles.values()
-            if one.phase in AIRBORNE - {Phase.HOLD, Phase.TAKEOFF}
-        ]
+        flown = [one for one in self.vehicles.values() if one.phase in AIRBORNE - {Phase.HOLD, Phase.TAKEOFF}]
         flown = [one for one in flown if not one.flags.handed_over]
         log.error("standby_not_received", extra={"other": cut[0], "vehicles": len(flown)})
         for vehicle in flown:

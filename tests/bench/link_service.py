@@ -191,8 +191,8 @@ async def in_formation(orchestrator: Orchestrator, links: Sequence[Link], count:
         if vehicle.id not in here:
             continue
         vehicle.phase, vehicle.modes = Phase.FORMATION, frozenset({Mode.OFFBOARD})
-        vehicle.home_m = flight.position_m(vehicle).copy()
-    flight.memory = Memory.fresh(len(flight.vehicles), asyncio.get_running_loop().time())
+        vehicle.home_m = flight.newest.position_m(vehicle).copy()
+    flight.newest.memory = Memory.fresh(len(flight.vehicles), asyncio.get_running_loop().time())
     flight.show.phase = ShowPhase.RUNNING
 
 

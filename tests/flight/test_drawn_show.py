@@ -121,7 +121,7 @@ def test_the_drawings_yaw_is_flown_where_the_show_asks_for_it(folder: Path) -> N
     async def story(show: VirtualShow) -> tuple[float, list[float]]:
         await start(show, folder, "{yaw: drawn}")
         await show.until(lambda: selected(show).clock_s > 15.0)
-        fleet = show.service.player.flight.state
+        fleet = show.service.player.newest.state
         return selected(show).clock_s, np.degrees(fleet.yaw_rad).tolist()
 
     clock_s, yaws_deg = fly(story, config(folder), **on_pads(folder))
@@ -159,7 +159,7 @@ def blown_off(folder: Path, late: str) -> Late:
 
 def off_m(show: VirtualShow, vehicle_id: str = "d1") -> float:
     """How far a vehicle is off its trajectory, as the service estimates it."""
-    flight = show.service.player.flight
+    flight = show.service.player
     assert flight.show.run is not None
     return float(flight.show.run.off_m[flight.vehicles[vehicle_id].row])
 

@@ -92,7 +92,7 @@ async def flown_return(show: VirtualShow) -> tuple[PathProgress, Array, list[Ste
         vehicles = list(flight.vehicles.values())
         descending = np.array([vehicle.phase is Phase.LANDING for vehicle in vehicles])
         goal_m = np.array([vehicle.goal_m for vehicle in vehicles])
-        steps.append(Step(np.array(flight.state.position_m), goal_m, descending))
+        steps.append(Step(np.array(flight.newest.state.position_m), goal_m, descending))
         if descending.all():
             break
     return progress, np.array([vehicle.home_m for vehicle in vehicles]), steps

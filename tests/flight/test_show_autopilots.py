@@ -299,7 +299,7 @@ def test_killed_ardupilot_closes_the_air_below_it_until_it_lies() -> None:
 def test_acceleration_as_read_is_what_the_filter_counts_on() -> None:
     async def story(show: VirtualShow) -> list[float]:
         await show.start()
-        return [float(each) for each in show.service.player.flight.traits.response.acceleration_m_s2]
+        return [float(each) for each in show.service.player.newest.traits.response.acceleration_m_s2]
 
     set_to = {"WPNAV_ACCEL": 400.0, "PILOT_ACCEL_Z": 300, "WPNAV_ACCEL_Z": 350.0}  # 4.0 or 4.1: either counts
     assert fly(story, config_of((PX4, ARDUPILOT), 2), parameters=set_to) == [np.inf, pytest.approx(2.4)]

@@ -200,7 +200,7 @@ def test_a_time_that_is_past_or_far_is_refused(tmp_path: Path, ahead_s: float) -
 def test_a_clock_that_is_not_synchronised_is_told(tmp_path: Path) -> None:
     async def story(show: VirtualShow) -> None:
         select(show, MOVING)
-        show.service.player.flight.clock_problem = lambda: "it is not synchronised"
+        show.service.player.begin.clock_problem = lambda: "it is not synchronised"
         await show.wait(3.0)
         assert not [one for one in show.view.alarms if one.cause is AlarmCause.CLOCK_DOUBTFUL]
         show.service.player.begin_at(show.unix() + 60.0)

@@ -29,7 +29,7 @@ async def late_from_the_pads_on(show: VirtualShow, delay_s: float) -> Rested:
     await show.wait(60.0)
     last = show.track.between(show.now_s - 10.0)
     steps = [(b - a) for a, b in pairwise(last.true_m[::20])]  # (n, 3) of a second each
-    flight = show.service.player.flight
+    flight = show.service.flight
     return Rested(
         tuple(flight.link_delay.delay_s.tolist()),
         flight.control_now.safety.link_delay_s,

@@ -50,7 +50,7 @@ async def silent_for_a_while(show: VirtualShow) -> Silence:
     silent_s = show.now_s
     show.ports.silence("d2")
     await show.phase("d2", Phase.LOST)
-    position_s = float(show.service.flight.telemetry.position_time_s[1])
+    position_s = float(show.service.flight.newest.telemetry.position_time_s[1])
     lost_s, last_sent_s = show.now_s, show.ports.sent["d2"][-1].time_s
     await show.wait(12.0)
     refusals = {

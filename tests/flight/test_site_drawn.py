@@ -72,14 +72,14 @@ async def start(show: SiteShow, folder: Path, at: str, drawing: str = "{}") -> N
 
 
 def parts(show: SiteShow, station: str) -> dict[str, int]:
-    run = show[station].service.player.flight.show.run
+    run = show[station].service.player.show.run
     assert run is not None
     return run.parts
 
 
 def off_m(show: SiteShow) -> Array:
     """(n,) true distances of all vehicles from their trajectories, at the lead's clock."""
-    run = show["north"].service.player.flight.show.run
+    run = show["north"].service.player.show.run
     assert run is not None
     motion = run.timeline.motion_at(selected(show, "north").clock_s)
     assert motion is not None

@@ -119,7 +119,7 @@ def test_named_vehicles_of_all_stations_have_parts_of_their_own(tmp_path: Path) 
         await show.reach(ShowPhase.RUNNING, "north", "south", "east")
         await show.wait(1.0)
         for each in show.stations.values():
-            run = each.service.player.flight.show.run
+            run = each.service.player.show.run
             assert run is not None
             assert run.parts == {"n1": 0, "s1": 1, "e1": 2}
         assert show.violations == 0

@@ -32,13 +32,13 @@ FRAME = ShowFrame(47.4, 8.5, 488.0, 0.0)
 def flown() -> FleetView:
     """A view of two vehicles, with the numbers that a flight measures of them."""
     ids, zeros = record_samples.ids_of(2), np.zeros(2)
-    flight: Any = SimpleNamespace(
+    newest: Any = SimpleNamespace(
         state=SimpleNamespace(ids=ids, time_s=1.0, yaw_rad=zeros, age_s=zeros),
         telemetry=reported(ids),
         traits=SimpleNamespace(uncertainty_m=zeros),
-        link_quality=SimpleNamespace(share=zeros),
     )
-    columns: dict[str, Any] = {**measured(flight)}
+    link_quality: Any = SimpleNamespace(share=zeros)
+    columns: dict[str, Any] = {**measured(newest, link_quality)}
     return record_samples.sample(2, **columns).view
 
 

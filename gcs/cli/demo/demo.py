@@ -247,7 +247,7 @@ async def _fly(
                     script = ShowScript(client, loaded, describe)
                 failure = await _fly_script(script)
             marks = script.marks
-            if (run := service.player.flight.show.run) is not None:
+            if (run := service.player.show.run) is not None:
                 parts = [run.parts.get(name, 0) for name in config.ids]
             recorder.cancel()
             tick_p99_ms = service.view.value.tick.duration_p99_ms or 0.0

@@ -1,20 +1,23 @@
 """Executes fleet-wide commands, of operators and of failsafes."""
 
+import asyncio
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Executor
 from typing import Final
 
+from gcs.flight.commands.plan_editor import RestoredPlan
 from gcs.flight.commands.recovery import FlightRecovery
 from gcs.flight.commands.spares import Spares
+from gcs.flight.commands.stall_recovery import AwaitedVehicles, StallRecovery
 from gcs.flight.commands.start import Starting
 from gcs.flight.commands.vehicle_commands import VehicleCommands
 from gcs.flight.maneuvers.collective_return import CollectiveReturn
-from gcs.flight.maneuvers.landing_places import landing_sites_m
+from gcs.flight.maneuvers.landing_places import LandingPlaces
 from gcs.flight.maneuvers.maneuvers import Done, Maneuvers
 from gcs.flight.preflight.preflight_gate import PreflightGate
 from gcs.flight.shows.show_player import ShowPlayer
 from gcs.flight.state.flight import Flight
-from gcs.flight.state.refusals import why_never, with_alternative
+from gcs.flight.state.refusals import Refusals, with_alternative
 from gcs.flight.state.vehicle import Vehicle
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.interrupted_flight import Interruption, Offer
@@ -35,7 +38,10 @@ class Commander(VehicleCommands):
     def __init__(
         self,
         flight: Flight,
+        refusals: Refusals,
+        places: LandingPlaces,
         maneuvers: Maneuvers,
+        find: Callable[[VehicleId], None],
         show_player: ShowPlayer,
         preflight_gate: PreflightGate,
         planning: Executor,
@@ -45,13 +51,38 @@ class Commander(VehicleCommands):
 
         `found` is a flight that was interrupted before this service began.
         """
-        super().__init__(flight, maneuvers)
+        super().__init__(flight, refusals, places, maneuvers, find)
         self._planning = planning
         self._commanded: ShowEvent | None = None  # newest command to all, if vehicles may be awaited
         self.collective_return: CollectiveReturn | None = None  # the newest
-        self.starting = Starting(flight, maneuvers, preflight_gate, show_player)
-        self.spares = Spares(flight, maneuvers, preflight_gate)
-        self.recovery = FlightRecovery(flight, maneuvers, show_player, found, self._bring_home)
+        newest, vehicles, show, book = flight.newest, flight.vehicles, flight.show, flight.book
+        self.starting = Starting(
+            newest,
+            vehicles,
+            show,
+            book,
+            flight.unix_s,
+            flight.config.operation.takeoff_stagger_s,
+            maneuvers,
+            preflight_gate,
+            show_player,
+        )
+        self.spares = Spares(newest, vehicles, show, book, places, maneuvers, preflight_gate)
+        frame, space = flight.config.show_frame, flight.uncontrolled
+        self.recovery = FlightRecovery(
+            newest,
+            vehicles,
+            show,
+            book,
+            flight.inputs,
+            refusals,
+            maneuvers,
+            RestoredPlan(flight.in_force, show, newest, flight.unix_s, show_player),
+            StallRecovery(newest, vehicles, show, frame, space, flight.unix_s, flight.inputs),
+            AwaitedVehicles(newest, maneuvers, asyncio.get_running_loop().time),
+            found,
+            self._bring_home,
+        )
 
     def close(self) -> None:
         """Stop planning returns that no vehicle will fly."""
@@ -132,7 +163,7 @@ class Commander(VehicleCommands):
         return [
             one
             for one in flight.vehicles.in_phase(Phase.PILOT)
-            if one in found or (self.maneuvers.running(one) and not why_never(flight, one))
+            if one in found or (self.maneuvers.running(one) and not self.refusals.why_never(one))
         ]
 
     def _bring_down(
@@ -158,10 +189,10 @@ class Commander(VehicleCommands):
         record = flight.book.open(action or event.value, ids, left_out)
         if event is ShowEvent.STOP:
             together = self._plan_return([*flying, *later])
-            sites_m = landing_sites_m(flight, [v for v in flying if v.home_m is None])
+            sites_m = self.places.sites_m([v for v in flying if v.home_m is None])
         else:
             together = None
-            sites_m = landing_sites_m(flight, [v for v in flying if not v.comes_down_alone])
+            sites_m = self.places.sites_m([v for v in flying if not v.comes_down_alone])
 
         def begin(vehicle: Vehicle, sites_m: Mapping[VehicleId, Array]) -> None:
             if together is not None and vehicle.home_m is not None:
@@ -175,7 +206,7 @@ class Commander(VehicleCommands):
         def reached(vehicle: Vehicle) -> None:
             if flight.show.phase is ShowPhase.UNCONTROLLED:  # possibly no vehicle was reached before
                 flight.show.move(event, reason)
-            begin(vehicle, landing_sites_m(flight, [vehicle]))
+            begin(vehicle, self.places.sites_m([vehicle]))
 
         for vehicle in flying:
             begin(vehicle, sites_m)
@@ -186,8 +217,20 @@ class Commander(VehicleCommands):
     def _plan_return(self, vehicles: Sequence[Vehicle]) -> CollectiveReturn:
         """Plan one return of these; one that has sent nothing yet takes part if it does before the plan."""
         self.close()
+        flight = self.flight
         together = [v for v in vehicles if v.home_m is not None and not v.comes_down_alone]
-        self.collective_return = CollectiveReturn(self.flight, together, self._planning)
+        self.collective_return = CollectiveReturn(
+            flight.newest,
+            flight.in_force,
+            flight.vehicles,
+            flight.show,
+            self.places,
+            flight.elsewhere.returns,
+            flight.closing,
+            flight.slow_from_m,
+            together,
+            self._planning,
+        )
         return self.collective_return
 
     def _keep_down(self, record: CommandRecord, waiting: Sequence[Vehicle]) -> None:
@@ -307,7 +350,8 @@ class Commander(VehicleCommands):
     def _stops_m(self, vehicle: Vehicle) -> Array:
         """(3,) Position at which the vehicle can soon be at rest, show frame."""
         place_m: Array = (
-            self.flight.position_m(vehicle) + self.flight.state.velocity_m_s[vehicle.row] * STOPS_WITHIN_S
+            self.flight.newest.position_m(vehicle)
+            + self.flight.newest.state.velocity_m_s[vehicle.row] * STOPS_WITHIN_S
         )
         return place_m
 

@@ -1,18 +1,21 @@
 """Changes of the plan: by operators, and from the record of an interrupted flight. All are checked first."""
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from gcs.flight.maneuvers.maneuvers import Maneuvers
 from gcs.flight.shows.show_player import ShowPlayer
-from gcs.flight.state.flight import Flight
-from gcs.flight.state.vehicle import Vehicle
+from gcs.flight.state.newest import InForce, Newest
+from gcs.flight.state.show_state import ShowState
+from gcs.flight.state.vehicle import FlightVehicles, Vehicle
 from gcs.model.errors import GcsError, RefusedError, UnknownError
 from gcs.model.interrupted_flight import TAKEN_OVER_FROM, Interruption, Offer
 from gcs.model.lifecycle import ON_THE_GROUND, Phase
 from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Plan, Target, Yaw, plan_of
+from gcs.model.preflight_report import Exclusion
+from gcs.model.state import Array, VehicleId
 from gcs.planning.feasibility import check_formation, check_orbit, check_radius, check_target, followed
 
 log = logging.getLogger(__name__)
@@ -24,72 +27,75 @@ Part = TypeVar("Part", Formation, Orbit, Yaw)
 class PlanEditor:
     """Changes the plan of a flight, or refuses the change. Implements `gcs.service.PlanChanges`."""
 
-    flight: Flight
+    in_force: InForce
+    show: ShowState
+    vehicles: FlightVehicles
+    excluded: Mapping[VehicleId, Exclusion]
+    in_formation_m: Callable[[Sequence[Vehicle]], Array]  # uncertainty of these, and of those elsewhere
     show_player: ShowPlayer
     maneuvers: Maneuvers
     now_s: Callable[[], float]
 
     @property
     def current(self) -> Plan:
-        return self.flight.plan
+        return self.in_force.plan
 
     def _taking_part(self) -> list[Vehicle]:
-        return [*self.flight.vehicles.airborne, *self.maneuvers.waiting]
+        return [*self.vehicles.airborne, *self.maneuvers.waiting]
 
     def _to_fly(self) -> list[Vehicle]:
         """Vehicles that the formation must have room for: on the ground, those online and not excluded."""
-        flight = self.flight
-        online = (vehicle for vehicle in flight.vehicles.values() if vehicle.phase is not Phase.OFFLINE)
-        found = [vehicle for vehicle in online if vehicle.id not in flight.excluded]
-        flying = found if flight.show.phase in ON_THE_GROUND else self._taking_part()
-        return flying or list(flight.vehicles.values())
+        online = (vehicle for vehicle in self.vehicles.values() if vehicle.phase is not Phase.OFFLINE)
+        found = [vehicle for vehicle in online if vehicle.id not in self.excluded]
+        flying = found if self.show.phase in ON_THE_GROUND else self._taking_part()
+        return flying or list(self.vehicles.values())
 
     def set_formation(self, formation: Formation, fields: Sequence[str] = ()) -> None:
         """Change radius, height and, on the ground, the law; a refusal names values that are accepted."""
-        flight = self.flight
         self.show_player.need_free("formation")
-        was = flight.plan.formation
+        was = self.in_force.plan.formation
         formation = _changed(was, formation, fields)
         if formation.law is not was.law:
-            flight.show.need_no_countdown()
+            self.show.need_no_countdown()
             self.show_player.need_ground("change the law")
             if formation == replace(
                 was, law=formation.law
             ):  # the radius stays, also where receivers are worse
-                flight.plan = replace(flight.plan, formation=formation)
+                self.in_force.plan = replace(self.in_force.plan, formation=formation)
                 return
-        flying, target, control = self._to_fly(), self._followed(), flight.control
+        flying, target, control = self._to_fly(), self._followed(), self.in_force.control
         if formation.height_m == was.height_m and formation.radius_m > was.radius_m:
-            check_radius(formation.radius_m, formation.height_m, target, flight.plan.orbit, control.safety)
-        uncertainty_m = flight.in_formation_m(flying)
+            check_radius(
+                formation.radius_m, formation.height_m, target, self.in_force.plan.orbit, control.safety
+            )
+        uncertainty_m = self.in_formation_m(flying)
         check_formation(formation, len(uncertainty_m), control.safety, uncertainty_m)
-        check_target(target, flight.plan.orbit, formation, control, changed="formation")
-        flight.plan = replace(flight.plan, formation=formation)
+        check_target(target, self.in_force.plan.orbit, formation, control, changed="formation")
+        self.in_force.plan = replace(self.in_force.plan, formation=formation)
 
     def set_orbit(self, orbit: Orbit, fields: Sequence[str] = ()) -> None:
-        flight = self.flight
         self.show_player.need_free("orbit")
-        orbit = _changed(flight.plan.orbit, orbit, fields)
-        control = flight.control
+        orbit = _changed(self.in_force.plan.orbit, orbit, fields)
+        control = self.in_force.control
         check_orbit(orbit, control.law)
-        check_target(self._followed(), orbit, flight.plan.formation, control, changed="orbit")
-        flight.plan = replace(flight.plan, orbit=orbit)
+        check_target(self._followed(), orbit, self.in_force.plan.formation, control, changed="orbit")
+        self.in_force.plan = replace(self.in_force.plan, orbit=orbit)
 
     def set_target(self, target: Target) -> None:
         self.show_player.set_target(replace(target, time_s=self.now_s()))
 
     def _followed(self) -> Target:
         now_s = self.now_s()
-        return followed(self.flight.plan, now_s, self.flight.control.safety.fence)
+        return followed(self.in_force.plan, now_s, self.in_force.control.safety.fence)
 
     def set_yaw(self, yaw: Yaw, fields: Sequence[str] = ()) -> None:
-        self.flight.plan = replace(self.flight.plan, yaw=_changed(self.flight.plan.yaw, yaw, fields))
+        self.in_force.plan = replace(self.in_force.plan, yaw=_changed(self.in_force.plan.yaw, yaw, fields))
 
     def add_obstacle(self, obstacle: Obstacle) -> None:
         self.show_player.need_own_obstacle(obstacle.id)
-        if any(known.id == obstacle.id for known in self.flight.plan.obstacles):
+        if any(known.id == obstacle.id for known in self.in_force.plan.obstacles):
             raise RefusedError(f"there is an obstacle {obstacle.id} already; change or remove it")
-        if len(self.flight.plan.obstacles) + self.show_player.reserved >= MAX_OBSTACLES:
+        if len(self.in_force.plan.obstacles) + self.show_player.reserved >= MAX_OBSTACLES:
             raise RefusedError(f"there are {MAX_OBSTACLES} obstacles already, the most possible; remove one")
         self._place_obstacle(obstacle)
 
@@ -99,21 +105,21 @@ class PlanEditor:
 
     def remove_obstacle(self, obstacle_id: str) -> None:
         self._need_obstacle(obstacle_id)
-        self._set_obstacles([known for known in self.flight.plan.obstacles if known.id != obstacle_id])
+        self._set_obstacles([known for known in self.in_force.plan.obstacles if known.id != obstacle_id])
 
     def _need_obstacle(self, obstacle_id: str) -> None:
         self.show_player.need_own_obstacle(obstacle_id)
-        known = [obstacle.id for obstacle in self.flight.plan.obstacles]
+        known = [obstacle.id for obstacle in self.in_force.plan.obstacles]
         if obstacle_id not in known:
             raise UnknownError(f"there is no obstacle {obstacle_id}; there are {', '.join(known) or 'none'}")
 
     def _place_obstacle(self, obstacle: Obstacle) -> None:
         """An obstacle that is there is a fact, whoever is near: it is never refused."""
-        others = [known for known in self.flight.plan.obstacles if known.id != obstacle.id]
+        others = [known for known in self.in_force.plan.obstacles if known.id != obstacle.id]
         self._set_obstacles([*others, replace(obstacle, time_s=self.now_s())])
 
     def _set_obstacles(self, obstacles: Sequence[Obstacle]) -> None:
-        self.flight.plan = replace(self.flight.plan, obstacles=tuple(obstacles))
+        self.in_force.plan = replace(self.in_force.plan, obstacles=tuple(obstacles))
 
 
 def _changed(was: Part, desired: Part, fields: Sequence[str]) -> Part:
@@ -138,11 +144,14 @@ def merged_obstacles(
 class RestoredPlan:
     """Restores the plan of an interrupted flight, once for each offer. Changed on the event loop only."""
 
-    flight: Flight
+    in_force: InForce
+    show: ShowState
+    newest: Newest
+    unix_s: Callable[[], float]
     show_player: ShowPlayer
 
     def __post_init__(self) -> None:
-        self._configured = self.flight.plan
+        self._configured = self.in_force.plan
         self._restored: set[Offer] = set()
 
     @property
@@ -182,41 +191,40 @@ class RestoredPlan:
         else:
             plan = self._checked(found)
             if found.written is None:
-                self.flight.plan = plan
-            elif self.flight.show.run is None:
+                self.in_force.plan = plan
+            elif self.show.run is None:
                 self.show_player.resume(found.written, plan)
         self._restored.add(offer)
 
     def _restore_obstacles(self, found: Interruption) -> None:
         """Restore as many obstacles as are allowed; an unreadable record has none."""
-        flight = self.flight
-        if found.plan is None or flight.show.run is not None:
+        if found.plan is None or self.show.run is not None:
             return
         try:
             recorded = self._recorded(found).obstacles
         except RefusedError as error:
             log.warning("obstacles_not_restored", extra={"reason": str(error)})
             return
-        merged = merged_obstacles(recorded, self._configured.obstacles, flight.plan.obstacles)
+        merged = merged_obstacles(recorded, self._configured.obstacles, self.in_force.plan.obstacles)
         if len(merged) > MAX_OBSTACLES:
             reason = f"{len(merged)} obstacles, at most {MAX_OBSTACLES} stand: the oldest are left out"
             log.warning("obstacles_not_restored", extra={"reason": reason})
-        flight.plan = replace(flight.plan, obstacles=merged[-MAX_OBSTACLES:])
+        self.in_force.plan = replace(self.in_force.plan, obstacles=merged[-MAX_OBSTACLES:])
 
     def _recorded(self, found: Interruption) -> Plan:
         """The recorded plan, with target and obstacles moved to now. Raises: RefusedError if unreadable."""
         if found.plan is None:
             raise RefusedError("what was flown is not in the record")
-        now_s = self.flight.state.time_s
+        now_s = self.newest.state.time_s
         try:
-            shift_s = now_s - (self.flight.unix_s() - found.unix_s) - float(found.plan["time_s"])
+            shift_s = now_s - (self.unix_s() - found.unix_s) - float(found.plan["time_s"])
             return plan_of(found.plan, shift_s)
         except (GcsError, KeyError, TypeError, ValueError) as error:
             raise RefusedError(f"the plan of the record cannot be read: {error!r}") from None
 
     def _merged(self, found: Interruption) -> Plan:
         """The recorded plan with an operator's changes since the restart. Raises: RefusedError."""
-        recorded, configured, now = self._recorded(found), self._configured, self.flight.plan
+        recorded, configured, now = self._recorded(found), self._configured, self.in_force.plan
         merged = merged_obstacles(recorded.obstacles, configured.obstacles, now.obstacles)
         if len(merged) > MAX_OBSTACLES:
             text = f"{len(merged)} obstacles, with those of the interrupted flight; at most {MAX_OBSTACLES}"
@@ -234,14 +242,14 @@ class RestoredPlan:
 
     def _checked(self, found: Interruption) -> Plan:
         """The merged plan, if it may be flown. Raises: RefusedError."""
-        plan, control = self._merged(found), self.flight.control
+        plan, control = self._merged(found), self.in_force.control
         if found.written is not None:
             return plan  # checked as a whole, under its own limits
         try:
             # As configured, not as reported: a worse accuracy must not leave flying vehicles uncontrolled.
             check_formation(plan.formation, max(1, len(found.vehicles)), control.safety)
             check_orbit(plan.orbit, control.law)
-            target = followed(plan, self.flight.state.time_s, control.safety.fence)
+            target = followed(plan, self.newest.state.time_s, control.safety.fence)
             check_target(target, plan.orbit, plan.formation, control)
         except GcsError as error:
             raise RefusedError(f"what was flown cannot be flown now: {error}") from None

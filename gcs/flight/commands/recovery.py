@@ -4,7 +4,6 @@ The service ended, and the record knows what was flown; or it stalled, and
 `gcs.flight.commands.stall_recovery` remembers it. Both are an `Interruption`.
 """
 
-import asyncio
 import logging
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
@@ -13,18 +12,14 @@ from typing import Final
 
 import numpy as np
 
+from gcs.failsafe.autopilot_failsafe import FailsafeInputs
 from gcs.flight.commands.plan_editor import RestoredPlan
 from gcs.flight.commands.stall_recovery import REPLACED, AwaitedVehicles, Stall, StallRecovery
 from gcs.flight.maneuvers.maneuvers import Maneuvers
-from gcs.flight.shows.show_player import ShowPlayer
-from gcs.flight.state.flight import Flight
-from gcs.flight.state.refusals import (
-    why_never,
-    why_not_touching_down,
-    why_not_without_heartbeat,
-    with_alternative,
-)
-from gcs.flight.state.vehicle import Vehicle
+from gcs.flight.state.newest import Newest
+from gcs.flight.state.refusals import Refusals, with_alternative
+from gcs.flight.state.show_state import ShowState
+from gcs.flight.state.vehicle import FlightVehicles, Vehicle
 from gcs.model.errors import RefusedError
 from gcs.model.interrupted_flight import (
     Before,
@@ -39,6 +34,7 @@ from gcs.model.interrupted_flight import (
 from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.model.state import VehicleId
 from gcs.service import CommandRecord, Outcome
+from gcs.service.commands import CommandLog
 
 log = logging.getLogger(__name__)
 
@@ -61,9 +57,16 @@ class _Batch:
 class FlightRecovery:
     """Tracks an interrupted flight until all its vehicles are accounted for: `gcs.service.Recovery`."""
 
-    flight: Flight
+    newest: Newest
+    vehicles: FlightVehicles
+    show: ShowState
+    book: CommandLog
+    inputs: Callable[[Vehicle], FailsafeInputs]
+    refusals: Refusals
     maneuvers: Maneuvers
-    show_player: ShowPlayer
+    plans: RestoredPlan
+    stalls: StallRecovery
+    awaited: AwaitedVehicles
     found: Interruption | None
     send_home: Callable[[str], CommandRecord]
 
@@ -72,17 +75,14 @@ class FlightRecovery:
         self._wrong: tuple[str, ...] = ()  # what is wrong with the whole record
         self._sent_on: set[VehicleId] = set()
         self._no_plan = ""  # why the formation cannot go on
-        self._plans = RestoredPlan(self.flight, self.show_player)
-        self.stalls = StallRecovery(self.flight)
-        self.awaited = AwaitedVehicles(self.flight, self.maneuvers, asyncio.get_running_loop().time)
         self._regained: set[VehicleId] = set()  # vehicles of the interruption that were under control since
         if self.found is not None:
             self._restore_pads(self.found)
 
     def _restore_pads(self, found: Interruption) -> None:
-        config, vehicles = self.flight.config, self.flight.vehicles
+        vehicles = self.vehicles
         ids = {name: vehicle.system_id for name, vehicle in vehicles.items()}
-        self._wrong = tuple(mismatches(found, config.show_frame.model_dump(), ids))
+        self._wrong = tuple(mismatches(found, self.stalls.show_frame.model_dump(), ids))
         if not self._wrong:
             for name, before in found.vehicles.items():
                 if before.pad_m is not None:
@@ -92,7 +92,7 @@ class FlightRecovery:
     def review(self) -> None:
         """Find out whether the formation can go on, with all vehicles that take part by now."""
         if self.found is not None and not self._wrong:
-            self._no_plan = self._plans.why_not(self.found)
+            self._no_plan = self.plans.why_not(self.found)
 
     def log_found(self) -> None:
         """Log the flight that was interrupted before this service began, if there is one."""
@@ -110,15 +110,15 @@ class FlightRecovery:
         if self.found is None:
             self.found = replace(stall.flown, vehicles=fallen)
             self._wrong, self._sent_on = (), set()
-            self._no_plan = self._plans.why_not(stall.flown)
+            self._no_plan = self.plans.why_not(stall.flown)
         else:
             vehicles = {**self.found.vehicles, **fallen}
-            plan = None if self._plans.is_taken_over else self.found.plan  # flown since
+            plan = None if self.plans.is_taken_over else self.found.plan  # flown since
             self.found = replace(self.found, vehicles=vehicles, stalled_s=stall.flown.stalled_s, plan=plan)
         self._sent_on -= fallen.keys()
         log.warning("interrupted", extra={**asdict(self.found), "cause": self.found.cause})
         for name in fallen:
-            vehicle = self.flight.vehicles[name]
+            vehicle = self.vehicles[name]
             if not self.maneuvers.running(vehicle):
                 self.awaited.falls(vehicle, stall.since_s)
 
@@ -137,22 +137,21 @@ class FlightRecovery:
         """Airborne vehicles that the stall or restart took out of control; a command may take it first."""
         shown = self.view()
         left = {} if shown is None or self._wrong else shown.vehicles
-        vehicles = [self.flight.vehicles[name] for name, one in left.items() if one.waits]
+        vehicles = [self.vehicles[name] for name, one in left.items() if one.waits]
         return [one for one in vehicles if one.phase is Phase.PILOT and not self.why_not(one)]
 
     def reclaim(self) -> list[Vehicle]:
         """Return `reclaimable` for a command that reaches them now, and restore that flight's obstacles."""
         if self.found is not None and not self._wrong:
-            self._plans.restore(self.found, Offer.BRING_HOME)
+            self.plans.restore(self.found, Offer.BRING_HOME)
         return self.reclaimable
 
     def why_not(self, vehicle: Vehicle) -> str:
         """Why no fleet-wide command takes control of it; empty when one may."""
-        flight = self.flight
         return (
-            why_never(flight, vehicle)
-            or why_not_without_heartbeat(flight, vehicle)
-            or why_not_touching_down(flight, vehicle)
+            self.refusals.why_never(vehicle)
+            or self.refusals.why_not_without_heartbeat(vehicle)
+            or self.refusals.why_not_touching_down(vehicle)
         )
 
     @property
@@ -160,7 +159,7 @@ class FlightRecovery:
         """Vehicles of the interrupted flight that have sent nothing yet: a command to all includes them."""
         if self.found is None or self._wrong:
             return []
-        vehicles = [self.flight.vehicles[name] for name in self.found.vehicles]
+        vehicles = [self.vehicles[name] for name in self.found.vehicles]
         return [one for one in vehicles if one.phase is Phase.OFFLINE]
 
     def _receive(self) -> None:
@@ -191,15 +190,15 @@ class FlightRecovery:
             self._go_on(batch)
         if found is None:
             return
-        if self.flight.show.phase in BEGUN_ANEW or (found.vehicles and self._all_settled(found)):
+        if self.show.phase in BEGUN_ANEW or (found.vehicles and self._all_settled(found)):
             log.info("interruption_over", extra={"of_session": found.session})
             self.found, self._regained = None, set()
-            self._plans.forget()
+            self.plans.forget()
 
     def _keep_true(self, found: Interruption) -> None:
         """Remember which vehicles came under control again, and report why the others are not."""
         for name, before in found.vehicles.items():
-            vehicle = self.flight.vehicles.get(name)
+            vehicle = self.vehicles.get(name)
             if vehicle is None:
                 continue
             if vehicle.phase in AIRBORNE:
@@ -207,7 +206,7 @@ class FlightRecovery:
             elif vehicle.phase is Phase.PILOT and not self._wrong:
                 shown = self._remaining(name, before)
                 if shown.waits:
-                    alone, mode = vehicle.without_setpoints, self.flight.mode(vehicle)
+                    alone, mode = vehicle.without_setpoints, self.newest.mode(vehicle)
                     vehicle.reason = left_by(found.cause, mode, changes_mode=alone.changes_mode)
                 elif vehicle.reason.startswith(found.cause):
                     vehicle.reason = shown.text
@@ -217,7 +216,7 @@ class FlightRecovery:
         if self._batch is not None or self.awaited.any:
             return False
         open_phases = {Phase.OFFLINE, Phase.PILOT, Phase.HOLD}
-        left = [one for name in found.vehicles if (one := self.flight.vehicles.get(name)) is not None]
+        left = [one for name in found.vehicles if (one := self.vehicles.get(name)) is not None]
         return all(one.id in self._sent_on or one.phase not in open_phases for one in left)
 
     def view(self) -> InterruptedFlight | None:
@@ -247,10 +246,10 @@ class FlightRecovery:
         )
 
     def _remaining(self, name: VehicleId, before: Before) -> Remaining:
-        vehicle = self.flight.vehicles.get(name)
+        vehicle = self.vehicles.get(name)
         if vehicle is None:
             return Remaining(before.phase, before.pad_m is not None, waits=False, text="not configured")
-        facts, action = self.flight.inputs(vehicle), vehicle.without_setpoints.action
+        facts, action = self.inputs(vehicle), vehicle.without_setpoints.action
         about, again = (before, vehicle.phase, facts.mode, action), name in self._regained
         return remaining(*about, in_failsafe=facts.in_failsafe, taken_again=again)
 
@@ -263,21 +262,21 @@ class FlightRecovery:
             raise RefusedError("no flight was cut off, or all of it is settled")
         if offer not in shown.offers:
             raise RefusedError(f"{offer} is not offered: {shown.notice}")
-        self._plans.restore(found, offer)
+        self.plans.restore(found, offer)
         waiting = {name for name, one in shown.vehicles.items() if one.waits}
         refused = {
             name: why
             for name in waiting
-            if (vehicle := self.flight.vehicles[name]).phase is Phase.PILOT and (why := self.why_not(vehicle))
+            if (vehicle := self.vehicles[name]).phase is Phase.PILOT and (why := self.why_not(vehicle))
         }
         waiting -= refused.keys()
         if offer is Offer.BRING_HOME:
             return self.send_home(f"brought home: {shown.cause}")
-        chosen = [vehicle for name, vehicle in self.flight.vehicles.items() if name in waiting]
+        chosen = [vehicle for name, vehicle in self.vehicles.items() if name in waiting]
         unreceived = self.unreceived
         meant = [vehicle.id for vehicle in (*chosen, *unreceived)]
         left_out = {name: one.text for name, one in shown.vehicles.items() if name not in meant} | refused
-        record = self.flight.book.open(offer.value, meant, left_out)
+        record = self.book.open(offer.value, meant, left_out)
         if self._batch is not None:  # not all of its vehicles hold yet
             for vehicle in self._batch.handed:
                 self._end_part(self._batch, vehicle, Outcome.FAILED, REPLACED)
@@ -298,7 +297,7 @@ class FlightRecovery:
     def _end_part(self, batch: _Batch, vehicle: Vehicle, outcome: Outcome, reason: str) -> None:
         for record in batch.records:
             if vehicle.id in record.outcomes:
-                self.flight.book.close(record.id, vehicle.id, outcome, reason)
+                self.book.close(record.id, vehicle.id, outcome, reason)
 
     @property
     def taking_over(self) -> list[Vehicle]:
@@ -306,7 +305,7 @@ class FlightRecovery:
         if self._batch is None:
             return []
         handed = {one.id for one in self._batch.handed}
-        return [one for one in self.flight.vehicles.values() if one.id in self._batch.awaited | handed]
+        return [one for one in self.vehicles.values() if one.id in self._batch.awaited | handed]
 
     def go_along(self, record: CommandRecord) -> None:
         """Close the parts of `record` together with those of the running take-over."""
@@ -323,7 +322,7 @@ class FlightRecovery:
     def _go_on(self, batch: _Batch) -> None:
         """Send all vehicles of a batch on together once they hold; a newer command counts."""
         holding = [one for one in batch.handed if one.phase is Phase.HOLD]
-        comes_down = self.flight.show.phase in COMES_DOWN
+        comes_down = self.show.phase in COMES_DOWN
         ours = [one for one in holding if not (comes_down or self.maneuvers.running(one))]
         for vehicle in batch.handed:
             if vehicle not in ours:

@@ -10,15 +10,17 @@ from typing import Final
 
 import numpy as np
 
-from gcs.flight.maneuvers.landing_places import closed_to
+from gcs.flight.maneuvers.landing_places import LandingPlaces
 from gcs.flight.maneuvers.maneuvers import Maneuvers
 from gcs.flight.preflight.preflight_gate import PreflightGate
-from gcs.flight.state.flight import Flight
+from gcs.flight.state.newest import Newest
 from gcs.flight.state.running_show import ShowRun
-from gcs.flight.state.vehicle import Vehicle
+from gcs.flight.state.show_state import ShowState
+from gcs.flight.state.vehicle import FlightVehicles, Vehicle
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, VehicleId
 from gcs.service import Outcome
+from gcs.service.commands import CommandLog
 
 log = logging.getLogger(__name__)
 
@@ -62,49 +64,53 @@ def climb_is_free(here_m: Array, airborne_m: Array, takeoff_height_m: float) -> 
 class Spares:
     """Has spare vehicles take off when others are lost, while the show runs or assembles."""
 
-    flight: Flight
+    newest: Newest
+    vehicles: FlightVehicles
+    show: ShowState
+    book: CommandLog
+    places: LandingPlaces
     maneuvers: Maneuvers
     preflight_gate: PreflightGate
 
     def replace_lost(self) -> None:
         """Give the places of lost vehicles to spare ones; called once a tick."""
-        flight, show_run = self.flight, self.flight.show.run
+        show_run = self.show.run
         if show_run is None or not show_run.spares:
             return
-        if flight.show.phase not in {ShowPhase.ASSEMBLING, ShowPhase.RUNNING}:
+        if self.show.phase not in {ShowPhase.ASSEMBLING, ShowPhase.RUNNING}:
             return
-        lost = [name for name, vehicle in flight.vehicles.items() if vehicle.phase in REPLACED]
-        for gone, spare in replacements(show_run, flight.state.time_s, lost, self._may_climb):
-            self._take_off(flight.vehicles[spare], gone, show_run.name)
+        lost = [name for name, vehicle in self.vehicles.items() if vehicle.phase in REPLACED]
+        for gone, spare in replacements(show_run, self.newest.state.time_s, lost, self._may_climb):
+            self._take_off(self.vehicles[spare], gone, show_run.name)
 
     def _may_climb(self, name: VehicleId) -> bool:
         """Whether a vehicle stands ready, and the space that it climbs through is free."""
-        flight, vehicle = self.flight, self.flight.vehicles[name]
-        here_m = flight.position_m(vehicle)
+        vehicle = self.vehicles[name]
+        here_m = self.newest.position_m(vehicle)
         if vehicle.phase is not Phase.STANDBY or not np.isfinite(here_m).all():
             return False
-        airborne_m = np.array([flight.position_m(other) for other in flight.vehicles.airborne]).reshape(-1, 3)
-        free = climb_is_free(here_m, airborne_m, flight.config.operation.takeoff_height_m)
-        return free and not bool(closed_to(flight, [vehicle.row], here_m[None])[0])
+        airborne_m = np.array([self.newest.position_m(other) for other in self.vehicles.airborne]).reshape(
+            -1, 3
+        )
+        free = climb_is_free(here_m, airborne_m, self.places.operation.takeoff_height_m)
+        return free and not bool(self.places.closed_to([vehicle.row], here_m[None])[0])
 
     def _take_off(self, vehicle: Vehicle, lost: VehicleId, show: str) -> None:
-        flight = self.flight
         log.warning("spare_flies", extra={"vehicle": vehicle.id, "other": lost, "show": show})
-        flight.left_behind.pop(vehicle.id, None)
-        vehicle.home_m = flight.position_m(vehicle).copy()
-        record = flight.book.open("spare", [vehicle.id], {})
+        self.show.left_behind.pop(vehicle.id, None)
+        vehicle.home_m = self.newest.position_m(vehicle).copy()
+        record = self.book.open("spare", [vehicle.id], {})
         maneuver = self.maneuvers.take_off(0.0, lambda one: self.preflight_gate.need_alone(one.id))
         self.maneuvers.start(vehicle, maneuver, self._closer(record.id, vehicle.id, lost))
 
     def _closer(self, record: str, name: VehicleId, lost: VehicleId) -> Callable[[Outcome, str], None]:
         """Return a function that closes its take-off; one that fails leaves its place to the next spare."""
-        flight = self.flight
 
         def ended(outcome: Outcome, reason: str) -> None:
             if outcome is Outcome.FAILED:
-                flight.left_behind[name] = reason
-                if flight.show.run is not None:
-                    flight.show.run.give_back(name, lost)
-            flight.book.close(record, name, outcome, reason)
+                self.show.left_behind[name] = reason
+                if self.show.run is not None:
+                    self.show.run.give_back(name, lost)
+            self.book.close(record, name, outcome, reason)
 
         return ended

@@ -10,10 +10,13 @@ from typing import Any, Final
 
 import numpy as np
 
-from gcs.failsafe.autopilot_failsafe import FailsafeCause
+from gcs.config.sections import ShowFrameSettings
+from gcs.failsafe.autopilot_failsafe import FailsafeCause, FailsafeInputs
 from gcs.flight.maneuvers.maneuvers import Maneuvers
-from gcs.flight.state.flight import Flight
-from gcs.flight.state.vehicle import Vehicle
+from gcs.flight.state.newest import Newest
+from gcs.flight.state.show_state import ShowState
+from gcs.flight.state.uncontrolled_space import UncontrolledSpace
+from gcs.flight.state.vehicle import FlightVehicles, Vehicle
 from gcs.model.interrupted_flight import Before, Interruption, Written, is_left_alone, left_by, triple
 from gcs.model.lifecycle import FLOWN, Phase
 from gcs.model.state import Mode, VehicleId
@@ -60,32 +63,38 @@ class Stall:
 class StallRecovery:
     """Remembers what is flown, and explains modes by the newest stall. Changed on the event loop only."""
 
-    flight: Flight
+    newest: Newest
+    vehicles: FlightVehicles
+    show: ShowState
+    show_frame: ShowFrameSettings
+    uncontrolled: UncontrolledSpace
+    unix_s: Callable[[], float]
+    inputs: Callable[[Vehicle], FailsafeInputs]
 
     def __post_init__(self) -> None:
         # At the end of a tick: commands after a stall may come before its first tick.
-        self._show = self.flight.show.phase, self.flight.show.reason
+        self._show = self.show.phase, self.show.reason
         self._states: list[Any] = []  # of `VehicleStates.flown`
         self.stall: Stall | None = None  # the newest, while it explains modes
 
     def note_setpoints(self) -> None:
         """Remember which vehicles fly under setpoints until the next tick; called at the end of each tick."""
-        self._show = self.flight.show.phase, self.flight.show.reason
-        self._states = self.flight.vehicles.states.flown
+        self._show = self.show.phase, self.show.reason
+        self._states = self.vehicles.states.flown
 
     def _flown(self) -> dict[VehicleId, tuple[Phase, str]]:
         """Vehicles under setpoints as of the last note, with their phases and reasons."""
         return {
             name: (phase, reason)
-            for name, (phase, reason, flags) in zip(self.flight.vehicles, self._states, strict=False)
+            for name, (phase, reason, flags) in zip(self.vehicles, self._states, strict=False)
             if flags.entering_offboard or (phase in FLOWN and not flags.handed_over)
         }
 
     def stalled(self, gap_s: float) -> None:
         """Keep what was flown when no tick came for `gap_s`; to be called before telemetry changes phases."""
-        flight, show_run, (show, reason) = self.flight, self.flight.show.run, self._show
-        now_s = flight.state.time_s
-        noticed_s = flight.uncontrolled.without_setpoints.flies_on_s.min(initial=np.inf)
+        show_run, (show, reason) = self.show.run, self._show
+        now_s = self.newest.state.time_s
+        noticed_s = self.uncontrolled.without_setpoints.flies_on_s.min(initial=np.inf)
         if gap_s < STALL_SHARE * noticed_s:
             return
         log.warning("service_stalled", extra={"stalled_s": round(gap_s, 1), "show": show.value})
@@ -97,28 +106,28 @@ class StallRecovery:
             shown = show_run.view(now_s)
             written = Written(shown.name, shown.hash, shown.cue, shown.clock_s, dict(show_run.parts))
         for name, (phase, why) in flown.items():
-            vehicle = flight.vehicles[name]
+            vehicle = self.vehicles[name]
             pad_m = None if vehicle.home_m is None else triple(vehicle.home_m.tolist())
             vehicles[name] = Before(vehicle.system_id, phase, why, pad_m)
-        unix_s, frame = flight.unix_s() - gap_s, flight.config.show_frame.model_dump()
+        unix_s, frame = self.unix_s() - gap_s, self.show_frame.model_dump()
         interruption = Interruption("", unix_s, show, reason, frame, vehicles, written, None, gap_s)
         self.stall = Stall(interruption, now_s - gap_s / 2.0, now_s + STALL_EXPLAINS_S)
 
     def expire(self) -> None:
-        if self.stall is not None and self.flight.state.time_s > self.stall.until_s:
+        if self.stall is not None and self.newest.state.time_s > self.stall.until_s:
             self.stall = None
 
     def fallen(self, known: Collection[VehicleId]) -> dict[VehicleId, Before]:
         """Return vehicles that the stall took out of control, without those already `known`."""
-        stall, flight = self.stall, self.flight
+        stall = self.stall
         if stall is None:
             return {}
         fallen: dict[VehicleId, Before] = {}
         for name, before in stall.flown.vehicles.items():
-            vehicle = flight.vehicles[name]
+            vehicle = self.vehicles[name]
             if vehicle.phase is not Phase.PILOT or name in known or vehicle.cause in OTHER_FAILSAFES:
                 continue
-            facts, alone = flight.inputs(vehicle), vehicle.without_setpoints
+            facts, alone = self.inputs(vehicle), vehicle.without_setpoints
             explained = is_left_alone(
                 Phase.FORMATION, facts.mode, alone.action, in_failsafe=facts.in_failsafe
             )
@@ -143,7 +152,7 @@ class _Command:
 class AwaitedVehicles:
     """Keeps the awaited vehicles of the newest command. Changed on the event loop only."""
 
-    flight: Flight
+    newest: Newest
     maneuvers: Maneuvers
     now_s: Callable[[], float]
     _command: _Command | None = None
@@ -197,7 +206,7 @@ class AwaitedVehicles:
         command = self._command
         if command is None:
             return
-        late = self.flight.state.time_s > command.given_s + RECEIVED_WITHIN_S
+        late = self.newest.state.time_s > command.given_s + RECEIVED_WITHIN_S
         for vehicle in list(command.vehicles.values()):
             if vehicle.phase is Phase.OFFLINE and not late:
                 continue

@@ -1,16 +1,15 @@
 """Executes commands to single vehicles and groups, and chooses where they land."""
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from gcs.flight.maneuvers.landing_places import landing_sites_m
+from gcs.flight.maneuvers.landing_places import LandingPlaces
 from gcs.flight.maneuvers.maneuver_steps import Maneuver
 from gcs.flight.maneuvers.maneuvers import Maneuvers
-from gcs.flight.shows.lights import find
 from gcs.flight.state.flight import Flight
-from gcs.flight.state.refusals import instead, why_never, why_not_unnamed, with_alternative
+from gcs.flight.state.refusals import Refusals, with_alternative
 from gcs.flight.state.vehicle import Vehicle, require_phase
 from gcs.links import Command, Verb
 from gcs.model.errors import CommandError, InvalidError, RefusedError
@@ -36,21 +35,24 @@ class VehicleCommands:
     """Turns commands to vehicles into maneuvers; the base of `Commander`."""
 
     flight: Flight
+    refusals: Refusals
+    places: LandingPlaces
     maneuvers: Maneuvers
+    find: Callable[[VehicleId], None]  # lets a vehicle blink
 
     def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> CommandRecord:
         vehicle = self.flight.vehicles.named(vehicle_id)
-        with instead(self.flight, vehicle_id):
+        with self.refusals.instead(vehicle_id):
             return self._command(vehicle, action)
 
     def _command(self, vehicle: Vehicle, action: VehicleAction) -> CommandRecord:
         if action is VehicleAction.FIND:
-            find(self.flight, vehicle.id)
+            self.find(vehicle.id)
             return self.flight.book.done(action, [vehicle.id])
         self._require(vehicle, action)
         if action is VehicleAction.CONFIRM_DOWN:
             vehicle.apply(Event.CONFIRMED_DOWN, "an operator has seen it on the ground")
-            self.flight.forget_seen(vehicle)
+            self.flight.uncontrolled.forget_seen(vehicle)
             return self.flight.book.done(action, [vehicle.id])
         return self._command_each([vehicle], action, {})
 
@@ -69,7 +71,7 @@ class VehicleCommands:
             raise RefusedError(f"{name} cannot return: where it started is not known; use land")
         if action is VehicleAction.RETURN and vehicle.flags.handed_over:
             raise RefusedError(f"{name} cannot return: its autopilot touches it down already")
-        if action is VehicleAction.TAKE_CONTROL and (why := why_never(self.flight, vehicle)):
+        if action is VehicleAction.TAKE_CONTROL and (why := self.refusals.why_never(vehicle)):
             raise RefusedError(f"control of {name} is not taken: {why}")
 
     @with_alternative
@@ -114,7 +116,7 @@ class VehicleCommands:
                 continue
             why = ""
             if not named and action is VehicleAction.TAKE_CONTROL:
-                why = why_not_unnamed(self.flight, vehicle)
+                why = self.refusals.why_not_unnamed(vehicle)
             elif not named and vehicle.phase is Phase.LOST:
                 why = f"{vehicle.id} is lost: {vehicle.reason}"
             if why:
@@ -131,7 +133,7 @@ class VehicleCommands:
     ) -> CommandRecord:
         """Give one command to several vehicles that accept it: hold, return or land, each to its own site."""
         landing = [v for v in vehicles if action is VehicleAction.LAND or v.home_m is None]
-        places_m = {} if action is VehicleAction.HOLD else landing_sites_m(self.flight, landing)
+        places_m = {} if action is VehicleAction.HOLD else self.places.sites_m(landing)
         record = self.flight.book.open(action, [vehicle.id for vehicle in vehicles], left_out)
         for vehicle in vehicles:
             maneuver: Maneuver = self.maneuvers.hold
@@ -155,7 +157,12 @@ class VehicleCommands:
         ]
         uncertainty_m = flight.in_formation_m([*formed, *joining])
         try:
-            check_formation(flight.plan.formation, len(uncertainty_m), flight.control.safety, uncertainty_m)
+            check_formation(
+                flight.in_force.plan.formation,
+                len(uncertainty_m),
+                flight.in_force.control.safety,
+                uncertainty_m,
+            )
         except InvalidError as error:
             named = ", ".join(vehicle.id for vehicle in joining)
             raise RefusedError(f"{named} cannot join: {error}") from None

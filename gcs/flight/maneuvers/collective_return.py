@@ -6,10 +6,11 @@ from concurrent.futures import Executor, Future
 
 import numpy as np
 
-from gcs.flight.maneuvers.landing_places import closed_to, homes_of
-from gcs.flight.state.elsewhere import Returning
-from gcs.flight.state.flight import Flight
-from gcs.flight.state.vehicle import Vehicle
+from gcs.flight.maneuvers.landing_places import LandingPlaces
+from gcs.flight.state.elsewhere import Returning, ReturnsElsewhere
+from gcs.flight.state.newest import InForce, Newest
+from gcs.flight.state.show_state import ShowState
+from gcs.flight.state.vehicle import FlightVehicles, Vehicle
 from gcs.model.errors import cut
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Array, Mask, VehicleId
@@ -41,9 +42,23 @@ FLYING = frozenset({Phase.FORMATION, Phase.HOLD, Phase.RETURN})
 class CollectiveReturn:
     """One collective return. Changed on the event loop only."""
 
-    def __init__(self, flight: Flight, vehicles: Iterable[Vehicle], planning: Executor) -> None:
-        """`vehicles` know where they started. The planner runs in `planning`, outside the tick."""
-        self._flight = flight
+    def __init__(
+        self,
+        newest: Newest,
+        in_force: InForce,
+        of_flight: FlightVehicles,
+        show: ShowState,
+        places: LandingPlaces,
+        others: ReturnsElsewhere,
+        closing: Callable[[], frozenset[VehicleId]],
+        slow_from_m: Callable[[Sequence[Vehicle]], Array],
+        vehicles: Iterable[Vehicle],
+        planning: Executor,
+    ) -> None:
+        """Of `vehicles`, which know where they started. The planner runs in `planning`, outside the tick."""
+        self._newest, self._in_force, self._vehicles, self._show = newest, in_force, of_flight, show
+        self._landing_places, self._others = places, others
+        self._find_closing, self._slow_from_m = closing, slow_from_m
         self._planning = planning
         self._expected = {vehicle.id: vehicle for vehicle in vehicles}
         self._stopping: dict[VehicleId, Vehicle] = {}
@@ -51,7 +66,6 @@ class CollectiveReturn:
         self._places: list[int] = []  # rows of FleetState, in the plan's order
         self._home_m = np.zeros((0, 3))  # (n, 3) landing positions, in the same order
         self._elsewhere = np.zeros(0, np.intp)  # rows of vehicles flown elsewhere, after the own in the plan
-        self._others = flight.elsewhere.returns
         self._number = self._others.newest  # of an earlier return
         self._is_off = False  # no plan: the vehicles return one by one
         self._closing: frozenset[VehicleId] = frozenset()  # lost vehicles that the landing places allow for
@@ -62,7 +76,7 @@ class CollectiveReturn:
         self._enough = False  # read by the planning thread
         self._progress: PathProgress | None = None
         self._led: set[VehicleId] = set()  # vehicles that took their goal since the last tick
-        self._since_s = flight.state.time_s  # time of the command, the planning, or the last tick
+        self._since_s = self._newest.state.time_s  # time of the command, the planning, or the last tick
 
     @property
     def is_planned(self) -> bool:
@@ -90,7 +104,7 @@ class CollectiveReturn:
         return vehicle.id in (self._expected if self._planned is None else self._rows)
 
     def advance(self) -> None:
-        now_s = self._flight.state.time_s
+        now_s = self._newest.state.time_s
         since_s = now_s - self._since_s
         if self._progress is not None:
             self._since_s = now_s
@@ -121,10 +135,10 @@ class CollectiveReturn:
         if received is not None:
             paths, rows, home_m = received
             self._places = rows.tolist()
-            self._rows = {self._flight.state.ids[row]: at for at, row in enumerate(self._places)}
+            self._rows = {self._newest.state.ids[row]: at for at, row in enumerate(self._places)}
             if self._exchanges_pads:
                 for row, place_m in zip(self._places, home_m, strict=True):
-                    self._flight.vehicles.rows[row].home_m = place_m.copy()
+                    self._vehicles.rows[row].home_m = place_m.copy()
             self._planned = Future()
             self._planned.set_result((paths, home_m))
         return True
@@ -136,7 +150,7 @@ class CollectiveReturn:
             self._others.publish_paths(paths, self._elsewhere, self._home_m[len(self._places) :])
 
     def _follow(self, progress: PathProgress, step_s: float) -> None:
-        position_m, flown, led_s = self._flight.state.position_m[self._places], self._flown(), np.nan
+        position_m, flown, led_s = self._newest.state.position_m[self._places], self._flown(), np.nan
         if len(self._elsewhere):
             their_m, under_way = self._others.under_way(self._elsewhere)
             position_m, flown = np.concatenate([position_m, their_m]), np.concatenate([flown, under_way])
@@ -148,11 +162,13 @@ class CollectiveReturn:
 
     def _leave_closed_places(self) -> None:
         """Take vehicles out of the plan when their landing place was closed meanwhile."""
-        closing, flight = self._flight.closing(), self._flight
-        if closing != self._closing or flight.plan.obstacles:
+        closing = self._find_closing()
+        if closing != self._closing or self._in_force.plan.obstacles:
             self._closing = closing
-            closed = closed_to(flight, self._places, self._home_m[: len(self._places)])
-            self._left.update(flight.state.ids[self._places[at]] for at in np.flatnonzero(closed).tolist())
+            closed = self._landing_places.closed_to(self._places, self._home_m[: len(self._places)])
+            self._left.update(
+                self._newest.state.ids[self._places[at]] for at in np.flatnonzero(closed).tolist()
+            )
 
     def _fail(self, error: BaseException) -> None:
         """Log any error of the planner, and show it as an alarm: the fleet returns without a plan."""
@@ -192,23 +208,22 @@ class CollectiveReturn:
     def _all_stand(self) -> bool:
         """Whether every participating vehicle is under control and nearly at rest."""
         ours = [vehicle for vehicle in self._expected.values() if vehicle.phase in FLYING | {Phase.PILOT}]
-        stands = np.linalg.norm(self._flight.state.velocity_m_s, axis=1) < STANDS_M_S
+        stands = np.linalg.norm(self._newest.state.velocity_m_s, axis=1) < STANDS_M_S
         if self._others.plans_returns and not self._others.stands(STANDS_M_S):
             return False
         return all(vehicle.id in self._stopping and stands[vehicle.row] for vehicle in ours)
 
     def _begin(self) -> None:
-        flight = self._flight
         ready = [vehicle for vehicle in self._stopping.values() if vehicle.phase is Phase.RETURN]
-        known = [vehicle for vehicle in ready if np.isfinite(flight.position_m(vehicle)).all()]
+        known = [vehicle for vehicle in ready if np.isfinite(self._newest.position_m(vehicle)).all()]
         homing = [vehicle for vehicle in known if vehicle.home_m is not None]
         theirs = self._others.returning() if self._others.plans_returns else Returning.none()
         if self._exchanges_pads:
             theirs = self._exchange_pads(homing, theirs)
         self._places = rows = [vehicle.row for vehicle in homing]
-        operation, uncertainty_m = flight.config.operation, flight.traits.uncertainty_m
-        start_m, own_m = flight.state.position_m[rows], uncertainty_m[rows]
-        places_m = homes_of(flight, homing, theirs)
+        operation, uncertainty_m = self._landing_places.operation, self._newest.traits.uncertainty_m
+        start_m, own_m = self._newest.state.position_m[rows], uncertainty_m[rows]
+        places_m = self._landing_places.homes_of(homing, theirs)
         self._elsewhere = theirs.rows
         start_m = np.concatenate([start_m, theirs.position_m])
         own_m = np.concatenate([own_m, theirs.uncertainty_m])
@@ -216,10 +231,17 @@ class CollectiveReturn:
             self._is_off = True
             return
         over_m = operation.takeoff_height_m
-        slow_from_m = flight.slow_from_m(homing).max(initial=operation.handover_height_m)
+        slow_from_m = self._slow_from_m(homing).max(initial=operation.handover_height_m)
         heights_m = over_m, min(float(slow_from_m), over_m)
         self._rows = {vehicle.id: row for row, vehicle in enumerate(homing)}
-        about = heights_m, flight.control, flight.plan, flight.state.time_s, own_m, flight.closed()
+        about = (
+            heights_m,
+            self._in_force.control,
+            self._in_force.plan,
+            self._newest.state.time_s,
+            own_m,
+            self._landing_places.closed(),
+        )
 
         def planner_for(home_m: Array) -> Planner:
             return return_planner(start_m.copy(), home_m, *about)
@@ -231,16 +253,16 @@ class CollectiveReturn:
 
     @property
     def _exchanges_pads(self) -> bool:
-        return self._flight.show.run is not None and self._flight.show.run.exchanges_pads
+        return self._show.run is not None and self._show.run.exchanges_pads
 
     def _exchange_pads(self, homing: Sequence[Vehicle], theirs: Returning) -> Returning:
         """Assign the pads of all returning vehicles anew; from then on they are their own.
 
         Returns: `theirs` with their new pads.
         """
-        count, flight = len(homing), self._flight
+        count = len(homing)
         home_m = np.array([vehicle.home_m for vehicle in homing]).reshape(-1, 3)
-        start_m = np.array([flight.position_m(vehicle) for vehicle in homing]).reshape(-1, 3)
+        start_m = np.array([self._newest.position_m(vehicle) for vehicle in homing]).reshape(-1, 3)
         home_m = np.concatenate([home_m, theirs.home_m])
         start_m = np.concatenate([start_m, theirs.position_m])
         if not len(home_m):

@@ -1,115 +1,129 @@
 """Where vehicles of a flight land: near where they are, at home, or beside a pad that is closed."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 
+from gcs.config.sections import OperationSettings
 from gcs.control import ellipses_of
-from gcs.flight.state.elsewhere import Returning
-from gcs.flight.state.flight import Flight
-from gcs.flight.state.vehicle import Vehicle
+from gcs.flight.state.elsewhere import Elsewhere, Returning
+from gcs.flight.state.newest import InForce, Newest
+from gcs.flight.state.vehicle import FlightVehicles, Vehicle
+from gcs.formation.obstacles import Ellipse
 from gcs.model.lifecycle import AIRBORNE, Phase
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.landing_sites import are_covered, distinct_sites_m
 from gcs.planning.return_paths.planner import closed_places, return_places_m
 
 
-def landing_sites_m(flight: Flight, vehicles: Sequence[Vehicle]) -> dict[VehicleId, Array]:
-    """(3,) For each vehicle: a landing position clear of obstacles, all pads, and the other positions."""
-    if not vehicles:
-        return {}
-    desired_m = np.array([flight.position_m(vehicle)[:2] for vehicle in vehicles])
-    spacing_m = flight.config.operation.landing_site_spacing_m
-    ellipses = ellipses_of(flight.plan, flight.control, flight.state.time_s)
-    taken_m = _taken_m(flight, vehicles, frozenset({Phase.LANDING}))
-    places_m = distinct_sites_m(desired_m, taken_m, spacing_m, ellipses)
-    ground_z_m = [0.0 if v.home_m is None else float(v.home_m[2]) for v in vehicles]
-    sites_m = np.column_stack([places_m, ground_z_m])
-    return {vehicle.id: site_m for vehicle, site_m in zip(vehicles, sites_m, strict=True)}
+@dataclass(frozen=True, eq=False)
+class LandingPlaces:
+    """Chooses landing places for the vehicles of one flight."""
 
+    newest: Newest
+    in_force: InForce
+    vehicles: FlightVehicles
+    operation: OperationSettings
+    last_m: Callable[[Vehicle], Array | None]  # where a vehicle was seen last
+    closed: Callable[[], tuple[Array, Array]]  # paths that lost vehicles may take
+    elsewhere: Callable[[], Elsewhere]
 
-def homes_m(flight: Flight, vehicles: Sequence[Vehicle]) -> Array:
-    """(n, 3) Where returning vehicles land: their pads, or the nearest clear of lost vehicles and obstacles.
+    def _ellipses(self) -> dict[str, Ellipse]:
+        return ellipses_of(self.in_force.plan, self.in_force.control, self.newest.state.time_s)
 
-    Every vehicle has a `home_m`. Where pads are closed this takes up to tens of milliseconds for each.
-    """
-    return homes_of(flight, vehicles)()
+    def sites_m(self, vehicles: Sequence[Vehicle]) -> dict[VehicleId, Array]:
+        """(3,) For each vehicle: a landing position clear of obstacles, all pads, and the other positions."""
+        if not vehicles:
+            return {}
+        desired_m = np.array([self.newest.position_m(vehicle)[:2] for vehicle in vehicles])
+        spacing_m = self.operation.landing_site_spacing_m
+        ellipses = self._ellipses()
+        taken_m = self._taken_m(vehicles, frozenset({Phase.LANDING}))
+        places_m = distinct_sites_m(desired_m, taken_m, spacing_m, ellipses)
+        ground_z_m = [0.0 if v.home_m is None else float(v.home_m[2]) for v in vehicles]
+        sites_m = np.column_stack([places_m, ground_z_m])
+        return {vehicle.id: site_m for vehicle, site_m in zip(vehicles, sites_m, strict=True)}
 
+    def homes_m(self, vehicles: Sequence[Vehicle]) -> Array:
+        """(n, 3) Where returning vehicles land: their pads, or the nearest clear of lost ones and obstacles.
 
-def homes_of(
-    flight: Flight, vehicles: Sequence[Vehicle], elsewhere: Returning | None = None
-) -> Callable[[], Array]:
-    """Return a function that computes `homes_m` for the flight as it is now; any thread may call it.
+        Every vehicle has a `home_m`. Where pads are closed this takes up to tens of milliseconds for each.
+        """
+        return self.homes_of(vehicles)()
 
-    Those flown elsewhere follow the own.
-    """
-    rows = [vehicle.row for vehicle in vehicles]
-    home_m = np.array([vehicle.home_m for vehicle in vehicles]).reshape(-1, 3)
-    theirs = elsewhere or Returning.none()
-    taken_m = _taken_m(flight, vehicles, frozenset({Phase.LANDING, Phase.RETURN}), theirs)
-    home_m = np.concatenate([home_m, theirs.home_m])
-    own_m = np.concatenate([flight.traits.uncertainty_m[rows], theirs.uncertainty_m])
-    operation = flight.config.operation
-    return partial(
-        return_places_m,
-        home_m,
-        taken_m,
-        operation.takeoff_height_m,
-        operation.landing_site_spacing_m,
-        flight.control,
-        flight.plan,
-        flight.state.time_s,
-        own_m,
-        flight.closed(),
-    )
+    def homes_of(
+        self, vehicles: Sequence[Vehicle], elsewhere: Returning | None = None
+    ) -> Callable[[], Array]:
+        """Return a function that computes `homes_m` for the flight as it is now; any thread may call it.
 
-
-def closed_to(flight: Flight, rows: Sequence[int], place_m: Array) -> Mask:
-    """(n,) At which landing places (n, 3) of these own vehicles a lost one or an obstacle is by now."""
-    uncertainty_m, floor = flight.traits.uncertainty_m[list(rows)], flight.control.safety.floor
-    over_m = flight.config.operation.takeoff_height_m
-    closed = closed_places(place_m, over_m, floor, uncertainty_m, flight.closed())
-    return closed | are_covered(place_m, ellipses_of(flight.plan, flight.control, flight.state.time_s))
-
-
-def is_covered(flight: Flight, place_m: Array) -> bool:
-    """Whether an obstacle keeps a vehicle from landing at a place (3,)."""
-    if not flight.plan.obstacles:
-        return False
-    ellipses = ellipses_of(flight.plan, flight.control, flight.state.time_s)
-    return bool(are_covered(place_m[None], ellipses)[0])
-
-
-def is_taken(flight: Flight, vehicle: Vehicle, place_m: Array) -> bool:
-    """Whether a vehicle flown elsewhere stands or lands at a place (3,) that is not the vehicle's pad.
-
-    Flights that choose places at the same time do not know each other's choice.
-    """
-    if vehicle.home_m is not None and (place_m == vehicle.home_m).all():
-        return False
-    away_m = np.linalg.norm(flight.elsewhere.landing_m() - place_m[:2], axis=1)
-    return bool((away_m < flight.config.operation.landing_site_spacing_m / 2.0).any())
-
-
-def _taken_m(
-    flight: Flight,
-    vehicles: Sequence[Vehicle],
-    goals_of: frozenset[Phase],
-    elsewhere: Returning | None = None,
-) -> Array:
-    """(m, 2) Pads and positions on the ground of all other vehicles, and goals of those in such a phase."""
-    chosen = {vehicle.id for vehicle in vehicles}
-    besides = elsewhere or Returning.none()
-    taken_m = [
-        place_m[:2]
-        for vehicle in flight.vehicles.values()
-        if vehicle.id not in chosen
-        for place_m in (
-            vehicle.home_m,
-            flight.last_m(vehicle) if vehicle.phase not in AIRBORNE or vehicle.flags.handed_over else None,
-            vehicle.goal_m if vehicle.phase in goals_of else None,
+        Those flown elsewhere follow the own.
+        """
+        rows = [vehicle.row for vehicle in vehicles]
+        home_m = np.array([vehicle.home_m for vehicle in vehicles]).reshape(-1, 3)
+        theirs = elsewhere or Returning.none()
+        taken_m = self._taken_m(vehicles, frozenset({Phase.LANDING, Phase.RETURN}), theirs)
+        home_m = np.concatenate([home_m, theirs.home_m])
+        own_m = np.concatenate([self.newest.traits.uncertainty_m[rows], theirs.uncertainty_m])
+        operation = self.operation
+        return partial(
+            return_places_m,
+            home_m,
+            taken_m,
+            operation.takeoff_height_m,
+            operation.landing_site_spacing_m,
+            self.in_force.control,
+            self.in_force.plan,
+            self.newest.state.time_s,
+            own_m,
+            self.closed(),
         )
-        if place_m is not None
-    ]
-    return np.concatenate([np.array(taken_m).reshape(-1, 2), flight.elsewhere.taken_m(besides)])
+
+    def closed_to(self, rows: Sequence[int], place_m: Array) -> Mask:
+        """(n,) At which landing places (n, 3) of these own vehicles a lost one or an obstacle is by now."""
+        uncertainty_m, floor = (
+            self.newest.traits.uncertainty_m[list(rows)],
+            self.in_force.control.safety.floor,
+        )
+        over_m = self.operation.takeoff_height_m
+        closed = closed_places(place_m, over_m, floor, uncertainty_m, self.closed())
+        return closed | are_covered(place_m, self._ellipses())
+
+    def is_covered(self, place_m: Array) -> bool:
+        """Whether an obstacle keeps a vehicle from landing at a place (3,)."""
+        if not self.in_force.plan.obstacles:
+            return False
+        return bool(are_covered(place_m[None], self._ellipses())[0])
+
+    def is_taken(self, vehicle: Vehicle, place_m: Array) -> bool:
+        """Whether a vehicle flown elsewhere stands or lands at a place (3,) that is not the vehicle's pad.
+
+        Flights that choose places at the same time do not know each other's choice.
+        """
+        if vehicle.home_m is not None and (place_m == vehicle.home_m).all():
+            return False
+        away_m = np.linalg.norm(self.elsewhere().landing_m() - place_m[:2], axis=1)
+        return bool((away_m < self.operation.landing_site_spacing_m / 2.0).any())
+
+    def _taken_m(
+        self,
+        vehicles: Sequence[Vehicle],
+        goals_of: frozenset[Phase],
+        elsewhere: Returning | None = None,
+    ) -> Array:
+        """(m, 2) Pads and positions on the ground of all other vehicles, some goals as well."""
+        chosen = {vehicle.id for vehicle in vehicles}
+        besides = elsewhere or Returning.none()
+        taken_m = [
+            place_m[:2]
+            for vehicle in self.vehicles.values()
+            if vehicle.id not in chosen
+            for place_m in (
+                vehicle.home_m,
+                self.last_m(vehicle) if vehicle.phase not in AIRBORNE or vehicle.flags.handed_over else None,
+                vehicle.goal_m if vehicle.phase in goals_of else None,
+            )
+            if place_m is not None
+        ]
+        return np.concatenate([np.array(taken_m).reshape(-1, 2), self.elsewhere().taken_m(besides)])

@@ -9,9 +9,9 @@ import numpy as np
 
 from gcs.flight.maneuvers.collective_return import CollectiveReturn
 from gcs.flight.maneuvers.descent import SLOW_S, Descent
-from gcs.flight.maneuvers.landing_places import homes_m, is_covered, is_taken, landing_sites_m
+from gcs.flight.maneuvers.landing_places import LandingPlaces
 from gcs.flight.maneuvers.maneuver_steps import NO_PROGRESS_S, Maneuver, Steps
-from gcs.flight.state.flight import Flight
+from gcs.flight.state.newest import Newest
 from gcs.flight.state.vehicle import Vehicle
 from gcs.model.lifecycle import Event
 from gcs.model.state import Array, FleetState, VehicleId
@@ -44,9 +44,18 @@ def _has_passed(time_s: float) -> bool:
 class Landings:
     """The landings of one flight."""
 
-    def __init__(self, flight: Flight, steps: Steps) -> None:
-        self._flight, self._steps = flight, steps
-        self._settings = flight.config.operation
+    def __init__(
+        self,
+        newest: Newest,
+        steps: Steps,
+        places: LandingPlaces,
+        descent: Callable[[Vehicle, Array], Descent],
+        may_descend: Callable[[Vehicle], bool],
+        closing: Callable[[], frozenset[VehicleId]],
+    ) -> None:
+        """Whether a vehicle `may_descend` depends on those below it; `closing` are the lost vehicles."""
+        self._newest, self._steps, self._places = newest, steps, places
+        self._descent, self._may_descend, self._closing = descent, may_descend, closing
         self._searched: tuple[FleetState, int] | None = None  # landing places in one tick
 
     async def come_home(self, vehicle: Vehicle) -> None:
@@ -108,12 +117,12 @@ class Landings:
                 return
             if not await self._steps.under_control(vehicle, Event.DESCEND, "comes down"):
                 return
-            vehicle.goal_m = np.array([place_m[0], place_m[1], self._flight.position_m(vehicle)[2]])
-            await self._flight.ticked()  # until then all vehicles commanded together have begun, and count
+            vehicle.goal_m = np.array([place_m[0], place_m[1], self._newest.position_m(vehicle)[2]])
+            await self._steps.ticked()  # until then all vehicles commanded together have begun, and count
             await self._steps.until(
                 vehicle,
                 lambda: (
-                    (self._above(vehicle, place_m) and self._flight.may_descend(vehicle))
+                    (self._above(vehicle, place_m) and self._may_descend(vehicle))
                     or self._is_covered(vehicle, place_m)
                 ),
             )
@@ -123,32 +132,32 @@ class Landings:
 
     def _home_m(self, vehicle: Vehicle) -> Array:
         """(3,) Its pad or the nearest open place, show frame."""
-        return np.asarray(homes_m(self._flight, [vehicle])[0])
+        return np.asarray(self._places.homes_m([vehicle])[0])
 
     def _near_m(self, vehicle: Vehicle) -> Array:
         """(3,) The nearest open place to where it is, show frame."""
-        return landing_sites_m(self._flight, [vehicle])[vehicle.id]
+        return self._places.sites_m([vehicle])[vehicle.id]
 
     async def _fly_above_place(self, vehicle: Vehicle, chosen_m: Callable[[Vehicle], Array]) -> Array:
         """Lead a vehicle above the place that `chosen_m` returns, and above another when that is closed.
 
         Returns: (3,) that place, show frame.
         """
-        flight, least_m, reason = self._flight, self._settings.takeoff_height_m, vehicle.reason
+        least_m, reason = self._places.operation.takeoff_height_m, vehicle.reason
         loop = asyncio.get_running_loop()
         vehicle.set_flags(follows_planned_path=False)
         while True:
-            if flight.closing() or (vehicle.home_m is not None and is_covered(flight, vehicle.home_m)):
+            if self._closing() or (vehicle.home_m is not None and self._places.is_covered(vehicle.home_m)):
                 await self._steps.until(vehicle, self._may_search)
-            closing, place_m = flight.closing(), chosen_m(vehicle)
+            closing, place_m = self._closing(), chosen_m(vehicle)
             if self._is_covered(vehicle, place_m):
-                vehicle.goal_m = flight.position_m(vehicle).copy()
+                vehicle.goal_m = self._newest.position_m(vehicle).copy()
                 vehicle.reason = "waits in the air: no place to land is free of obstacles"
                 await self._steps.until(vehicle, partial(_has_passed, loop.time() + SEARCH_AGAIN_S))
                 continue
             vehicle.reason = reason
             # sideways at its own height, but not lower than the take-off height of all
-            vehicle.goal_m = above_place_m(flight.position_m(vehicle)[None], place_m[None], least_m)[0]
+            vehicle.goal_m = above_place_m(self._newest.position_m(vehicle)[None], place_m[None], least_m)[0]
             ended = partial(self._above_or_closed, vehicle, place_m, closing)
             await self._steps.until(vehicle, ended)
             if self._above(vehicle, place_m) and not self._is_closed(vehicle, place_m):
@@ -156,23 +165,23 @@ class Landings:
 
     def _may_search(self) -> bool:
         """Whether a vehicle may search for its landing place in this tick: only a few fit into it."""
-        fleet, before = self._flight.state, self._searched
+        fleet, before = self._newest.state, self._searched
         count = 0 if before is None or before[0] is not fleet else before[1]
         self._searched = fleet, count + 1
         return count < SEARCHES_A_TICK
 
     def _above_or_closed(self, vehicle: Vehicle, place_m: Array, closing: frozenset[VehicleId]) -> bool:
         """Whether it is above its place, or that is to be chosen again: not while its position is unknown."""
-        changed = self._flight.closing() != closing or self._is_closed(vehicle, place_m)
+        changed = self._closing() != closing or self._is_closed(vehicle, place_m)
         return self._above(vehicle, place_m) or (changed and self._is_received(vehicle))
 
     def _is_closed(self, vehicle: Vehicle, place_m: Array) -> bool:
         """Whether another station's vehicle or an obstacle has come to a place (3,) since it was chosen."""
-        return is_taken(self._flight, vehicle, place_m) or is_covered(self._flight, place_m)
+        return self._places.is_taken(vehicle, place_m) or self._places.is_covered(place_m)
 
     def _is_covered(self, vehicle: Vehicle, place_m: Array) -> bool:
         """Whether an obstacle closes a place (3,), and another can be chosen now."""
-        return is_covered(self._flight, place_m) and self._is_received(vehicle)
+        return self._places.is_covered(place_m) and self._is_received(vehicle)
 
     async def _descend_slowly(
         self, vehicle: Vehicle, place_m: Array, chosen_m: Callable[[Vehicle], Array]
@@ -189,7 +198,7 @@ class Landings:
 
     async def _comes_down(self, vehicle: Vehicle, place_m: Array) -> bool:
         """Whether it has come down to just above the place; False: an obstacle has come there first."""
-        descent, is_low = Descent(self._flight, vehicle, place_m), False
+        descent, is_low = self._descent(vehicle, place_m), False
 
         def ended() -> bool:
             nonlocal is_low
@@ -200,7 +209,7 @@ class Landings:
         return is_low
 
     def _above(self, vehicle: Vehicle, place_m: Array) -> bool:
-        return bool(is_above(self._flight.position_m(vehicle)[None], place_m[None])[0])
+        return bool(is_above(self._newest.position_m(vehicle)[None], place_m[None])[0])
 
     def _is_received(self, vehicle: Vehicle) -> bool:
-        return bool(np.isfinite(self._flight.position_m(vehicle)).all())
+        return bool(np.isfinite(self._newest.position_m(vehicle)).all())

@@ -5,10 +5,10 @@ A refused command raises, and so ends the maneuver; the vehicle stays in its pha
 
 import asyncio
 import logging
-from collections.abc import Callable, Coroutine
+from collections.abc import Awaitable, Callable, Coroutine
 from typing import TypeAlias
 
-from gcs.flight.state.flight import Flight
+from gcs.flight.state.newest import Newest
 from gcs.flight.state.vehicle import Vehicle
 from gcs.links import Command, Verb
 from gcs.model.errors import CommandError, RefusedError
@@ -29,8 +29,13 @@ NO_PROGRESS_S = 30.0
 class Steps:
     """The steps of one flight's maneuvers."""
 
-    def __init__(self, flight: Flight) -> None:
-        self._flight = flight
+    def __init__(
+        self,
+        newest: Newest,
+        ticked: Callable[[], Awaitable[None]],
+        execute: Callable[[Command], Awaitable[None]],
+    ) -> None:
+        self._newest, self.ticked, self._execute = newest, ticked, execute
 
     async def until(
         self,
@@ -50,23 +55,23 @@ class Steps:
                 vehicle.reason = f"{vehicle.phase} for more than {patience_s:g} s: something is in its way"
                 log.warning("no_progress", extra={"vehicle": vehicle.id, "phase": vehicle.phase.value})
                 since_s = loop.time()
-            await self._flight.ticked()
+            await self.ticked()
 
     async def command(self, vehicle: Vehicle, verb: Verb, height_m: float = 0.0) -> None:
         """Execute a command, while both the old and the new mode count as commanded."""
         obeyed = vehicle.autopilot.modes.get(verb, frozenset())
         vehicle.modes = vehicle.modes | obeyed
-        await self._flight.execute(Command(vehicle.id, verb, height_m))
+        await self._execute(Command(vehicle.id, verb, height_m))
         if obeyed:
             vehicle.modes = obeyed
 
     async def engage(self, vehicle: Vehicle) -> None:
         """Send setpoints at rest first, then command OFFBOARD: it may be refused without them."""
-        vehicle.hold_m = self._flight.position_m(vehicle).copy()
+        vehicle.hold_m = self._newest.position_m(vehicle).copy()
         vehicle.set_flags(entering_offboard=True)
         await asyncio.sleep(SETPOINTS_FIRST_S)
         for left in reversed(range(ENGAGE_TRIES)):
-            await self._flight.ticked()  # after a pause of this service setpoints must flow again first
+            await self.ticked()  # after a pause of this service setpoints must flow again first
             try:
                 await self.command(vehicle, Verb.OFFBOARD)
             except CommandError:
@@ -82,7 +87,7 @@ class Steps:
         Returns: False when the autopilot has landed it instead.
         """
         commanded = vehicle.modes == vehicle.autopilot.modes[Verb.OFFBOARD]
-        obeys = commanded and self._flight.mode(vehicle) is Mode.OFFBOARD
+        obeys = commanded and self._newest.mode(vehicle) is Mode.OFFBOARD
         if vehicle.phase is Phase.HOLD or not obeys:
             try:
                 await self.engage(vehicle)
@@ -92,7 +97,7 @@ class Steps:
                 return False
         if vehicle.phase is Phase.LANDING and event is Event.DESCEND:
             return True
-        vehicle.goal_m = here_m = self._flight.position_m(vehicle).copy()
+        vehicle.goal_m = here_m = self._newest.position_m(vehicle).copy()
         vehicle.apply(event, reason)
         vehicle.goal_m = here_m
         return True
@@ -115,6 +120,6 @@ class Steps:
             vehicle.set_flags(handed_over=True)
             break
         while vehicle.phase is Phase.LANDING:
-            await self._flight.ticked()
+            await self.ticked()
         if vehicle.phase is not Phase.STANDBY:
             raise RefusedError(f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}")

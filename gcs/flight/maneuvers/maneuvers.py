@@ -9,10 +9,12 @@ from collections.abc import Callable
 from math import inf
 from typing import TypeAlias
 
+from gcs.config.sections import OperationSettings
 from gcs.flight.maneuvers.landings import Landings
 from gcs.flight.maneuvers.maneuver_steps import Maneuver, Steps
-from gcs.flight.state.flight import Flight
-from gcs.flight.state.vehicle import Vehicle
+from gcs.flight.state.newest import Newest
+from gcs.flight.state.show_state import ShowState
+from gcs.flight.state.vehicle import FlightVehicles, Vehicle
 from gcs.links import Verb
 from gcs.model.errors import CommandError, RefusedError
 from gcs.model.lifecycle import Event, Phase, ShowPhase
@@ -37,23 +39,31 @@ _LOOKS_S = 0.2
 class Maneuvers:
     """Starts, replaces and ends maneuvers: which vehicle executes which."""
 
-    def __init__(self, group: asyncio.TaskGroup, flight: Flight) -> None:
+    def __init__(
+        self,
+        group: asyncio.TaskGroup,
+        steps: Steps,
+        landings: Landings,
+        newest: Newest,
+        vehicles: FlightVehicles,
+        show: ShowState,
+        settings: OperationSettings,
+        climb_ended: Callable[[Vehicle], bool],
+        once: Callable[[str, Callable[[], bool]], bool],
+        others_up: Callable[[], bool],
+    ) -> None:
+        """Runs maneuvers as tasks of `group`; `once` keeps what is computed once a tick."""
         self._group = group
         self._running: dict[str, tuple[asyncio.Task[None], Done]] = {}
-        self._flight = flight
-        self._settings = flight.config.operation
-        self._steps = steps = Steps(flight)
-        self.landings, self.autopilot_land = Landings(flight, steps), steps.autopilot_land
+        self._newest, self._vehicles, self._show, self._settings = newest, vehicles, show, settings
+        self._climb_ended, self._once, self._others_up = climb_ended, once, others_up
+        self._steps, self.landings, self.autopilot_land = steps, landings, steps.autopilot_land
         self._next_turn_s = -inf  # time of the next take-off
 
     @property
     def waiting(self) -> list[Vehicle]:
         """Vehicles on the ground that are about to take off."""
-        on_ground = (
-            self._flight.vehicles.in_phase(Phase.STANDBY)
-            if self._flight.show.phase is ShowPhase.ARMING
-            else []
-        )
+        on_ground = self._vehicles.in_phase(Phase.STANDBY) if self._show.phase is ShowPhase.ARMING else []
         return [vehicle for vehicle in on_ground if self.running(vehicle)]
 
     @property
@@ -209,10 +219,10 @@ class Maneuvers:
 
     def _all_up(self) -> bool:
         """Whether no vehicle climbs any more, or waits on the ground for its turn."""
-        return self._flight.once("all up", self._all_up_now)
+        return self._once("all up", self._all_up_now)
 
     def _all_up_now(self) -> bool:
-        return not any(map(self.running, self._flight.vehicles.in_phase(Phase.STANDBY, Phase.TAKEOFF)))
+        return not any(map(self.running, self._vehicles.in_phase(Phase.STANDBY, Phase.TAKEOFF)))
 
     @property
     def all_up(self) -> bool:
@@ -220,12 +230,12 @@ class Maneuvers:
         return self._all_up()
 
     def _all_up_everywhere(self) -> bool:
-        return self._all_up() and self._flight.elsewhere.all_up
+        return self._all_up() and self._others_up()
 
     def _is_up(self, vehicle: Vehicle) -> bool:
         """Decide by height, or by the autopilot's end of the climb: the heights may be wrong by metres."""
         if vehicle.home_m is None:
             return False
-        height_m = float(vehicle.home_m[2] - self._flight.position_m(vehicle)[2])
+        height_m = float(vehicle.home_m[2] - self._newest.position_m(vehicle)[2])
         share = height_m / self._settings.takeoff_height_m
-        return share > UP_SHARE or (share > ENDED_SHARE and self._flight.climb_ended(vehicle))
+        return share > UP_SHARE or (share > ENDED_SHARE and self._climb_ended(vehicle))

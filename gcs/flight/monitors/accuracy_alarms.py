@@ -1,16 +1,21 @@
 """Conditions about where vehicles are and how they answer: positions, radius, authority."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from math import ceil
 from typing import Final
 
 import numpy as np
 
-from gcs.control import Tick
+from gcs.config.schema import Config
+from gcs.control import ControlSettings, Tick
+from gcs.estimation.fleet_state import Table
+from gcs.estimation.height_bias import HeightComparison
 from gcs.failsafe.policy import Cause
-from gcs.flight.state.flight import FLIES, Flight
-from gcs.flight.state.vehicle import SHOW_FLIES, Vehicle
+from gcs.flight.state.flight import FLIES
+from gcs.flight.state.newest import InForce, Newest
+from gcs.flight.state.show_state import ShowState
+from gcs.flight.state.vehicle import SHOW_FLIES, FlightVehicles, Vehicle
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Array, Landed, Mask
 from gcs.planning.feasibility import radius_allowed, smallest_formation_radius_m
@@ -58,10 +63,18 @@ BLIND: Final = (
 class AccuracyAlarms:
     """Sources of these conditions, with what their hysteresis needs."""
 
-    flight: Flight
+    newest: Newest
+    vehicles: FlightVehicles
+    show: ShowState
+    in_force: InForce
+    config: Config
+    table: Table
+    heights: HeightComparison
+    in_formation_m: Callable[[Sequence[Vehicle]], Array]  # uncertainty of these, and of those elsewhere
+    control_now: Callable[[], ControlSettings]
 
     def __post_init__(self) -> None:
-        n = len(self.flight.vehicles)
+        n = len(self.vehicles)
         self._is_small = np.zeros(1, np.bool_)
         self._wide = np.zeros(1, np.bool_)
         self._off_ground = np.zeros(n, np.bool_)
@@ -70,13 +83,13 @@ class AccuracyAlarms:
 
     def of_positions(self, failsafes: Sequence[ActiveFailsafe]) -> Iterator[Condition]:
         """Yield vehicles whose positions are in doubt, but for those about which a failsafe says so."""
-        flight, doubtful, jumped = self.flight, self.flight.state.doubtful, self._jumped_wide()
+        doubtful, jumped = self.newest.state.doubtful, self._jumped_wide()
         if not (doubtful.any() or jumped.any()):
             return
         named = {name for each in failsafes if each.cause == Cause.BAD_POSITION for name in each.vehicles}
         for row in np.flatnonzero(doubtful | jumped).tolist():
-            vehicle = flight.vehicles.rows[row]
-            if vehicle.phase not in FLIES or vehicle.id in named or flight.silent[row]:
+            vehicle = self.vehicles.rows[row]
+            if vehicle.phase not in FLIES or vehicle.id in named or self.newest.silent[row]:
                 continue
             if doubtful[row]:
                 advice = BLIND if vehicle.phase is Phase.PILOT else ""
@@ -89,15 +102,14 @@ class AccuracyAlarms:
 
         Where a few vehicles alone make it too small, these are named instead. A drawn show has no radius.
         """
-        flight = self.flight
-        if flight.show.run is not None and flight.show.run.goals is not None:
+        if self.show.run is not None and self.show.run.goals is not None:
             return
-        doubtful = flight.state.doubtful
-        formed = flight.vehicles.in_phase(Phase.FORMATION) if flight.show.phase in SHOW_FLIES else []
+        doubtful = self.newest.state.doubtful
+        formed = self.vehicles.in_phase(Phase.FORMATION) if self.show.phase in SHOW_FLIES else []
         formed = [vehicle for vehicle in formed if not doubtful[vehicle.row]]
-        uncertainty_m = flight.in_formation_m(formed)
-        about = len(uncertainty_m), flight.control.safety, uncertainty_m
-        radius_m = flight.plan.formation.radius_m
+        uncertainty_m = self.in_formation_m(formed)
+        about = len(uncertainty_m), self.in_force.control.safety, uncertainty_m
+        radius_m = self.in_force.plan.formation.radius_m
         needed_m = smallest_formation_radius_m(*about) if formed else 0.0
         self._is_small = beyond(self._is_small, np.array([needed_m / radius_m]), TOO_SMALL)
         if not self._is_small[0]:
@@ -121,36 +133,35 @@ class AccuracyAlarms:
         for few in range(1, ceil(FEW_SHARE * count)):
             usual_m = np.delete(uncertainty_m, worst_first[:few])
             usual_m = np.append(usual_m, np.full(few, usual_m.min(initial=np.inf)))
-            if smallest_formation_radius_m(count, self.flight.control.safety, usual_m) <= radius_m:
+            if smallest_formation_radius_m(count, self.in_force.control.safety, usual_m) <= radius_m:
                 return [formed[at] for at in worst_first[:few].tolist()]
         return []
 
     def _jumped_wide(self) -> Mask:
         """(n,) vehicles with jumps so far, and so lately, that others keep clear of both places."""
-        flight = self.flight
-        lately = flight.state.time_s - flight.reset_time_s < flight.config.positioning.reset_margin_s
-        return lately & (flight.jumped_m >= WIDE_JUMP_M)
+        lately = self.newest.state.time_s - self.table.reset_time_s < self.config.positioning.reset_margin_s
+        return lately & (self.table.jumped_m >= WIDE_JUMP_M)
 
     def _uncertain(self, vehicle: Vehicle) -> Condition:
-        uncertain_m = float(self.flight.uncertainty_m([vehicle])[0])
+        uncertain_m = float(self.newest.uncertainty_m([vehicle])[0])
         because = f"{uncertain_m:.2f} m (1 sigma), {self._why_uncertain(vehicle)}"
         consequence = "Others keep farther away from [it|them]."
         return Condition(AlarmCause.UNCERTAIN_POSITION, because, (vehicle.id,), consequence)
 
     def _why_uncertain(self, vehicle: Vehicle) -> str:
-        flight, row = self.flight, vehicle.row
-        jumped_s = flight.state.time_s - float(flight.reset_time_s[row])
-        if jumped_s < flight.config.positioning.reset_margin_s:
-            return f"its position jumped by {flight.jumped_m[row]:.1f} m, {jumped_s:.0f} s ago"
-        telemetry = flight.telemetry
+        row = vehicle.row
+        jumped_s = self.newest.state.time_s - float(self.table.reset_time_s[row])
+        if jumped_s < self.config.positioning.reset_margin_s:
+            return f"its position jumped by {self.table.jumped_m[row]:.1f} m, {jumped_s:.0f} s ago"
+        telemetry = self.newest.telemetry
         sideways_m, up_m = telemetry.horizontal_accuracy_m[row], telemetry.vertical_accuracy_m[row]
         return f"its receiver reports {sideways_m:.1f} m sideways, {up_m:.1f} m up"
 
     def of_heights(self) -> Iterator[Condition]:
         """Yield vehicles with heights that differ from their receivers', or from the ground under them."""
-        flight, found = self.flight, self.flight.heights.found
+        found = self.heights.found
         for row in np.flatnonzero(found.named).tolist() if found.named.any() else ():
-            vehicle = flight.vehicles.rows[row]
+            vehicle = self.vehicles.rows[row]
             if vehicle.phase in FLIES:
                 consequence = "Others keep so much farther above and below [it|them]."
                 yield Condition(AlarmCause.HEIGHT_DIFFERS, found.in_words(row), (vehicle.id,), consequence)
@@ -159,24 +170,24 @@ class AccuracyAlarms:
         for row in np.flatnonzero(self._off_ground).tolist():
             side = "above" if height_m[row] > 0.0 else "below"
             because = f"stands on its start, and reports {abs(height_m[row]):.1f} m {side} it"
-            vehicle_id = flight.state.ids[row]
+            vehicle_id = self.newest.state.ids[row]
             yield Condition(AlarmCause.HEIGHT_DIFFERS, because, (vehicle_id,), advice=REBOOT)
 
     def _reported_on_pads_m(self) -> Array:
         """(n,) heights that vehicles report which stand where they took off; 0 for the others."""
-        flight, height_m = self.flight, np.zeros(len(self.flight.vehicles))
+        height_m = np.zeros(len(self.vehicles))
         for row, (vehicle, landed) in enumerate(
-            zip(flight.vehicles.values(), flight.telemetry.landed, strict=True)
+            zip(self.vehicles.values(), self.newest.telemetry.landed, strict=True)
         ):
             if landed is Landed.ON_GROUND and vehicle.home_m is not None and vehicle.phase in MAY_STAND:
-                above_m = vehicle.home_m - flight.state.position_m[row]
+                above_m = vehicle.home_m - self.newest.state.position_m[row]
                 if np.hypot(above_m[0], above_m[1]) < ON_PAD_M:  # False for NaN
                     height_m[row] = above_m[2]
         return height_m
 
     def of_authority(self, tick: Tick) -> Iterator[Condition]:
         """Yield that vehicles do not reach their velocities, and those with a lowered speed limit."""
-        authority, safety = tick.memory.authority, self.flight.control_now.safety
+        authority, safety = tick.memory.authority, self.control_now().safety
         wider_m = safety.floor.worst_reserve_m(authority.wander_m(safety.authority))
         self._wide = beyond(self._wide, np.array([wider_m]), WIDE_M)
         lack_m_s = np.linalg.norm(authority.lack_m_s, axis=1)
@@ -186,18 +197,18 @@ class AccuracyAlarms:
             because = f"{off_m_s:.1f} m/s off on average, by wind or gusts"
             if alone:
                 off_m_s = float(lack_m_s[blown[0]])
-                because = f"{self.flight.state.ids[blown[0]]} alone, {off_m_s:.1f} m/s off"
+                because = f"{self.newest.state.ids[blown[0]]} alone, {off_m_s:.1f} m/s off"
             consequence = f"Pairs keep up to {wider_m:.1f} m more than usual."
             yield Condition(AlarmCause.LITTLE_AUTHORITY, because, consequence=consequence)
-        fastest_m_s = np.minimum(self.flight.traits.speed_max_m_s, safety.limits.horizontal_m_s)
+        fastest_m_s = np.minimum(self.newest.traits.speed_max_m_s, safety.limits.horizontal_m_s)
         for row in np.flatnonzero(authority.slow[: len(fastest_m_s)]).tolist():
             reached_m_s = authority.speed_max_m_s[row]
             because = f"reaches {reached_m_s:.1f} of {fastest_m_s[row]:g} m/s"
             consequence = "[Its limit is|Their limits are] lowered until [it is|they are] faster again."
-            yield Condition(AlarmCause.SLOW_VEHICLE, because, (self.flight.state.ids[row],), consequence)
-        least_m_s2 = slowest_m_s2(self.flight.traits.response)
+            yield Condition(AlarmCause.SLOW_VEHICLE, because, (self.newest.state.ids[row],), consequence)
+        least_m_s2 = slowest_m_s2(self.newest.traits.response)
         for row in np.flatnonzero(tick.memory.answers.slow[: len(fastest_m_s)]).tolist():
-            vehicle = self.flight.vehicles.rows[row]
+            vehicle = self.vehicles.rows[row]
             because = f"{vehicle.autopilot.title}, less than {least_m_s2[row]:.1f} m/s^2"
             consequence = "[Its stops|Their stops] may be longer than the safety filter counts on."
             yield Condition(AlarmCause.SLOW_ANSWERS, because, (vehicle.id,), consequence)
@@ -207,9 +218,9 @@ class AccuracyAlarms:
 
         A vehicle whose position is in doubt, or jumped, shows none: its velocity is then wrong as well.
         """
-        flight, now_s = self.flight, self.flight.state.time_s
-        jumped_s = now_s - flight.reset_time_s
-        lacks = lacks & ~flight.state.doubtful & (jumped_s > flight.config.positioning.reset_margin_s)
+        now_s = self.newest.state.time_s
+        jumped_s = now_s - self.table.reset_time_s
+        lacks = lacks & ~self.newest.state.doubtful & (jumped_s > self.config.positioning.reset_margin_s)
         self._lacks_since_s = np.where(lacks, np.minimum(self._lacks_since_s, now_s), np.inf)
         self._lacked_s = np.where(lacks, now_s, self._lacked_s)
         blown = np.flatnonzero(now_s - self._lacked_s <= LACKED_S).tolist()

@@ -103,6 +103,20 @@ class Findings:
     notes: Sequence[str] = ()  # notices for as long as this service runs
 
 
+def accuracy_alarms_of(flight: Flight) -> AccuracyAlarms:
+    return AccuracyAlarms(
+        flight.newest,
+        flight.vehicles,
+        flight.show,
+        flight.in_force,
+        flight.config,
+        flight.table,
+        flight.heights,
+        flight.in_formation_m,
+        lambda: flight.control_now,
+    )
+
+
 @dataclass(eq=False)
 class AlarmMonitor:
     """Maintains the alarms of one flight, on the event loop only. Implements `gcs.service.Alarms`."""
@@ -113,8 +127,9 @@ class AlarmMonitor:
         self._alarm_book = AlarmBook()
         self._due_s = -np.inf
         self._poor = np.zeros(len(self.flight.vehicles), np.bool_)
-        self._space = SpaceAlarms(self.flight)
-        self._accuracy = AccuracyAlarms(self.flight)
+        flight = self.flight
+        self._space = SpaceAlarms(flight.newest, flight.in_force, flight.vehicles)
+        self._accuracy = accuracy_alarms_of(flight)
         self._texts: Sequence[Sequence[StatusText]] = ()  # as of the last round, and the urgent ones of these
         self._urgent: list[tuple[int, StatusText]] = []
 
@@ -126,14 +141,14 @@ class AlarmMonitor:
         return now_s >= self._due_s
 
     def look(self, tick: Tick, findings: Findings) -> None:
-        now_s = self.flight.state.time_s
+        now_s = self.flight.newest.state.time_s
         self._due_s = now_s + PERIOD_S
         conditions = [
             *self._of_vehicles(findings.failsafes),
             *self._space.of_distances(tick),
             *self._space.of_obstacles(),
             *of_the_centre(tick),
-            *of_routes(tick, self.flight.state.ids + tick.elsewhere),
+            *of_routes(tick, self.flight.newest.state.ids + tick.elsewhere),
             *self._accuracy.of_positions(findings.failsafes),
             *self._accuracy.of_the_radius(),
             *self._accuracy.of_authority(tick),
@@ -180,7 +195,7 @@ class AlarmMonitor:
                 because, _, advice = vehicle.reason.removeprefix(f"{vehicle.id} ").partition(". ")
                 if vehicle.cause in {None, FailsafeCause.UNKNOWN}:
                     why = because.removesuffix(".")  # the cause's advice says what to do
-                    advice = BLIND if self.flight.state.doubtful[vehicle.row] else ""
+                    advice = BLIND if self.flight.newest.state.doubtful[vehicle.row] else ""
                     yield Condition(AlarmCause.OUTSIDE_CONTROL, why, ids, SENDS_NOTHING, advice)
                     continue
                 critical = vehicle.cause is FailsafeCause.CRITICAL_BATTERY
@@ -204,13 +219,13 @@ class AlarmMonitor:
 
     def _of_texts(self) -> Iterator[Condition]:
         """Yield what autopilots of flying vehicles ask of the operator in their texts."""
-        flight, texts = self.flight, self.flight.telemetry.texts
+        flight, texts = self.flight, self.flight.newest.telemetry.texts
         if texts is not self._texts:
             self._texts = texts
             newest = ((row, text) for row, own in enumerate(texts) for text in own)
             self._urgent = [each for each in newest if meaning_of(each[1].text) is Meaning.LAND_NOW]
         for row, text in self._urgent:
-            vehicle, age_s = flight.vehicles.rows[row], flight.state.time_s - text.time_s
+            vehicle, age_s = flight.vehicles.rows[row], flight.newest.state.time_s - text.time_s
             if vehicle.phase in FLIES and age_s <= TEXTS_COUNT_S:
                 words = text.text.rstrip(".")
                 yield Condition(AlarmCause.LAND_NOW, f'"{words}"', (vehicle.id,), about=words)
@@ -221,7 +236,7 @@ class AlarmMonitor:
 
     def _of_intakes(self) -> Iterator[Condition]:
         for intake in self.flight.intakes:
-            if why := intake.why_over(self.flight.state.time_s):
+            if why := intake.why_over(self.flight.newest.state.time_s):
                 yield Condition(AlarmCause.INPUT_FLOODED, why, about=intake.name)
 
     def _of_links(self, findings: Findings) -> Iterator[Condition]:
@@ -232,7 +247,7 @@ class AlarmMonitor:
         for link in flight.links:
             for vehicle_id, why in link.conflicts.items():
                 yield Condition(AlarmCause.DUPLICATE_SYSTEM_ID, why, (vehicle_id,))
-        for vehicle_id, lacks in flight.without_heartbeat.items():
+        for vehicle_id, lacks in flight.newest.without_heartbeat.items():
             yield Condition(AlarmCause.NO_HEARTBEAT, lacks, (vehicle_id,), FLOWN_ON)
         share = flight.link_quality.share
         self._poor = beyond(self._poor, share, POOR_LINK)

@@ -7,14 +7,18 @@ from typing import Final
 
 import numpy as np
 
+from gcs.estimation.fleet_state import Table
+from gcs.estimation.link_delay import LinkDelay
+from gcs.estimation.link_health import LinkQuality
 from gcs.failsafe.arbitration import Failsafes, Standing
-from gcs.failsafe.policy import FLIES_ON, SEVERITY, Action, Cause
+from gcs.failsafe.policy import FLIES_ON, SEVERITY, Action, Cause, FailsafePolicy
 from gcs.failsafe.triggers import FailsafeRequest, Known, Roles, Seen
 from gcs.flight.commands.commander import Commander
 from gcs.flight.shows.show_player import ShowPlayer
-from gcs.flight.state.flight import Flight
+from gcs.flight.state.newest import InForce, Newest
+from gcs.flight.state.show_state import ShowState
 from gcs.flight.state.ticker import TickClock
-from gcs.flight.state.vehicle import Vehicle
+from gcs.flight.state.vehicle import FlightVehicles, Vehicle
 from gcs.model.lifecycle import AIRBORNE, ON_THE_GROUND, Phase, ShowPhase
 from gcs.service import ActiveFailsafe, CommandRecord, ShowAction, VehicleAction
 
@@ -55,15 +59,23 @@ FORMED: Final = frozenset({ShowPhase.ASSEMBLING, ShowPhase.RUNNING})
 class FailsafeMonitor:
     """The failsafes of one flight. Changed on the event loop only."""
 
-    flight: Flight
+    newest: Newest
+    vehicles: FlightVehicles
+    show: ShowState
+    in_force: InForce
+    settings: FailsafePolicy
+    table: Table
+    link_delay: LinkDelay
+    link_quality: LinkQuality
+    unix_s: Callable[[], float]
     show_player: ShowPlayer
     clock: TickClock
     commander: Commander
     is_busy: Callable[[Vehicle], bool]
 
     def __post_init__(self) -> None:
-        settings, count = self.flight.config.failsafes, len(self.flight.vehicles)
-        self._failsafes = Failsafes(settings, Known.nothing(count, self.flight.state.time_s, settings))
+        settings, count = self.settings, len(self.vehicles)
+        self._failsafes = Failsafes(settings, Known.nothing(count, self.newest.state.time_s, settings))
         self._commanded: dict[tuple[Cause, Action], str] = {}
         self._sent: dict[int, int] = {}  # severity of the command whose maneuver a vehicle executes
         self._held: dict[tuple[str, str], bool] = {}
@@ -74,45 +86,42 @@ class FailsafeMonitor:
     def look(self) -> None:
         """Evaluate all triggers; called once a tick."""
         seen = self._seen()
-        if self.flight.show.phase is not ShowPhase.PAUSED:
+        if self.show.phase is not ShowPhase.PAUSED:
             self._paused_since_s = None
         elif self._paused_since_s is None:
             self._paused_since_s = seen.time_s
         requests = self._failsafes.look(seen, self._roles, active=bool(self.active))
         if requests is None or not (requests or self.active):
             return
-        self._sent = {
-            row: sent for row, sent in self._sent.items() if self.is_busy(self.flight.vehicles.rows[row])
-        }
+        self._sent = {row: sent for row, sent in self._sent.items() if self.is_busy(self.vehicles.rows[row])}
         self._failsafes.execute(requests, self._standing, self._command)
         self._show(requests)
 
     def _seen(self) -> Seen:
-        flight = self.flight
-        fleet, telemetry = flight.state, flight.telemetry
+        fleet, telemetry = self.newest.state, self.newest.telemetry
         return Seen(
             fleet.time_s,
             fleet.position_m,
             fleet.velocity_m_s,
-            flight.memory.asked_m_s[: len(fleet.ids)],
+            self.newest.memory.asked_m_s[: len(fleet.ids)],
             telemetry.battery_remaining,
             telemetry.horizontal_accuracy_m,
             telemetry.vertical_accuracy_m,
             np.isinf(fleet.age_s)
-            & (fleet.time_s - telemetry.position_time_s <= flight.control.telemetry_age_max_s),
-            flight.doubts,
-            flight.silent,
-            flight.reset_time_s,
-            flight.control.safety.fence,
+            & (fleet.time_s - telemetry.position_time_s <= self.in_force.control.telemetry_age_max_s),
+            self.table.doubts,
+            self.newest.silent,
+            self.table.reset_time_s,
+            self.in_force.control.safety.fence,
             self.show_player.target_age_s,
             self.clock.late_s,
-            flight.link_delay.late_s,
-            flight.link_quality.share,
+            self.link_delay.late_s,
+            self.link_quality.share,
         )
 
     def _roles(self) -> Roles:
         """Return the roles of the vehicles; vehicles lost before this show do not count as newly lost."""
-        vehicles = self.flight.vehicles.values()
+        vehicles = self.vehicles.values()
         phases = [vehicle.phase for vehicle in vehicles]
         lost = {
             vehicle.id
@@ -120,14 +129,14 @@ class FailsafeMonitor:
             if vehicle.phase is Phase.KILLED
             or (vehicle.phase is Phase.LOST and not vehicle.flags.pilot_in_control)
         }
-        self._lost_before = lost if self.flight.show.phase in ON_THE_GROUND else self._lost_before & lost
+        self._lost_before = lost if self.show.phase in ON_THE_GROUND else self._lost_before & lost
         newly_lost = lost - self._lost_before
         since_s = self._paused_since_s
         return Roles(
             np.array([phase in AIRBORNE for phase in phases]),
             np.array([phase is Phase.FORMATION for phase in phases]),
             np.array([vehicle.id in newly_lost for vehicle in vehicles]),
-            0.0 if since_s is None else self.flight.state.time_s - since_s,
+            0.0 if since_s is None else self.newest.state.time_s - since_s,
         )
 
     def _command(self, request: FailsafeRequest) -> FailsafeRequest | None:
@@ -138,17 +147,16 @@ class FailsafeMonitor:
 
     def _standing(self) -> Standing:
         """Return what is in progress; a vehicle's maneuver counts as what it was commanded."""
-        flight = self.flight
-        of_show = SHOW_STANDING.get(flight.show.phase, FLIES_ON)
-        severities = np.full(len(flight.vehicles), np.nan)
-        for row, vehicle in enumerate(flight.vehicles.values()):
+        of_show = SHOW_STANDING.get(self.show.phase, FLIES_ON)
+        severities = np.full(len(self.vehicles), np.nan)
+        for row, vehicle in enumerate(self.vehicles.values()):
             if vehicle.phase in STANDING:
                 sent = max(of_show, self._sent.get(row, 0)) if self.is_busy(vehicle) else 0
                 severities[row] = max(STANDING[vehicle.phase], sent)
         possible = {Action.RETURN, Action.LAND}
-        if flight.show.phase in FORMED:
+        if self.show.phase in FORMED:
             possible |= {Action.PAUSE, Action.RE_FORM, Action.HOLD_TARGET}
-        led = flight.show.phase not in ON_THE_GROUND | {ShowPhase.UNCONTROLLED}
+        led = self.show.phase not in ON_THE_GROUND | {ShowPhase.UNCONTROLLED}
         able = frozenset() if not led else frozenset(possible)
         return Standing(of_show, severities, able)
 
@@ -164,7 +172,7 @@ class FailsafeMonitor:
 
     def _act(self, request: FailsafeRequest) -> FailsafeRequest | None:
         """Command the vehicles of a request; a climbing vehicle is not stopped, but may be landed."""
-        named = [self.flight.vehicles.rows[row] for row in request.rows]
+        named = [self.vehicles.rows[row] for row in request.rows]
         able = [v for v in named if v.phase is not Phase.TAKEOFF or request.action is not Action.HOLD]
         if not able:
             return None
@@ -173,7 +181,7 @@ class FailsafeMonitor:
         return request
 
     def _note(self, request: FailsafeRequest, record: CommandRecord) -> None:
-        rows = [v.row for v in self.flight.vehicles.airborne] if request.whole_show else request.rows
+        rows = [v.row for v in self.vehicles.airborne] if request.whole_show else request.rows
         self._sent |= dict.fromkeys(rows, request.severity)
         self._commanded[request.cause, request.action] = record.id
         reported = {"cause": request.cause.value, "action": request.action.value, "command": record.id}
@@ -182,7 +190,7 @@ class FailsafeMonitor:
         )
 
     def _named(self, request: FailsafeRequest) -> tuple[str, ...]:
-        return tuple(self.flight.state.ids[row] for row in request.rows)
+        return tuple(self.newest.state.ids[row] for row in request.rows)
 
     def _show(self, requests: Sequence[FailsafeRequest]) -> None:
         """Update the active failsafes for display, and log those that are over."""
@@ -192,7 +200,7 @@ class FailsafeMonitor:
             if not any(cause == failsafe.cause for cause, _ in lasting):
                 log.info("failsafe_over", extra={"cause": failsafe.cause})
         began = {(each.cause, each.action): each for each in self.active}
-        now_s, unix_s = self.flight.state.time_s, self.flight.unix_s()
+        now_s, unix_s = self.newest.state.time_s, self.unix_s()
         active = []
         for request in requests:
             key, named = (request.cause.value, request.action.value), self._named(request)

@@ -1,17 +1,22 @@
 """Assembles what leaves a tick for displays, clients and the record: the view and, each second, estimates."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import chain
 from typing import Final
 
 import numpy as np
 
+from gcs.config.schema import Config
 from gcs.control import ControlSettings, Tick
 from gcs.estimation import time_estimates
 from gcs.estimation.fleet_state import tuple3
+from gcs.estimation.link_health import LinkQuality
 from gcs.estimation.time_estimates import Estimates, Speeds
 from gcs.flight.state.flight import ASSEMBLED_M, ASSEMBLED_SHARE, FLIES, Flight
+from gcs.flight.state.newest import InForce, Newest
+from gcs.flight.state.show_state import ShowState
+from gcs.flight.state.vehicle import FlightVehicles, Vehicle
 from gcs.model.interrupted_flight import InterruptedFlight
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, Landed, Mask
@@ -44,19 +49,19 @@ def fleet_view(
 
     `flight` is as of that tick: a shallow copy, where commands may have changed it since.
     """
-    center, fleet, show_run = tick.memory.center, flight.state, flight.show.run
+    center, fleet, show_run = tick.memory.center, flight.newest.state, flight.show.run
     return FleetView(
         time_s=fleet.time_s,
         unix_time_s=unix_time_s,
         show=flight.show.phase,
         reason=flight.show.reason,
         rows=_rows(flight, tick),
-        plan=flight.plan,
-        flight_envelope=FlightEnvelope.of(flight.control.safety),
+        plan=flight.in_force.plan,
+        flight_envelope=FlightEnvelope.of(flight.in_force.control.safety),
         center_m=None if center is None else tuple3(center.position_m),
         center_velocity_m_s=None if center is None else tuple3(center.velocity_m_s),
         radius_m=None if center is None else tick.memory.radius_m,
-        target_m=flight.plan.target.position_m(fleet.time_s),
+        target_m=flight.in_force.plan.target.position_m(fleet.time_s),
         minimum_separation_m=finite(tick.own_separation_m),
         tick=timing,
         histograms=histograms,
@@ -74,9 +79,9 @@ def fleet_view(
     )
 
 
-def measured(flight: Flight) -> dict[str, Array]:
+def measured(newest: Newest, link_quality: LinkQuality) -> dict[str, Array]:
     """(n,) each: the numbers of `gcs.model.vehicle_columns`, as of the newest tick."""
-    fleet, telemetry = flight.state, flight.telemetry
+    fleet, telemetry = newest.state, newest.telemetry
     return {
         "yaw_rad": fleet.yaw_rad,
         "latitude_deg": telemetry.latitude_deg,
@@ -85,14 +90,14 @@ def measured(flight: Flight) -> dict[str, Array]:
         "battery_remaining": telemetry.battery_remaining,
         "position_age_s": fleet.age_s,
         "heartbeat_age_s": fleet.time_s - telemetry.heartbeat_time_s,
-        "uncertainty_m": flight.traits.uncertainty_m,
-        "link_quality": flight.link_quality.share,
+        "uncertainty_m": newest.traits.uncertainty_m,
+        "link_quality": link_quality.share,
         "fix_type": telemetry.fix_type,
     }
 
 
 def _rows(flight: Flight, tick: Tick) -> VehicleTable:
-    fleet, telemetry, show_run = flight.state, flight.telemetry, flight.show.run
+    fleet, telemetry, show_run = flight.newest.state, flight.newest.telemetry, flight.show.run
     vehicles, known = flight.vehicles.values(), flight.known  # only those with all data can be ready
     setpoint_m_s = np.full((len(fleet.ids), 3), np.nan)
     if tick.setpoints.ids:
@@ -115,7 +120,7 @@ def _rows(flight: Flight, tick: Tick) -> VehicleTable:
         position_m=fleet.position_m,
         velocity_m_s=fleet.velocity_m_s,
         setpoint_m_s=setpoint_m_s,
-        **measured(flight),
+        **measured(flight.newest, flight.link_quality),
         limited_by=tick.limited_by[: len(fleet.ids)],
         colour=colour,
         lit=lit,
@@ -135,12 +140,21 @@ SPEED_SHARE: Final = 0.95
 class Estimating:
     """Keeps the newest estimates of one flight. Used on the event loop only."""
 
-    def __init__(self, flight: Flight) -> None:
-        self._flight = flight
-        self._history = time_estimates.BatteryHistory(len(flight.vehicles))
+    def __init__(
+        self,
+        state: Newest,
+        vehicles: FlightVehicles,
+        show: ShowState,
+        in_force: InForce,
+        config: Config,
+        slow_from_m: Callable[[Sequence[Vehicle]], Array],
+    ) -> None:
+        self._newest, self._vehicles, self._show, self._in_force = state, vehicles, show, in_force
+        self._config, self._slow_from_m = config, slow_from_m
+        self._history = time_estimates.BatteryHistory(len(vehicles))
         self._made_s = -np.inf
         self._phases: list[Phase] = []  # rows as in FleetState
-        self.newest: Estimates = time_estimates.nothing(len(flight.vehicles))
+        self.newest: Estimates = time_estimates.nothing(len(vehicles))
 
     def refresh(self, waiting: int, left_s: float | None) -> None:
         """Recompute the estimates once they are a second old; called every tick.
@@ -149,17 +163,16 @@ class Estimating:
             waiting: vehicles on the ground that have yet to take off with this start.
             left_s: remaining time of a collective return; None: none has begun.
         """
-        now_s = self._flight.state.time_s
+        now_s = self._newest.state.time_s
         if now_s - self._made_s < EVERY_S - 1e-3:
             return
         self._made_s = now_s
-        flight = self._flight
-        self._phases = [vehicle.phase for vehicle in flight.vehicles.values()]
-        remaining = flight.telemetry.battery_remaining
-        received = flight.has_heartbeat
+        self._phases = [vehicle.phase for vehicle in self._vehicles.values()]
+        remaining = self._newest.telemetry.battery_remaining
+        received = self._newest.has_heartbeat
         flying = self._in(FLIES) & received
         self._history.note(remaining, flying, now_s)
-        below = flight.config.failsafes.low_battery.below
+        below = self._config.failsafes.low_battery.below
         known = time_estimates.batteries(self._history, remaining, flying, received, below, now_s)
         self.newest = replace(known, assembled_s=self._assembled_s(waiting), home_s=self._home_s(left_s))
 
@@ -167,11 +180,10 @@ class Estimating:
         return np.array([phase in phases for phase in self._phases], dtype=np.bool_)
 
     def _assembled_s(self, waiting: int) -> float | None:
-        flight = self._flight
-        if flight.show.phase not in FORMING:
+        if self._show.phase not in FORMING:
             return None
-        control, operation, memory = flight.control, flight.config.operation, flight.memory
-        position_m, formation = flight.state.position_m, flight.plan.formation
+        control, operation, memory = self._in_force.control, self._config.operation, self._newest.memory
+        position_m, formation = self._newest.state.position_m, self._in_force.plan.formation
         within_m = ASSEMBLED_M + ASSEMBLED_SHARE * formation.radius_m
         speeds = speeds_of(control)
         place = memory.place[: len(position_m)]
@@ -188,8 +200,8 @@ class Estimating:
         waits_m = operation.takeoff_height_m
         joining_m = _raised(position_m, coming, waits_m)
         climbs_m = [
-            waits_m - (vehicle.home_m[2] - flight.position_m(vehicle)[2])
-            for vehicle in flight.vehicles.in_phase(Phase.TAKEOFF)
+            waits_m - (vehicle.home_m[2] - self._newest.position_m(vehicle)[2])
+            for vehicle in self._vehicles.in_phase(Phase.TAKEOFF)
             if vehicle.home_m is not None
         ]
         if waiting:
@@ -200,31 +212,31 @@ class Estimating:
             time_estimates.to_sphere_s(joining_m, center_m, formation.radius_m, within_m, speeds),
             abs(formation.radius_m - memory.radius_m) / speeds.radius_m_s if formed.any() else 0.0,
         )
-        if flight.show.phase is ShowPhase.ARMING:
+        if self._show.phase is ShowPhase.ARMING:
             stagger_s = operation.takeoff_stagger_s
             on_way_s += time_estimates.take_off_s(waiting, stagger_s, np.array(climbs_m))
         return on_way_s if np.isfinite(on_way_s) and (waiting or formed.any() or coming.any()) else None
 
     def _home_s(self, left_s: float | None) -> float | None:
-        flight, operation = self._flight, self._flight.config.operation
-        ours = flight.vehicles.airborne
+        operation = self._config.operation
+        ours = self._vehicles.airborne
         homes = [(vehicle, vehicle.home_m) for vehicle in ours if vehicle.home_m is not None]
         if not ours or len(homes) < len(ours):
             return None
-        position_m = flight.state.position_m[[vehicle.row for vehicle in ours]]
-        aborting = flight.show.phase is ShowPhase.ABORTING
+        position_m = self._newest.state.position_m[[vehicle.row for vehicle in ours]]
+        aborting = self._show.phase is ShowPhase.ABORTING
         goals_m = [one.goal_m if aborting and one.goal_m is not None else pad_m for one, pad_m in homes]
         home_m = np.array(goals_m)
         home_m[:, 2] = [pad_m[2] for _, pad_m in homes]
-        stands = [flight.telemetry.landed[one.row] is Landed.ON_GROUND for one in ours]
+        stands = [self._newest.telemetry.landed[one.row] is Landed.ON_GROUND for one in ours]
         position_m[stands, 2] = home_m[stands, 2]  # whatever its height says
         heights_m = operation.takeoff_height_m, operation.handover_height_m
-        standing, speeds = flight.show.phase in COMES_DOWN, speeds_of(flight.control)
-        slow_from_m = flight.slow_from_m(ours)
+        standing, speeds = self._show.phase in COMES_DOWN, speeds_of(self._in_force.control)
+        slow_from_m = self._slow_from_m(ours)
         found_s = time_estimates.home_s(
             position_m, home_m, *heights_m, speeds, standing=standing, slow_from_m=slow_from_m
         )
-        if found_s is None or left_s is None or flight.show.phase is not ShowPhase.RETURNING:
+        if found_s is None or left_s is None or self._show.phase is not ShowPhase.RETURNING:
             return found_s
         return max(found_s, left_s + time_estimates.SEEN_DOWN_S)
 

@@ -7,7 +7,8 @@ from typing import Final
 import numpy as np
 
 from gcs.control import Tick
-from gcs.flight.state.flight import Flight
+from gcs.flight.state.newest import InForce, Newest
+from gcs.flight.state.vehicle import FlightVehicles
 from gcs.model.lifecycle import FLOWN
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array, Mask
@@ -87,7 +88,9 @@ def inside_margins(
 class SpaceAlarms:
     """Of one flight, on the event loop only."""
 
-    flight: Flight
+    newest: Newest
+    in_force: InForce
+    vehicles: FlightVehicles
 
     def __post_init__(self) -> None:
         self._pairs = ClosePairs()
@@ -97,20 +100,18 @@ class SpaceAlarms:
         floor, pairs = tick.floor, self._pairs
         if not pairs.any and not tick.minimum_separation_m < pairs.reach_m(floor):
             return
-        ids = self.flight.state.ids + tick.elsewhere
+        ids = self.newest.state.ids + tick.elsewhere
         least = f"at least {floor.horizontal_m:g} m sideways or {floor.vertical_m:g} m up and down"
         for one, other, apart_m in pairs.look(tick.position_m, tick.airborne, floor):
             yield Condition(AlarmCause.TOO_CLOSE, f"{apart_m:.1f} m apart, {least}", (ids[one], ids[other]))
 
     def of_obstacles(self) -> Iterator[Condition]:
         """Yield vehicles of this station inside the margins of obstacles, which may appear where they are."""
-        fleet, boxes = self.flight.state, self.flight.plan.obstacles
-        steered = [
-            vehicle for vehicle in self.flight.vehicles.in_phase(*FLOWN) if not vehicle.flags.handed_over
-        ]
+        fleet, boxes = self.newest.state, self.in_force.plan.obstacles
+        steered = [vehicle for vehicle in self.vehicles.in_phase(*FLOWN) if not vehicle.flags.handed_over]
         if not boxes or not steered:
             return
-        avoidance = self.flight.control.law.avoidance
+        avoidance = self.in_force.control.law.avoidance
         here_m = fleet.position_m[[vehicle.row for vehicle in steered]]
         margins_m = WITHIN * avoidance.margin_m, WITHIN * avoidance.headroom_m
         inside = inside_margins(boxes, here_m, fleet.time_s, *margins_m)

@@ -2,19 +2,22 @@
 
 import logging
 from bisect import bisect_left
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final
 
 import numpy as np
 
+from gcs.config.schema import Config
+from gcs.estimation.fleet_state import Table
 from gcs.estimation.link_health import BEATS_LACK_MAX_S, BEATS_MAY_LACK_S, lacking, signs_of_life
 from gcs.failsafe.autopilot_failsafe import FailsafeInputs, cause_of, described, lost_on_the_way
 from gcs.flight.maneuvers.maneuver_steps import Maneuver
 from gcs.flight.maneuvers.maneuvers import Maneuvers
-from gcs.flight.state.flight import Flight
-from gcs.flight.state.vehicle import NOT_RECEIVED, Explanation, Vehicle, VehicleStatus
+from gcs.flight.state.newest import Newest
+from gcs.flight.state.vehicle import NOT_RECEIVED, Explanation, FlightVehicles, Vehicle, VehicleStatus
+from gcs.links.batch_link import Link
 from gcs.links.link import Absent
 from gcs.model.lifecycle import AIRBORNE, FLOWN, Event, Phase
 from gcs.model.state import Array, Mask, Mode, Telemetry, VehicleId
@@ -38,7 +41,14 @@ Zero for a lost vehicle: an old heartbeat does not show whether a pilot has take
 class TelemetryMonitor:
     """Keeps the phases consistent with the vehicles' telemetry."""
 
-    flight: Flight
+    newest: Newest
+    vehicles: FlightVehicles
+    links: Sequence[Link]
+    config: Config
+    table: Table
+    note_seen: Callable[[Mask], None]
+    owned: Callable[[], Mask]  # (n,) which vehicles this station flies
+    inputs: Callable[[Vehicle], FailsafeInputs]
     maneuvers: Maneuvers
     come_back: Maneuver
     _resumed_s: float = -np.inf  # after a stall; messages of that time may not be read yet
@@ -54,21 +64,20 @@ class TelemetryMonitor:
 
     def resume(self) -> None:
         """Note that the service has stalled: it cannot know yet which vehicles were silent meanwhile."""
-        self._resumed_s = self.flight.state.time_s
+        self._resumed_s = self.newest.state.time_s
 
     def look(self) -> None:
         """Let the telemetry change phases, and end maneuvers that no longer apply; called once a tick."""
-        flight = self.flight
-        now_s, telemetry = flight.state.time_s, flight.telemetry
-        for row in np.flatnonzero(flight.reset_time_s == now_s).tolist():
-            self._mind_reset(flight.vehicles.rows[row])
+        now_s, telemetry = self.newest.state.time_s, self.newest.telemetry
+        for row in np.flatnonzero(self.table.reset_time_s == now_s).tolist():
+            self._mind_reset(self.vehicles.rows[row])
         fresh = self._judge(now_s, telemetry)
         self._forget_heartbeats(fresh)
         changed = self._changed(telemetry, fresh)
         if not (changed or self._restless):
             return
-        self._absent = {name: why for link in flight.links for name, why in link.without_autopilot.items()}
-        vehicles = list(flight.vehicles.values())
+        self._absent = {name: why for link in self.links for name, why in link.without_autopilot.items()}
+        vehicles = list(self.vehicles.values())
         inspected = sorted({*changed, *self._in_turn(changed)})
         restless = set(self._restless)
         for row in inspected:
@@ -85,11 +94,11 @@ class TelemetryMonitor:
 
         Ages, batteries and status texts are left out: restless vehicles are inspected again anyway.
         """
-        flight, before = self.flight, self._looked
+        before = self._looked
         now: tuple[Sequence[Any], ...] = (
-            *(flight.vehicles.states.phases, flight.vehicles.states.modes),
+            *(self.vehicles.states.phases, self.vehicles.states.modes),
             *(telemetry.mode, telemetry.armed, telemetry.in_failsafe, telemetry.landed),
-            *(flight.silent.tobytes(), flight.has_heartbeat.tobytes(), fresh.tobytes()),
+            *(self.newest.silent.tobytes(), self.newest.has_heartbeat.tobytes(), fresh.tobytes()),
         )
         self._looked = now
         if not before:
@@ -116,33 +125,32 @@ class TelemetryMonitor:
 
         Returns: (n,) which have sent every sign of life lately, a heartbeat as well.
         """
-        flight = self.flight
-        phases = flight.vehicles.phases
+        phases = self.vehicles.phases
         if phases is not self._judged[0] and phases != self._judged[0]:
             lacks_s = np.array([BEATS_LACK_S.get(phase, BEATS_LACK_MAX_S) for phase in phases])
             away = np.array([phase in {Phase.OFFLINE, Phase.LOST} for phase in phases])
             self._judged = phases, lacks_s, away
         _, may_lack_s, absent = self._judged
-        seen, flight.silent, flight.has_heartbeat, fresh = signs_of_life(
+        seen, self.newest.silent, self.newest.has_heartbeat, fresh = signs_of_life(
             now_s,
             telemetry.life_time_s,
             telemetry.heartbeat_time_s,
             telemetry.position_time_s,
-            flight.state.position_m,
+            self.newest.state.position_m,
             may_lack_s,
             absent,
-            flight.config.operation.silence_s,
+            self.config.operation.silence_s,
             now_s - self._resumed_s,
         )
-        flight.note_seen(seen)  # even without a heartbeat
+        self.note_seen(seen)  # even without a heartbeat
         return fresh
 
     def _look_at(self, vehicle: Vehicle, telemetry: Telemetry) -> None:
-        flight, row, now_s = self.flight, vehicle.row, self.flight.state.time_s
-        if not flight.elsewhere.owned[row]:
+        row, now_s = vehicle.row, self.newest.state.time_s
+        if not self.owned()[row]:
             return
-        silence_s = flight.config.operation.silence_s
-        silent, has_heartbeat = bool(flight.silent[row]), bool(flight.has_heartbeat[row])
+        silence_s = self.config.operation.silence_s
+        silent, has_heartbeat = bool(self.newest.silent[row]), bool(self.newest.has_heartbeat[row])
         position_s, beat_s, life_s = (
             float(column[row])
             for column in (telemetry.position_time_s, telemetry.heartbeat_time_s, telemetry.life_time_s)
@@ -195,13 +203,13 @@ class TelemetryMonitor:
             vehicle.reason = reason
 
     def _explained(self, vehicle: Vehicle, inputs: FailsafeInputs | None = None) -> Explanation:
-        inputs = inputs or self.flight.inputs(vehicle)
+        inputs = inputs or self.inputs(vehicle)
         cause = cause_of(inputs)
         return cause, described(vehicle.id, cause, inputs)
 
     def _mind_failsafe(self, vehicle: Vehicle, *, beat_is_fresh: bool) -> None:
         """Update the explanation, and fly on a vehicle that holds only because its link lost setpoints."""
-        inputs = self.flight.inputs(vehicle)
+        inputs = self.inputs(vehicle)
         by_command = not inputs.in_failsafe and Mode.HOLD in vehicle.modes
         if not (by_command and lost_on_the_way(vehicle.cause, inputs, hold_commanded=True)):
             vehicle.explain(self._explained(vehicle, inputs), inputs.mode, in_failsafe=inputs.in_failsafe)
@@ -210,15 +218,15 @@ class TelemetryMonitor:
             self._by_itself(vehicle, self.come_back)
 
     def _note_heartbeats(self, vehicle: Vehicle, lacks: str) -> None:
-        known = self.flight.without_heartbeat
+        known = self.newest.without_heartbeat
         if lacks and vehicle.phase in AIRBORNE and vehicle.id not in known:
             known[vehicle.id] = lacks
             log.warning("heartbeats_lack", extra={"vehicle": vehicle.id, "reason": lacks})
 
     def _forget_heartbeats(self, fresh: Mask) -> None:
-        known = self.flight.without_heartbeat
+        known = self.newest.without_heartbeat
         for name in list(known):
-            vehicle = self.flight.vehicles[name]
+            vehicle = self.vehicles[name]
             if fresh[vehicle.row] or vehicle.phase not in AIRBORNE:
                 del known[name]
                 log.info(
@@ -227,7 +235,7 @@ class TelemetryMonitor:
 
     def _mind_reset(self, vehicle: Vehicle) -> None:
         """Freeze a vehicle whose position jumped, with a wider margin: it may be wrong now, or was before."""
-        flight, positioning = self.flight, self.flight.config.positioning
+        positioning = self.config.positioning
         if vehicle.phase not in FLOWN:
             return
         reason = (
@@ -235,10 +243,12 @@ class TelemetryMonitor:
             f" and its position counts as {positioning.reset_uncertainty_m:g} m more uncertain"
             f" for {positioning.reset_margin_s:g} s"
         )
-        vehicle.freeze(flight.position_m(vehicle), flight.state.time_s + positioning.freeze_s, reason)
+        vehicle.freeze(
+            self.newest.position_m(vehicle), self.newest.state.time_s + positioning.freeze_s, reason
+        )
 
     def _by_itself(self, vehicle: Vehicle, maneuver: Maneuver) -> None:
         """Start an automatic maneuver: not recorded as a command, and not repeated at once when it fails."""
-        if self.flight.state.time_s >= vehicle.try_again_s:
-            vehicle.try_again_s = self.flight.state.time_s + TRY_AGAIN_S
+        if self.newest.state.time_s >= vehicle.try_again_s:
+            vehicle.try_again_s = self.newest.state.time_s + TRY_AGAIN_S
             self.maneuvers.start(vehicle, maneuver, lambda _outcome, _reason: None)

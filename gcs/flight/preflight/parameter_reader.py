@@ -6,13 +6,14 @@ Reading runs beside the tick: it takes up to seconds, and a vehicle that does no
 import asyncio
 import logging
 import math
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Final
 
 import numpy as np
 
-from gcs.flight.state.flight import Flight
-from gcs.flight.state.vehicle import Vehicle
+from gcs.config.schema import Config
+from gcs.flight.state.newest import Newest
+from gcs.flight.state.vehicle import FlightVehicles, Vehicle
 from gcs.links import ParameterValue
 from gcs.links.autopilots.versions import Version
 from gcs.links.batch_link import Link
@@ -64,13 +65,30 @@ async def read_needed(
 class ParameterReader:
     """Keeps `Flight.parameters` current: reads on first contact, after a reboot, and after every flight."""
 
-    def __init__(self, group: asyncio.TaskGroup, flight: Flight) -> None:
-        n = len(flight.vehicles)
+    def __init__(
+        self,
+        group: asyncio.TaskGroup,
+        newest: Newest,
+        vehicles: FlightVehicles,
+        config: Config,
+        link_of: Mapping[VehicleId, Link],
+        parameters: dict[VehicleId, Mapping[str, ParameterValue]],
+        changed: dict[VehicleId, dict[str, str]],
+        note_parameters: Callable[[Vehicle, Mapping[str, ParameterValue]], None],
+    ) -> None:
+        """Reads as tasks of `group`; `note_parameters` takes what was read, as `parameters`, for the flight.
+
+        `changed` receives what others have changed from what preflight requires.
+        """
+        n = len(vehicles)
         self._group = group
-        self._flight = flight
-        self._requirements = FleetRequirements(flight.config)
+        self._newest, self._vehicles, self._config = newest, vehicles, config
+        self._link_of, self._links = link_of, tuple(dict.fromkeys(link_of.values()))
+        self._parameters, self._changed, self._note_parameters = parameters, changed, note_parameters
+        self._problems: dict[VehicleId, str] = {}  # why they could not be read
+        self._requirements = FleetRequirements(config)
         self._versions: dict[VehicleId, Version] = {}
-        for link in flight.links:
+        for link in self._links:
             link.watch_parameters({name for vehicle_id in link.ids for name in self._needed(vehicle_id)})
         self._reported: tuple[object, object, object] = None, None, None
         self._reported_columns = np.full(n, -1), np.zeros(n, dtype=bool)  # the same as arrays
@@ -92,11 +110,10 @@ class ParameterReader:
 
     def watch(self, received: Telemetry) -> None:
         """Start the reads that are due; called once a tick."""
-        flight = self._flight
-        if not flight.config.operation.require_parameters:
+        if not self._config.operation.require_parameters:
             return
         self._take_announced(received)
-        now_s, absent = flight.state.time_s, ~flight.has_heartbeat
+        now_s, absent = self._newest.state.time_s, ~self._newest.has_heartbeat
         seldom = received.reboot_count, received.armed, received.version  # seldom other objects
         if any(now is not before for now, before in zip(seldom, self._reported, strict=True)):
             self._reported = seldom
@@ -104,18 +121,18 @@ class ParameterReader:
             self._note_versions(received)
         reboot_count, armed = self._reported_columns
         for row in np.flatnonzero((absent & ~self._absent) | (reboot_count != self._reboot_count)).tolist():
-            self._forget(flight.vehicles.rows[row])
+            self._forget(self._vehicles.rows[row])
         self._reboot_count, self._absent = reboot_count, absent
         self._due |= armed  # others may change parameters during a flight
         self._outdated |= armed
         waits = self._reading | armed | absent | (now_s < self._not_before_s)
         room = AT_ONCE_MAX - int(self._reading.sum())
         for row in np.flatnonzero(self._due & ~waits)[: max(room, 0)].tolist():
-            self._begin(flight.vehicles.rows[row])
+            self._begin(self._vehicles.rows[row])
 
     def _note_versions(self, received: Telemetry) -> None:
         """Read the parameters of vehicles that have another version than before: others may be required."""
-        for vehicle in self._flight.vehicles.values():
+        for vehicle in self._vehicles.values():
             version, before = Version.of(received.version[vehicle.row]), self._versions.get(vehicle.id)
             if version is None or version == before:
                 continue
@@ -128,9 +145,9 @@ class ParameterReader:
 
     def _take_announced(self, received: Telemetry) -> None:
         """Compare announced parameters with what preflight requires, whichever station set them."""
-        for link in self._flight.links:
+        for link in self._links:
             for vehicle_id, values in link.reported_parameters().items():
-                vehicle = self._flight.vehicles[vehicle_id]
+                vehicle = self._vehicles[vehicle_id]
                 self._announced.setdefault(vehicle_id, {}).update(values)
                 for name, value in values.items():
                     needed = self._needed(vehicle_id).get(name)
@@ -141,13 +158,13 @@ class ParameterReader:
         self, vehicle: Vehicle, requirement: Requirement, value: ParameterValue, *, armed: bool
     ) -> None:
         """Store a value that another station has set; warn if it breaks what preflight requires."""
-        flight, name = self._flight, requirement.name
-        known = flight.parameters.get(vehicle.id)
+        name = requirement.name
+        known = self._parameters.get(vehicle.id)
         before = None if known is None else known.get(name)
         if before == value or (known is None and not armed):  # on the ground all of them are being read
             return
         if known is not None:
-            flight.note_parameters(vehicle, {**known, name: value})
+            self._note_parameters(vehicle, {**known, name: value})
         if requirement.risk or requirement.is_met({**(known or {}), name: value}):
             self._settle(vehicle, {name: value})
             return
@@ -155,38 +172,38 @@ class ParameterReader:
         where = "in flight" if armed else "on the ground"
         needed = f"{requirement.desired} is needed ({requirement.why})"
         text = f"{name} was changed{was} to {value:g} {where}, {needed}"
-        flight.changed_parameters.setdefault(vehicle.id, {})[name] = text
+        self._changed.setdefault(vehicle.id, {})[name] = text
         log.warning("parameter_changed", extra={"vehicle": vehicle.id, "reason": text})
 
     def _settle(self, vehicle: Vehicle, values: Mapping[str, ParameterValue]) -> None:
-        changed, needed = self._flight.changed_parameters.get(vehicle.id, {}), self._needed(vehicle.id)
+        changed, needed = self._changed.get(vehicle.id, {}), self._needed(vehicle.id)
         right = [name for name, one in needed.items() if one.holds(values.get(name, math.nan))]
         for name in [name for name in changed if name in right or name not in needed]:
             del changed[name]
             log.info("parameter_right_again", extra={"vehicle": vehicle.id, "reason": name})
         if not changed:
-            self._flight.changed_parameters.pop(vehicle.id, None)
+            self._changed.pop(vehicle.id, None)
 
     def checks(self, vehicle_id: VehicleId) -> list[Check]:
         """Return the checks of its version and parameters.
 
         If any fails they are read again: it may be fixed by then.
         """
-        flight, needed = self._flight, self._required(vehicle_id)
+        needed = self._required(vehicle_id)
         versions, version = self._requirements.profiles[vehicle_id].versions, self._versions.get(vehicle_id)
-        read, problem = flight.parameters.get(vehicle_id), flight.parameter_problems.get(vehicle_id)
+        read, problem = self._parameters.get(vehicle_id), self._problems.get(vehicle_id)
         found = version_checks(versions, version)
         if not versions.is_too_old(version):
             found += parameter_checks(needed, read, problem, missing_to_do(versions, version))
         if not all(check.passes for check in found):
-            self._due[flight.vehicles[vehicle_id].row] = True
+            self._due[self._vehicles[vehicle_id].row] = True
         return found
 
     def risks(self) -> list[str]:
         """Return what remains unsafe on the versions of some autopilots, with the vehicles, in words."""
         found: dict[str, list[VehicleId]] = {}
         for vehicle_id, profile in self._requirements.profiles.items():
-            read = self._flight.parameters.get(vehicle_id)
+            read = self._parameters.get(vehicle_id)
             if read is None:
                 continue
             version = self._versions.get(vehicle_id)
@@ -196,9 +213,9 @@ class ParameterReader:
         return [f"{', '.join(names)}: {text}" for text, names in found.items()]
 
     def _forget(self, vehicle: Vehicle) -> None:
-        self._flight.parameters.pop(vehicle.id, None)
-        self._flight.parameter_problems.pop(vehicle.id, None)
-        version_s = -np.inf if vehicle.id in self._versions else self._flight.state.time_s + VERSION_S
+        self._parameters.pop(vehicle.id, None)
+        self._problems.pop(vehicle.id, None)
+        version_s = -np.inf if vehicle.id in self._versions else self._newest.state.time_s + VERSION_S
         self._not_before_s[vehicle.row] = version_s
         self._due[vehicle.row] = self._outdated[vehicle.row] = True
 
@@ -209,19 +226,19 @@ class ParameterReader:
         self._group.create_task(self._read(vehicle), name=f"parameters/{vehicle.id}")
 
     async def _read(self, vehicle: Vehicle) -> None:
-        flight, row = self._flight, vehicle.row
+        row = vehicle.row
         try:
-            read = await read_needed(flight.link_of[vehicle.id], vehicle.id, self._required(vehicle.id))
+            read = await read_needed(self._link_of[vehicle.id], vehicle.id, self._required(vehicle.id))
         except CommandError as error:
-            flight.parameter_problems[vehicle.id] = str(error)
-            self._not_before_s[row] = flight.state.time_s + RETRY_S
+            self._problems[vehicle.id] = str(error)
+            self._not_before_s[row] = self._newest.state.time_s + RETRY_S
             self._due[row] = True
         else:
             if not self._outdated[row]:  # it has not restarted, flown or been silent meanwhile
                 values = {**read, **self._announced[vehicle.id]}  # what was set after it had been read
-                flight.note_parameters(vehicle, values)
+                self._note_parameters(vehicle, values)
                 self._settle(vehicle, values)
-                flight.parameter_problems.pop(vehicle.id, None)
+                self._problems.pop(vehicle.id, None)
                 log.info("parameters_read", extra={"vehicle": vehicle.id})
         finally:
             self._reading[row] = False

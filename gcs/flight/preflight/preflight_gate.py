@@ -12,7 +12,7 @@ import numpy as np
 from gcs.flight.preflight.parameter_reader import ParameterReader
 from gcs.flight.shows.show_player import ShowPlayer
 from gcs.flight.state.flight import Flight
-from gcs.flight.state.refusals import with_alternative
+from gcs.flight.state.refusals import Refusals, with_alternative
 from gcs.flight.state.running_show import ShowRun
 from gcs.model.errors import GcsError, InvalidError, RefusedError
 from gcs.model.lifecycle import GROUNDED, ON_THE_GROUND, Phase
@@ -66,6 +66,7 @@ class PreflightGate:
     """Runs all checks before a start, and excludes vehicles from it. Implements `gcs.service.Preflight`."""
 
     flight: Flight
+    refusals: Refusals
     parameter_reader: ParameterReader
     show_player: ShowPlayer
     _last: tuple[float, Question, PreflightReport] | None = None  # the newest report, and its time
@@ -82,7 +83,7 @@ class PreflightGate:
                 raise RefusedError(f"preflight is for the ground, and the show is {flight.show.phase}")
             return self._last[2]
         made_s, question, report = self._last or (-np.inf, None, None)
-        same = question == self._question(vehicles) and flight.state.time_s - made_s < AGAIN_S
+        same = question == self._question(vehicles) and flight.newest.state.time_s - made_s < AGAIN_S
         return report if same and report is not None else self._made(vehicles)
 
     def _question(self, desired: Sequence[VehicleId] | None) -> Question:
@@ -101,7 +102,9 @@ class PreflightGate:
             fleet.append(_tried("show", AS_CHECKED, lambda: self._need_show(chosen, show.hash, desired)))
         looked = self._look(chosen)
         fleet += looked.fleet
-        if chosen and all(np.isfinite(flight.position_m(flight.vehicles[name])).all() for name in chosen):
+        if chosen and all(
+            np.isfinite(flight.newest.position_m(flight.vehicles[name])).all() for name in chosen
+        ):
             fleet += [_tried(name, limit, look) for name, limit, look in self._setpoint_loss_checks(chosen)]
         return self._keep(desired, cleared, fleet, looked)
 
@@ -131,7 +134,7 @@ class PreflightGate:
             ),
             not_checked=tuple(looked.not_checked),
         )
-        self._last = self.flight.state.time_s, self._question(desired), report
+        self._last = self.flight.newest.state.time_s, self._question(desired), report
         return report
 
     def need(self, show_hash: str | None, desired: Sequence[VehicleId] | None) -> Cleared:
@@ -218,28 +221,28 @@ class PreflightGate:
         show = flight.show.run
         found = None if show is None else show.figures
         return PreflightInputs(
-            fleet=flight.state,
+            fleet=flight.newest.state,
             rows={name: vehicle.row for name, vehicle in flight.vehicles.items()},
-            telemetry=flight.telemetry,
+            telemetry=flight.newest.telemetry,
             conflicts={name: text for link in flight.links for name, text in link.conflicts.items()},
             foreign={name: text for link in flight.links for name, text in link.foreign.items()},
             without_autopilot={
                 name: absent for link in flight.links for name, absent in link.without_autopilot.items()
             },
             uncertainty_m=flight.uncertainty_on_pads_m,
-            age_max_s=flight.control.telemetry_age_max_s,
-            floor=flight.control.safety.floor,
-            fence=flight.control.safety.fence,
+            age_max_s=flight.in_force.control.telemetry_age_max_s,
+            floor=flight.in_force.control.safety.floor,
+            fence=flight.in_force.control.safety.fence,
             positioning=flight.config.positioning,
             settings=flight.config.preflight,
             passed=self._passed,
             pads_within_m=operation.pads_within_m if operation.require_parameters else np.inf,
             battery_need=0.0 if show is None else None if found is None else found.battery_need,
             speed_need_m_s=0.0 if found is None else found.speed_max_m_s,
-            speed_max_m_s=flight.traits.speed_max_m_s,
+            speed_max_m_s=flight.newest.traits.speed_max_m_s,
             heights=flight.heights.found,
             others=flight.elsewhere.placed(),
-            ahead_s=self.flight.unix_s() - flight.state.time_s,
+            ahead_s=self.flight.unix_s() - flight.newest.state.time_s,
         )
 
     def _pattern(self) -> Pattern | None:
@@ -272,10 +275,10 @@ class PreflightGate:
             look = partial(
                 check_setpoint_loss,
                 tuple(chosen),
-                flight.state.position_m[rows],
+                flight.newest.state.position_m[rows],
                 self.show_player.plans(),
-                flight.control,
-                flight.traits.uncertainty_m[rows],
+                flight.in_force.control,
+                flight.newest.traits.uncertainty_m[rows],
                 operation.setpoint_loss_action,
                 flight.uncontrolled.without_setpoints.returns_at_m(flight.config.return_heights_m)[rows],
                 self._fly_on_s(chosen),
@@ -286,7 +289,7 @@ class PreflightGate:
     def _fly_on_s(self, chosen: Sequence[VehicleId]) -> Array:
         """(n,) how long each flies on without setpoints, with its stop from the speed of the law."""
         alone = [self.flight.vehicles[name].without_setpoints for name in chosen]
-        fastest_m_s = self.flight.control.law.speed_m_s
+        fastest_m_s = self.flight.in_force.control.law.speed_m_s
         return np.array([each.flies_on_s + each.stop_s(fastest_m_s) for each in alone])
 
     def _check_formations(self, chosen: Sequence[VehicleId]) -> None:
@@ -295,7 +298,9 @@ class PreflightGate:
         uncertainty_m = flight.in_formation_m([flight.vehicles[name] for name in chosen])
         for cue, plan in self.show_player.plans():
             try:
-                check_formation(plan.formation, len(uncertainty_m), flight.control.safety, uncertainty_m)
+                check_formation(
+                    plan.formation, len(uncertainty_m), flight.in_force.control.safety, uncertainty_m
+                )
             except InvalidError as error:
                 by_own = error.field == "radius_m" and flight.elsewhere.alone
                 whose = self._least_certain(chosen) if by_own else ""
@@ -311,15 +316,15 @@ class PreflightGate:
 
     def _check_obstacles(self, chosen: Sequence[VehicleId]) -> None:
         flight = self.flight
-        pads_m = {name: flight.position_m(flight.vehicles[name]) for name in chosen}
+        pads_m = {name: flight.newest.position_m(flight.vehicles[name]) for name in chosen}
         for obstacle in self.show_player.obstacles():
-            check_obstacle(obstacle, flight.control.law.avoidance, {}, pads_m)
+            check_obstacle(obstacle, flight.in_force.control.law.avoidance, {}, pads_m)
 
     def _check_vertical_overlap(self, chosen: Sequence[VehicleId]) -> None:
         """Store how many pairs will be stacked, as far as it can be predicted."""
         flight, show_run = self.flight, self.flight.show.run
         rows = [flight.vehicles[name].row for name in chosen]
-        width_m = column_m(flight.control.safety.floor, flight.traits.uncertainty_m[rows])
+        width_m = column_m(flight.in_force.control.safety.floor, flight.newest.traits.uncertainty_m[rows])
         plans = [plan for _, plan in self.show_player.plans()]
         plan = min(plans, key=lambda each: each.formation.radius_m, default=None)  # None: drawn all along
         pairs = () if show_run is None or show_run.figures is None else show_run.figures.columns
@@ -331,7 +336,9 @@ class PreflightGate:
         ]
         words = ""
         if plan is not None and len(chosen) <= PREDICTED_MAX:
-            formed_m = formation_m(tuple(chosen), flight.state.position_m[rows], plan, flight.control)
+            formed_m = formation_m(
+                tuple(chosen), flight.newest.state.position_m[rows], plan, flight.in_force.control
+            )
             words = describe_columns(most_overlapping(formed_m, width_m + SWAYS_M), rehearsed)
         elif rehearsed:
             words = describe_columns(0, rehearsed)

@@ -1,13 +1,17 @@
 """Colours of the vehicles' own lights: those of the show in the air, those of the battery on the ground."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.config.schema import Config
 from gcs.flight.state.feature import Feature, Instant
-from gcs.flight.state.flight import Flight
+from gcs.flight.state.newest import Newest
+from gcs.flight.state.show_state import ShowState
+from gcs.flight.state.vehicle import FlightVehicles
+from gcs.links.batch_link import Link
 from gcs.links.lights import Colours
 from gcs.mavlink.lights import LightDriver
 from gcs.model.errors import RefusedError
@@ -36,58 +40,70 @@ def battery_colours(remaining: Array, battery_min: float) -> Colours:
     return colour
 
 
-def find(flight: Flight, vehicle_id: VehicleId) -> None:
-    """Let a vehicle on the ground blink. Raises: RefusedError, UnknownError."""
-    vehicle = flight.vehicles.named(vehicle_id)
-    if flight.config.lights.driver is LightDriver.NONE:
-        raise RefusedError(f"{vehicle_id} has no lights: lights.driver of the configuration is none")
-    if vehicle.phase is not Phase.STANDBY:
-        raise RefusedError(f"{vehicle_id} is {vehicle.phase}: find is for vehicles received on the ground")
-    flight.blinks_until_s[vehicle_id] = flight.state.time_s + flight.config.lights.find_s
-
-
 class Lights(Feature):
     """Decides the colours of one fleet, and sends them over its links."""
 
-    def __init__(self, flight: Flight) -> None:
-        self._flight = flight
-        row_of = {name: vehicle.row for name, vehicle in flight.vehicles.items()}
+    def __init__(
+        self,
+        newest: Newest,
+        vehicles: FlightVehicles,
+        show: ShowState,
+        links: Sequence[Link],
+        config: Config,
+        owned: Callable[[], Mask],
+    ) -> None:
+        """Sends to the `owned` vehicles (n,): others may be flown by another station."""
+        self._newest, self._vehicles, self._show, self._config = newest, vehicles, show, config
+        self._links, self._owned = links, owned
         self._rows: Mapping[str, NDArray[np.intp]] = {
-            link.name: np.array([row_of[name] for name in link.ids], np.intp) for link in flight.links
+            link.name: np.array([vehicles[name].row for name in link.ids], np.intp) for link in links
         }
+        self._blinks_until_s: dict[VehicleId, float] = {}
+
+    def find(self, vehicle_id: VehicleId) -> None:
+        """Let a vehicle on the ground blink. Raises: RefusedError, UnknownError."""
+        vehicle, settings = self._vehicles.named(vehicle_id), self._config.lights
+        if settings.driver is LightDriver.NONE:
+            raise RefusedError(f"{vehicle_id} has no lights: lights.driver of the configuration is none")
+        if vehicle.phase is not Phase.STANDBY:
+            raise RefusedError(
+                f"{vehicle_id} is {vehicle.phase}: find is for vehicles received on the ground"
+            )
+        self._blinks_until_s[vehicle_id] = self._newest.state.time_s + settings.find_s
 
     def send(self) -> None:
         """Send what is due; once a tick, after its setpoints."""
-        flight = self._flight
-        if flight.config.lights.driver is LightDriver.NONE:
+        if self._config.lights.driver is LightDriver.NONE:
             return
         colour = self.colours()
-        ours = flight.elsewhere.owned
-        for link in flight.links:
+        ours = self._owned()
+        for link in self._links:
             rows = self._rows[link.name]
             link.send_lights(colour[rows], ours[rows])
 
     def views(self, at: Instant) -> Mapping[str, Any]:  # noqa: ARG002
-        links = self._flight.links
+        links = self._links
         sent = sum(link.counters.lights_sent for link in links)
         dropped = sum(link.counters.lights_dropped for link in links)
-        return {"lights": LightsView(self._flight.config.lights.driver.value, sent, dropped)}
+        return {"lights": LightsView(self._config.lights.driver.value, sent, dropped)}
 
     def colours(self) -> Colours:
         """(n, 3) red, green, blue; rows as in FleetState."""
-        flight, now_s = self._flight, self._flight.state.time_s
-        ids, run = tuple(flight.vehicles), flight.show.run
+        now_s = self._newest.state.time_s
+        ids, run = tuple(self._vehicles), self._show.run
         colour = np.zeros((len(ids), 3), np.uint8)
         if run is not None:
             shown, lit = run.colours(ids, now_s)
             colour[lit] = shown[lit]
-        grounded: Mask = np.array([vehicle.phase in GROUNDED for vehicle in flight.vehicles.values()])
+        grounded: Mask = np.array([vehicle.phase in GROUNDED for vehicle in self._vehicles.values()])
         colour[grounded] = OFF
-        if flight.config.lights.battery:
-            known = battery_colours(flight.telemetry.battery_remaining, flight.config.preflight.battery_min)
+        if self._config.lights.battery:
+            known = battery_colours(
+                self._newest.telemetry.battery_remaining, self._config.preflight.battery_min
+            )
             colour[grounded] = known[grounded]
-        for name, until_s in flight.blinks_until_s.items():
-            row = flight.vehicles[name].row
+        for name, until_s in self._blinks_until_s.items():
+            row = self._vehicles[name].row
             if grounded[row] and now_s < until_s:
                 colour[row] = FOUND if now_s % (2.0 * BLINK_S) < BLINK_S else OFF
         return colour

@@ -5,13 +5,18 @@ with each tick, until a tick falls on the time of the beginning: then the first 
 """
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from math import inf, isnan, nan
 from typing import Final
 
-from gcs.flight.state.flight import Flight
+from gcs.flight.state.elsewhere import Elsewhere
+from gcs.flight.state.newest import Newest
 from gcs.flight.state.running_show import LONGEST_STEP_S, ShowRun
+from gcs.flight.state.show_state import ShowState
+from gcs.flight.state.timecode import Timecode
+from gcs.flight.state.vehicle import FlightVehicles
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.lifecycle import ON_THE_GROUND, ShowEvent, ShowPhase
 from gcs.recording.audit_reader import LostBegin
@@ -39,7 +44,14 @@ def utc(unix_s: float) -> str:
 class ShowBegin:
     """Lets the selected show begin. Called on the event loop only."""
 
-    flight: Flight
+    newest: Newest
+    vehicles: FlightVehicles
+    show: ShowState
+    timecode: Timecode
+    unix_s: Callable[[], float]
+    clock_problem: Callable[[], str]
+    assembled: Callable[[], bool]
+    elsewhere: Callable[[], Elsewhere]
     _at_unix_s: float | None = None  # None: no time was given
     _given_to: str = ""  # name of the show that it was given to
     _held: bool = False
@@ -54,7 +66,7 @@ class ShowBegin:
         show_run = self.check(at_unix_s)
         self._at_unix_s, self._held, self._given_to = at_unix_s, False, show_run.name
         self._show(show_run)
-        doubt = self.flight.clock_problem()
+        doubt = self.clock_problem()
         reported = {"show": show_run.name, "at": utc(at_unix_s), "at_unix_s": at_unix_s, "reason": doubt}
         log.info("show_begins_at", extra=reported)
 
@@ -63,9 +75,9 @@ class ShowBegin:
         show_run = self._unbegun("a time to begin")
         if self.follows_timecode:
             raise RefusedError("shows follow the timecode, which says when they begin")
-        ahead_s = at_unix_s - self.flight.unix_s()
+        ahead_s = at_unix_s - self.unix_s()
         if not 0.0 < ahead_s <= AHEAD_MAX_S:
-            allowed = f"ahead by at most {AHEAD_MAX_S / 3600.0:g} h; it is {self.flight.unix_s():.1f} now"
+            allowed = f"ahead by at most {AHEAD_MAX_S / 3600.0:g} h; it is {self.unix_s():.1f} now"
             raise InvalidError("at_unix_time_s", at_unix_s, allowed)
         return show_run
 
@@ -79,20 +91,20 @@ class ShowBegin:
     @property
     def follows_timecode(self) -> bool:
         """Whether a timecode says when the show begins."""
-        led = self.flight.elsewhere.shows.begin
-        return self.flight.timecode.followed if led is None else led.follows_timecode
+        led = self.elsewhere().shows.begin
+        return self.timecode.followed if led is None else led.follows_timecode
 
     def cancel(self) -> None:
         """Forget the time. Raises: RefusedError."""
         show_run = self.check_cancel()
         self._at_unix_s = None
-        self._held = self.flight.show.phase not in ON_THE_GROUND or bool(self.flight.vehicles.airborne)
+        self._held = self.show.phase not in ON_THE_GROUND or bool(self.vehicles.airborne)
         self._show(show_run)
         log.info("show_begin_cancelled", extra={"show": show_run.name, "held": self._held})
 
     def follow_timecode(self, follow: bool) -> None:
         """Follow the timecode, or this station's clock. Raises: RefusedError."""
-        timecode = self.flight.timecode
+        timecode = self.timecode
         if timecode.settings is None:
             raise RefusedError("no timecode is configured")
         timecode.followed = follow
@@ -114,11 +126,11 @@ class ShowBegin:
 
     def log_lost(self, lost: LostBegin) -> None:
         """Log that a show waited for its time when the session before ended: it does no longer."""
-        reported = {"show": lost.show, "at": lost.at, "reason": self.flight.elsewhere.shows.why_begin_lost}
+        reported = {"show": lost.show, "at": lost.at, "reason": self.elsewhere().shows.why_begin_lost}
         log.warning("show_begin_forgotten", extra=reported)
 
     def _unbegun(self, what: str) -> ShowRun:
-        show_run = self.flight.show.run
+        show_run = self.show.run
         if show_run is None:
             raise RefusedError(f"no show is selected: {what} is for one that is")
         if show_run.begun:
@@ -128,51 +140,51 @@ class ShowBegin:
     @property
     def why_doubtful(self) -> str:
         """Why the beginning may come at a wrong time; empty where no show waits for it."""
-        return "" if self._at_unix_s is None else self.flight.clock_problem()
+        return "" if self._at_unix_s is None else self.clock_problem()
 
     @property
     def waits(self) -> bool:
         """Whether a show that could begin must not yet."""
-        if (led := self.flight.elsewhere.shows.begin) is not None:
+        if (led := self.elsewhere().shows.begin) is not None:
             return led.waits
         given = self._held or self._at_unix_s is not None
-        return self.flight.show.run is not None and (given or self.flight.timecode.followed)
+        return self.show.run is not None and (given or self.timecode.followed)
 
     # once a tick
 
     def due_s(self, now_s: float) -> float | None:
         """When a tick should come, on the loop's clock; None: any time is as good."""
-        if (led := self.flight.elsewhere.shows.begin) is not None:
+        if (led := self.elsewhere().shows.begin) is not None:
             return led.due_s(now_s)
-        show_run, timecode = self.flight.show.run, self.flight.timecode
-        if show_run is None or not self._ready or self.flight.show.phase is not ShowPhase.ASSEMBLING:
+        show_run, timecode = self.show.run, self.timecode
+        if show_run is None or not self._ready or self.show.phase is not ShowPhase.ASSEMBLING:
             return None
         left_s = inf
         if timecode.followed:
             if timecode.runs(now_s):
                 left_s = (show_run.clock.show_s(now_s) - timecode.show_s(now_s)) / timecode.slope
         elif self._at_unix_s is not None:
-            left_s = self._at_unix_s - self.flight.unix_s()
+            left_s = self._at_unix_s - self.unix_s()
         return now_s + left_s if 0.0 < left_s < ALIGNS_S else None
 
     def look(self) -> None:
         """Let the show begin when it is time, and keep its tempo. Call once a tick, before the show leads."""
-        flight, show_run = self.flight, self.flight.show.run
-        now_s = flight.state.time_s
+        show_run = self.show.run
+        now_s = self.newest.state.time_s
         before_s, self._before_s = self._before_s, now_s
-        flew, self._flew = self._flew, flight.show.phase not in ON_THE_GROUND
-        over = flight.show.phase in {ShowPhase.RETURNING, ShowPhase.ABORTING} or (flew and not self._flew)
+        flew, self._flew = self._flew, self.show.phase not in ON_THE_GROUND
+        over = self.show.phase in {ShowPhase.RETURNING, ShowPhase.ABORTING} or (flew and not self._flew)
         if show_run is None or over:
             self.forget("the show is over, or none is selected")
         if show_run is None:
             return
-        if flight.timecode.settings is not None:
-            flight.timecode.problem, flight.timecode.expected = "", False
+        if self.timecode.settings is not None:
+            self.timecode.problem, self.timecode.expected = "", False
             self._keep_time(show_run, now_s, 0.0 if before_s is None else now_s - before_s)
-        if flight.show.phase is not ShowPhase.ASSEMBLING:
+        if self.show.phase is not ShowPhase.ASSEMBLING:
             self._ready = False
         else:
-            self._ready = self._ready or flight.assembled()
+            self._ready = self._ready or self.assembled()
             begins_s = self._begins_s(show_run, now_s) if self.waits and self._ready else None
             if begins_s is not None:
                 self.begin_now(show_run, begins_s)
@@ -182,7 +194,7 @@ class ShowBegin:
 
     def _begins_s(self, show_run: ShowRun, now_s: float) -> float | None:
         """When the show begins, at the latest now; None: not yet."""
-        timecode = self.flight.timecode
+        timecode = self.timecode
         if timecode.followed:
             timecode.problem = why = timecode.why_not(now_s)
             if why:
@@ -199,17 +211,17 @@ class ShowBegin:
             return now_s - over_s if over_s < LONGEST_STEP_S else now_s
         if self._at_unix_s is None:
             return None
-        late_s = self.flight.unix_s() - self._at_unix_s
+        late_s = self.unix_s() - self._at_unix_s
         if late_s < -EARLY_S:
             return None
         return now_s - late_s if late_s < LONGEST_STEP_S else now_s
 
     def begin_now(self, show_run: ShowRun, begins_s: float) -> None:
         """Have the show begin now; `begins_s` is the moment, in the tick's time."""
-        flight, now_s = self.flight, self.flight.state.time_s
+        now_s = self.newest.state.time_s
         show_run.begins_s, show_run.tempo = begins_s, Tempo()
-        late_s = 0.0 if self._at_unix_s is None else flight.unix_s() - self._at_unix_s
-        flight.show.move(ShowEvent.ASSEMBLED, "the show's time has come")
+        late_s = 0.0 if self._at_unix_s is None else self.unix_s() - self._at_unix_s
+        self.show.move(ShowEvent.ASSEMBLED, "the show's time has come")
         log.info(
             "show_began",
             extra={
@@ -221,7 +233,7 @@ class ShowBegin:
 
     def _keep_time(self, show_run: ShowRun, now_s: float, dt_s: float) -> None:
         """Set the tempo of a show that runs by its timecode."""
-        timecode, settings = self.flight.timecode, self.flight.timecode.settings
+        timecode, settings = self.timecode, self.timecode.settings
         clock_s = show_run.clock.show_s(now_s) - (1.0 - show_run.rate) * min(dt_s, LONGEST_STEP_S)
         timecode.note_show(clock_s if show_run.begun else nan)
         stands, desired = False, 1.0
@@ -230,7 +242,7 @@ class ShowBegin:
             timecode.problem = timecode.why_not(now_s)
             stands = bool(timecode.problem) or isnan(behind_s)
             desired = 0.0 if stands else desired_rate(behind_s, timecode.slope, settings.catch_up)
-        timecode.note_frozen(stands, self.flight.unix_s())
+        timecode.note_frozen(stands, self.unix_s())
         if show_run.clock.runs:
             show_run.tempo = show_run.tempo.step(desired, min(dt_s, LONGEST_STEP_S))
 
@@ -240,7 +252,7 @@ class ShowBegin:
         if show_run.begun or not (self._held or at_unix_s is not None):
             show_run.begin = None
             return
-        in_s = None if at_unix_s is None else at_unix_s - self.flight.unix_s()
+        in_s = None if at_unix_s is None else at_unix_s - self.unix_s()
         if in_s is None:
             state = BeginState.HELD
         elif in_s < 0.0:

@@ -1,17 +1,21 @@
 """Selects shows, and updates the plan from the selected show every tick."""
 
 import logging
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import nan
 from typing import Final
 
 import numpy as np
 
+from gcs.config.schema import Config
 from gcs.flight.shows.show_begin import ShowBegin
-from gcs.flight.state.flight import Flight
-from gcs.flight.state.refusals import with_alternative
+from gcs.flight.state.elsewhere import Elsewhere
+from gcs.flight.state.newest import InForce, Newest
+from gcs.flight.state.refusals import Refusals, with_alternative
 from gcs.flight.state.running_show import ShowFleet, ShowRun
+from gcs.flight.state.show_state import ShowState
+from gcs.flight.state.vehicle import FlightVehicles
 from gcs.model.errors import RefusedError
 from gcs.model.interrupted_flight import Written
 from gcs.model.lifecycle import ON_THE_GROUND, Phase, ShowPhase
@@ -35,13 +39,19 @@ ON_PAD: Final = 0.25
 class ShowPlayer:
     """Selects shows, and has the selected show decide the plan. Implements `gcs.service.Player`."""
 
-    flight: Flight
+    newest: Newest
+    in_force: InForce
+    show: ShowState
+    vehicles: FlightVehicles
+    config: Config
+    elsewhere: Callable[[], Elsewhere]
+    begin: ShowBegin
+    refusals: Refusals
     show_library: ShowLibrary
 
     def __post_init__(self) -> None:
         self.show_library.misfits = self.misfits
-        self.begin = ShowBegin(self.flight)
-        self._reported: Plan = self.flight.plan  # the plan without a show
+        self._reported: Plan = self.in_force.plan  # the plan without a show
         self.waits: tuple[str, ...] = ()  # why obstacles of the show have not appeared yet
         self._held: Target | None = None  # replaces a live target not renewed since `_reported_s`
         self._reported_s = 0.0
@@ -50,7 +60,7 @@ class ShowPlayer:
 
     @with_alternative
     def select(self, name: str, show_hash: str) -> SelectedShow:
-        self.flight.show.need_no_countdown()
+        self.show.need_no_countdown()
         self.need_ground("select a show")
         timeline = self.fitting(name, self.show_library.cleared(name, show_hash))
         return self.take(ShowRun(name, timeline, figures=self.show_library.checked(name).figures))
@@ -74,7 +84,7 @@ class ShowPlayer:
         begun, parts = clock.begins_s > 0.0, dict(written.parts)
         show_run = ShowRun(written.name, timeline, clock, started=True, begun=begun, parts=parts)
         own = tuple(box for box in plan.obstacles if box.id not in show_run.obstacle_ids)
-        self.flight.plan = replace(self.flight.plan, obstacles=own, yaw=plan.yaw)
+        self.in_force.plan = replace(self.in_force.plan, obstacles=own, yaw=plan.yaw)
         self.take(show_run)
 
     def fitting(self, name: str, timeline: Timeline) -> Timeline:
@@ -87,8 +97,8 @@ class ShowPlayer:
         return [*self._own_misfits(show), *self._clashes(show)]
 
     def _own_misfits(self, show: Show) -> list[Flaw]:
-        config, others = self.flight.config, self.flight.elsewhere.shows
-        count = len(self.flight.vehicles) + others.count
+        config, others = self.config, self.elsewhere().shows
+        count = len(self.vehicles) + others.count
         return [
             *others.misfits(show),
             *service_flaws(show, config.frame, config.control, config.operation, count),
@@ -107,50 +117,50 @@ class ShowPlayer:
 
     def take(self, show_run: ShowRun) -> SelectedShow:
         """Let the show lead. Raises: RefusedError when its obstacles conflict with those of operators."""
-        flight, name = self.flight, show_run.name
+        name = show_run.name
         show, own = show_run.timeline.show, self._reported_obstacles
         _refuse(name, [*self._clashes(show)])
         self.adopt(show_run)
         self.begin.forget("another show is selected")
-        flight.plan = replace(flight.plan, obstacles=own)
+        self.in_force.plan = replace(self.in_force.plan, obstacles=own)
         self.lead()
         log.info("show_selected", extra={"show": name, "hash": show_run.hash})
-        return show_run.view(flight.state.time_s)
+        return show_run.view(self.newest.state.time_s)
 
     def adopt(self, show_run: ShowRun | None) -> None:
         """Have a show, its limits and its fence, or none; the flight that leads decides the plan."""
-        flight = self.flight
         if show_run is None:
-            flight.show.run, flight.control = None, flight.config.control
+            self.show.run, self.in_force.control = None, self.config.control
             return
-        if flight.show.run is None:
-            self._reported = flight.plan
+        if self.show.run is None:
+            self._reported = self.in_force.plan
         show = show_run.timeline.show
-        flight.show.run, flight.control = show_run, control_of(show.limits, show.fence, flight.config.control)
+        self.show.run, self.in_force.control = (
+            show_run,
+            control_of(show.limits, show.fence, self.config.control),
+        )
 
     @with_alternative
     def deselect(self) -> None:
-        flight = self.flight
-        flight.show.need_no_countdown()
+        self.show.need_no_countdown()
         self.need_ground("deselect the show")
-        if flight.show.run is None:
+        if self.show.run is None:
             return
-        own, yaw = self._own_obstacles(flight.show.run), flight.plan.yaw
-        flight.show.run, flight.control, self.waits = None, flight.config.control, ()
-        target = replace(self._reported.target, time_s=flight.state.time_s)
-        flight.plan = replace(self._reported, target=target, obstacles=own, yaw=yaw)
+        own, yaw = self._own_obstacles(self.show.run), self.in_force.plan.yaw
+        self.show.run, self.in_force.control, self.waits = None, self.config.control, ()
+        target = replace(self._reported.target, time_s=self.newest.state.time_s)
+        self.in_force.plan = replace(self._reported, target=target, obstacles=own, yaw=yaw)
 
     @with_alternative
     def seek(self, cue: str) -> SelectedShow:
-        flight = self.flight
-        flight.show.need_no_countdown()
-        show_run = flight.show.run
+        self.show.need_no_countdown()
+        show_run = self.show.run
         if show_run is None:
             raise RefusedError("no show is selected: seek is for one that is")
-        grounded = flight.show.phase in ON_THE_GROUND and not flight.vehicles.airborne
+        grounded = self.show.phase in ON_THE_GROUND and not self.vehicles.airborne
         show_run.clock = show_run.clock.seek(show_run.timeline, cue, grounded=grounded)
         self.lead()
-        return show_run.view(flight.state.time_s)
+        return show_run.view(self.newest.state.time_s)
 
     def begin_at(self, at_unix_time_s: float) -> SelectedShow:
         self.begin.begin_at(at_unix_time_s)
@@ -165,9 +175,9 @@ class ShowPlayer:
 
     def selected(self) -> SelectedShow:
         """The selected show. Raises: RefusedError without one."""
-        if self.flight.show.run is None:
+        if self.show.run is None:
             raise RefusedError("no show is selected")
-        return self.flight.show.run.view(self.flight.state.time_s)
+        return self.show.run.view(self.newest.state.time_s)
 
     def check_start(
         self, chosen: Sequence[VehicleId], show_hash: str | None, *, named: bool, taken_out: int = 0
@@ -176,7 +186,7 @@ class ShowPlayer:
 
         `taken_out` is the number of vehicles that an operator excluded. Raises: RefusedError.
         """
-        show_run = self.flight.show.run
+        show_run = self.show.run
         if show_run is None:
             if show_hash is not None:
                 raise RefusedError("no show is selected: select one, or start without a show's hash")
@@ -192,7 +202,7 @@ class ShowPlayer:
         if not show_run.received:
             self.show_library.cleared(show_run.name, show_hash)
         needed, spares = show_run.timeline.show.fleet.vehicles, show_run.spares_most
-        count = len(chosen) + self.flight.elsewhere.shows.start_too(named=named)
+        count = len(chosen) + self.elsewhere().shows.start_too(named=named)
         if count > needed + spares or (count + taken_out < needed and not named):
             fix = "name the vehicles that fly" + (", to take the others out" if count < needed else "")
             more = f" and {spares} spares" if spares else ""
@@ -201,10 +211,10 @@ class ShowPlayer:
 
     def give_parts(self, chosen: Sequence[VehicleId]) -> Sequence[VehicleId]:
         """Start the selected show, if there is one. Returns: those that take off; the others are spares."""
-        show_run = self.flight.show.run
+        show_run = self.show.run
         if show_run is None:
             return chosen
-        others, seen = self.flight.elsewhere.shows, self.seen()
+        others, seen = self.elsewhere().shows, self.seen()
         show_run.started, show_run.parts = True, {}
         if not others.leads:
             return chosen
@@ -221,10 +231,10 @@ class ShowPlayer:
 
         The fleet's order decides, unless a drawing leaves it open and most vehicles stand on some pad.
         """
-        show_run = self.flight.show.run
+        show_run = self.show.run
         if show_run is None:
             return {}
-        show, rows = show_run.timeline.show, self.flight.elsewhere.shows.rows([*self.flight.vehicles])
+        show, rows = show_run.timeline.show, self.elsewhere().shows.rows([*self.vehicles])
         in_order = {name: row for name, row in rows.items() if row < len(show.start_places_m)}
         return self._stood_on(show) or in_order
 
@@ -232,47 +242,46 @@ class ShowPlayer:
         """Row of the pad on which each vehicle stands; empty: the fleet's order decides."""
         if show.drawing is None or show.drawing.pads != "nearest":
             return {}
-        vehicles, pads_m = self.flight.vehicles, show.start_places_m[:, :2]
+        vehicles, pads_m = self.vehicles, show.start_places_m[:, :2]
         rows = [vehicle.row for vehicle in vehicles.values()]
         near_m = ON_PAD * show.fleet.pads.spacing_m
-        stands = standing_on(pads_m, self.flight.state.position_m[rows, :2], near_m)
+        stands = standing_on(pads_m, self.newest.state.position_m[rows, :2], near_m)
         on = {name: pad for name, pad in zip(vehicles, stands.tolist(), strict=True) if pad >= 0}
         return on if 2 * len(on) > min(len(vehicles), len(pads_m)) else {}
 
     def plans(self) -> Sequence[tuple[str, Plan]]:
         """Plans to be flown in order, with the names of their cues."""
-        show_run = self.flight.show.run
-        return [("", self.flight.plan)] if show_run is None else show_run.timeline.stages()
+        show_run = self.show.run
+        return [("", self.in_force.plan)] if show_run is None else show_run.timeline.stages()
 
     def obstacles(self) -> tuple[Obstacle, ...]:
-        show_run, plan = self.flight.show.run, self.flight.plan
+        show_run, plan = self.show.run, self.in_force.plan
         if show_run is None:
             return plan.obstacles
         return (*self._own_obstacles(show_run), *show_run.obstacles)
 
     def need_ground(self, what: str) -> None:
-        flight = self.flight
-        if flight.show.phase not in ON_THE_GROUND or flight.vehicles.airborne:
+        if self.show.phase not in ON_THE_GROUND or self.vehicles.airborne:
             raise RefusedError(
-                f"cannot {what} while the show is {flight.show.phase}: stop it, and wait for landed"
+                f"cannot {what} while the show is {self.show.phase}: stop it, and wait for landed"
             )
-        if why := flight.elsewhere.shows.why_busy:
+        if why := self.elsewhere().shows.why_busy:
             raise RefusedError(f"cannot {what} {why}")
 
     # in the air
 
     def lead(self) -> None:
         """Have the show decide formation, orbit, target and its own obstacles; called once a tick."""
-        if self.flight.elsewhere.shows.follow():
+        if self.elsewhere().shows.follow():
             return
         self.begin.look()
-        flight, show_run = self.flight, self.flight.show.run
+        show_run = self.show.run
         if show_run is None:
             return
-        seen, now_s = self.seen(), flight.state.time_s
-        show_run.follow_drawing(seen, now_s, assembling=flight.show.phase is ShowPhase.ASSEMBLING)
+        seen, now_s = self.seen(), self.newest.state.time_s
+        show_run.follow_drawing(seen, now_s, assembling=self.show.phase is ShowPhase.ASSEMBLING)
         desired = show_run.desired(now_s)
-        standing = {box.id for box in flight.plan.obstacles}
+        standing = {box.id for box in self.in_force.plan.obstacles}
         own = self._own_obstacles(show_run)
         admitted, waits = [], []
         for box in desired.obstacles:
@@ -283,18 +292,17 @@ class ShowPlayer:
                 admitted.append(box)
         self.waits = tuple(waits)
         self._report_lags(show_run, seen.ids)
-        flight.plan = replace(desired, obstacles=(*own, *admitted), yaw=flight.plan.yaw)
+        self.in_force.plan = replace(desired, obstacles=(*own, *admitted), yaw=self.in_force.plan.yaw)
 
     def seen(self) -> ShowFleet:
         """The vehicles among which the show is played, at this tick."""
-        flight = self.flight
-        formed = np.array([phase is Phase.FORMATION for phase in flight.vehicles.phases], dtype=np.bool_)
-        own = ShowFleet(flight.state.ids, flight.state.position_m, formed, len(formed))
-        return flight.elsewhere.shows.joined(own)
+        formed = np.array([phase is Phase.FORMATION for phase in self.vehicles.phases], dtype=np.bool_)
+        own = ShowFleet(self.newest.state.ids, self.newest.state.position_m, formed, len(formed))
+        return self.elsewhere().shows.joined(own)
 
     def _report_lags(self, show_run: ShowRun, vehicle_ids: Sequence[VehicleId]) -> None:
         """Log once, when a show with drawn parts has ended, how well each vehicle followed its trajectory."""
-        over = self.flight.show.phase not in {ShowPhase.RUNNING, ShowPhase.PAUSED, ShowPhase.ASSEMBLING}
+        over = self.show.phase not in {ShowPhase.RUNNING, ShowPhase.PAUSED, ShowPhase.ASSEMBLING}
         if not over or show_run.lags_reported or show_run.errors is None:
             return
         show_run.lags_reported = True
@@ -310,18 +318,20 @@ class ShowPlayer:
 
     def _in_the_way(self, box: Obstacle) -> str:
         """Why an obstacle of the show cannot stand yet: airborne vehicles, also those flown elsewhere."""
-        flight = self.flight
-        moving = flight.elsewhere.airborne_m()
-        for vehicle in flight.vehicles.airborne:
-            moving[vehicle.id] = flight.position_m(vehicle), flight.state.velocity_m_s[vehicle.row]
+        moving = self.elsewhere().airborne_m()
+        for vehicle in self.vehicles.airborne:
+            moving[vehicle.id] = (
+                self.newest.position_m(vehicle),
+                self.newest.state.velocity_m_s[vehicle.row],
+            )
         try:
             check_obstacle(
                 box,
-                flight.control.law.avoidance,
+                self.in_force.control.law.avoidance,
                 {name: position_m for name, (position_m, _) in moving.items()},
                 {},
                 velocities_m_s={name: velocity_m_s for name, (_, velocity_m_s) in moving.items()},
-                braking=flight.control.safety.braking.of_slowest(flight.traits.response),
+                braking=self.in_force.control.safety.braking.of_slowest(self.newest.traits.response),
             )
         except RefusedError as error:
             return f"{error}; it waits"
@@ -329,18 +339,18 @@ class ShowPlayer:
 
     @property
     def _reported_obstacles(self) -> tuple[Obstacle, ...]:
-        show_run = self.flight.show.run
-        return self.flight.plan.obstacles if show_run is None else self._own_obstacles(show_run)
+        show_run = self.show.run
+        return self.in_force.plan.obstacles if show_run is None else self._own_obstacles(show_run)
 
     def _own_obstacles(self, show_run: ShowRun) -> tuple[Obstacle, ...]:
         """Obstacles set by operators that are not the show's."""
         ids = show_run.obstacle_ids
-        return tuple(box for box in self.flight.plan.obstacles if box.id not in ids)
+        return tuple(box for box in self.in_force.plan.obstacles if box.id not in ids)
 
     # changes during a show
 
     def need_free(self, what: str) -> None:
-        show_run = self.flight.show.run
+        show_run = self.show.run
         if show_run is not None:
             raise RefusedError(
                 f"show {show_run.name!r} decides the {what}: it can be paused or stopped, and deselected"
@@ -348,47 +358,47 @@ class ShowPlayer:
             )
 
     def need_own_obstacle(self, obstacle_id: str) -> None:
-        show_run = self.flight.show.run
+        show_run = self.show.run
         if show_run is not None and obstacle_id in show_run.obstacle_ids:
             self.need_free(f"obstacle {obstacle_id}")
 
     @property
     def reserved(self) -> int:
         """Number of the show's obstacles that have not appeared."""
-        show_run = self.flight.show.run
+        show_run = self.show.run
         if show_run is None:
             return 0
-        return len(show_run.obstacle_ids - {box.id for box in self.flight.plan.obstacles})
+        return len(show_run.obstacle_ids - {box.id for box in self.in_force.plan.obstacles})
 
     @property
     def target_age_s(self) -> float:
         """Age of the newest update of a live cue's target; NaN if none is expected or none was sent."""
-        flight, show_run = self.flight, self.flight.show.run
+        show_run = self.show.run
         if show_run is None or show_run.live is None or not show_run.clock.runs:
             return nan
-        if not flight.elsewhere.shows.leads:
+        if not self.elsewhere().shows.leads:
             return nan
         reported_s = self._reported_s if show_run.live is self._held else show_run.live.time_s
-        return flight.state.time_s - reported_s
+        return self.newest.state.time_s - reported_s
 
     def hold_target(self) -> None:
         """Hold a live target that is not updated at its present position, until its next update."""
-        flight, show_run = self.flight, self.flight.show.run
+        show_run = self.show.run
         if show_run is None or show_run.live is None or show_run.live is self._held:
             return
-        now_s, live = flight.state.time_s, show_run.live
+        now_s, live = self.newest.state.time_s, show_run.live
         self._reported_s = live.time_s
         self._held = show_run.live = Target(*live.position_m(now_s), time_s=now_s)
 
     def set_target(self, target: Target) -> None:
         """Set a target, without a show or for a live cue. Raises: RefusedError, InvalidError."""
-        flight, show_run = self.flight, self.flight.show.run
+        show_run = self.show.run
         if show_run is not None and not show_run.is_live(target.time_s):
             self.need_free(f"target at cue {show_run.cue(target.time_s)!r}")
-        check_target(target, flight.plan.orbit, flight.plan.formation, flight.control)
+        check_target(target, self.in_force.plan.orbit, self.in_force.plan.formation, self.in_force.control)
         if show_run is not None:
             show_run.live = target
-        flight.plan = replace(flight.plan, target=target)
+        self.in_force.plan = replace(self.in_force.plan, target=target)
 
 
 def _refuse(name: str, flaws: Sequence[Flaw]) -> None:

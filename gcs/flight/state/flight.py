@@ -19,7 +19,6 @@ import numpy as np
 from gcs.config.schema import Config
 from gcs.control import ControlSettings, Memory, Task, Tasks
 from gcs.control.late_links import fleet_delay_s, for_late_links
-from gcs.estimation.contradictions import Doubts
 from gcs.estimation.fleet_state import FORWARD_MAX_S, Table
 from gcs.estimation.height_bias import HeightComparison
 from gcs.estimation.link_delay import LinkDelay
@@ -30,6 +29,7 @@ from gcs.failsafe.autopilot_failsafe import TEXTS_COUNT_S, FailsafeInputs
 from gcs.flight.state.corrections import Corrections
 from gcs.flight.state.elsewhere import Elsewhere
 from gcs.flight.state.feature import Feature, Instant
+from gcs.flight.state.newest import InForce, Newest
 from gcs.flight.state.show_state import ShowState
 from gcs.flight.state.timecode import Timecode
 from gcs.flight.state.uncontrolled_space import UncontrolledSpace
@@ -41,7 +41,7 @@ from gcs.links.batch_link import Link
 from gcs.links.intake import Intake
 from gcs.model.errors import CommandError
 from gcs.model.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowPhase
-from gcs.model.plan import LawName, Plan
+from gcs.model.plan import LawName
 from gcs.model.preflight_report import Exclusion
 from gcs.model.response import FleetResponse
 from gcs.model.setpoint_loss import FleetWithoutSetpoints, WithoutSetpoints
@@ -50,12 +50,9 @@ from gcs.model.state import (
     FleetState,
     Landed,
     Mask,
-    Mode,
     Telemetry,
     Traits,
     VehicleId,
-    Whereabouts,
-    whereabouts,
 )
 from gcs.planning.return_paths.paths import keeps_to_path, lowest_beside_m
 from gcs.preflight.parameters import presumed_parameters
@@ -139,7 +136,6 @@ _in_formation = lru_cache(maxsize=4)(Tasks.of_formation)
 class Flight:
     """The runtime state of one fleet. Changed on the event loop only."""
 
-    accepted: tuple[VehicleId, ...] = ()  # the vehicles that the last start sent up
     _stands_since_s: float = np.inf  # on the sphere and spread, see `assembled`
 
     def __init__(
@@ -163,56 +159,53 @@ class Flight:
         self.links = tuple(links)
         self.link_of: Mapping[VehicleId, Link] = {name: link for link in links for name in link.ids}
         self.vehicles = self._made_vehicles()
+        self.newest = Newest()
         self.elsewhere = Elsewhere(len(self.vehicles))  # of a flight alone
         self.parameters: dict[VehicleId, Mapping[str, ParameterValue]] = {}  # as last read on the ground
         self._fall_on_ground = [one for one in self.vehicles.values() if one.autopilot.falls_on_ground]
         self._presumed = presumed_parameters(config)
         for vehicle in self.vehicles.values():
             vehicle.without_setpoints = self._without_setpoints(vehicle)
-        self.traits = Traits(
+        self.newest.traits = Traits(
             np.array([settings.charge for settings in config.fleet]),
             np.array([settings.speed_max_m_s or np.inf for settings in config.fleet]),
             np.full(len(config.fleet), config.control.safety.floor.uncertainty_m),
             self._response(),
         )
-        self.plan: Plan = replace(config.plan, target=replace(config.plan.target, time_s=now_s))
-        self.control = config.control  # narrower while a show is selected
-        self.show = ShowState(lambda: self.state.time_s)
+        target = replace(config.plan.target, time_s=now_s)
+        self.in_force = InForce(replace(config.plan, target=target), config.control)
+        self.show = ShowState(lambda: self.newest.state.time_s)
         self.columns = ""  # how many pairs will be stacked, in words; as of the last start
         self.excluded: dict[VehicleId, Exclusion] = {}  # taken out of the show by an operator
-        self.left_behind: dict[VehicleId, str] = {}  # why vehicles do not fly with the last start
         self.corrections = Corrections(config.rtk, self.links, now_s)
         self.timecode = Timecode(config.timecode)
         self.features: list[Feature] = [self.corrections, self.timecode]
-        self.blinks_until_s: dict[VehicleId, float] = {}  # by `find`
-        self.memory = Memory.fresh(len(self.vehicles), now_s)
+        self.newest.memory = Memory.fresh(len(self.vehicles), now_s)
         self.changed_parameters: dict[VehicleId, dict[str, str]] = {}  # changed from what preflight requires
-        self.parameter_problems: dict[VehicleId, str] = {}  # why they could not be read
         received_in = [name for link in links for name in link.ids]
         place_of = {name: place for place, name in enumerate(received_in)}
         order = [place_of[settings.id] for settings in config.fleet]  # rows among all links' vehicles
         self._order = None if order == sorted(order) else order
         self._joined: Joined | None = None  # of the last tick
         self._once: tuple[FleetState | None, dict[str, Any]] = None, {}  # of the newest state: see `once`
-        self._table = self._made_table()
+        self.table = self._made_table()
         self.uncontrolled = UncontrolledSpace(config, tuple(self.vehicles.values()))
         self.link_quality = LinkQuality(_requested_hz(config))
         self.link_delay = LinkDelay(len(self.vehicles))
         self.heights = HeightComparison(len(self.vehicles), config.heights)
         self._slowed: tuple[ControlSettings, float, ControlSettings] | None = None  # see `control_now`
-        # as judged by `telemetry_monitor` at the beginning of the tick, rows as in FleetState:
-        self.silent: Mask = np.ones(len(self.vehicles), dtype=np.bool_)  # see `gcs.estimation.link_health`
-        self.has_heartbeat: Mask = ~self.silent  # within `operation.silence_s`
-        self.without_heartbeat: dict[VehicleId, str] = {}  # airborne, sends positions: since when, in words
+        self.newest.silent = np.ones(len(self.vehicles), dtype=np.bool_)
+        self.newest.has_heartbeat = ~self.newest.silent
+        self.newest.without_heartbeat = {}
         self.setpoint_gaps = SetpointGaps(len(self.vehicles))
         self._ticked = asyncio.Event()
-        self.state = self.receive(now_s)
+        self.receive(now_s)
 
     def __copy__(self) -> "Flight":
         """As it is now: a view of a tick is made of it later. Copied with every tick."""
         copied = object.__new__(Flight)
         copied.__dict__.update(self.__dict__)
-        copied.show = copy(self.show)
+        copied.show, copied.newest, copied.in_force = copy(self.show), copy(self.newest), copy(self.in_force)
         return copied
 
     @property
@@ -242,24 +235,26 @@ class Flight:
 
     def receive(self, now_s: float) -> FleetState:
         parts = [link.snapshot() for link in self.links]
-        self.telemetry = joined(parts, self._order, self._joined)
-        self._joined = parts, self.telemetry
-        self.state = self._table.state(parts, now_s, self.memory.asked_m_s[: len(self.vehicles)])
+        self.newest.telemetry = joined(parts, self._order, self._joined)
+        self._joined = parts, self.newest.telemetry
+        self.newest.state = self.table.state(parts, now_s, self.newest.memory.asked_m_s[: len(self.vehicles)])
         if self._fall_on_ground:
-            self.telemetry = self._without_falling(self.telemetry)
+            self.newest.telemetry = self._without_falling(self.newest.telemetry)
         if not (owned := self.elsewhere.owned).all():  # others say where these are
-            position_m = self.state.position_m.copy()
+            position_m = self.newest.state.position_m.copy()
             position_m[~owned] = np.nan
-            self.state = replace(self.state, position_m=position_m)
-        jumps = now_s - self._table.reset_time_s, self._table.jumped_m
-        about = self.uncertainty_on_pads_m, *jumps, self.control.safety.floor.deviations
-        self.traits = replace(self.traits, uncertainty_m=self.config.positioning.after_jumps_m(*about))
-        return self.state
+            self.newest.state = replace(self.newest.state, position_m=position_m)
+        jumps = now_s - self.table.reset_time_s, self.table.jumped_m
+        about = self.uncertainty_on_pads_m, *jumps, self.in_force.control.safety.floor.deviations
+        self.newest.traits = replace(
+            self.newest.traits, uncertainty_m=self.config.positioning.after_jumps_m(*about)
+        )
+        return self.newest.state
 
     @property
     def uncertainty_on_pads_m(self) -> Array:
         """(n,) Without what jumps add in flight: when a neighbour's estimator resets, no pad moves."""
-        telemetry, floor = self.telemetry, self.control.safety.floor
+        telemetry, floor = self.newest.telemetry, self.in_force.control.safety.floor
         least = floor.uncertainty_m, floor.vertical_uncertainty
         reported = telemetry.horizontal_accuracy_m, telemetry.vertical_accuracy_m, telemetry.fix_type
         wide_m = uncertainty_m(*least, *reported, self.config.positioning)
@@ -269,23 +264,25 @@ class Flight:
 
     def note_links(self) -> None:
         """Note how the newest telemetry arrived, and its heights. After the setpoints: they change slowly."""
-        self.link_quality.note(self.telemetry.position_time_s, self.state.time_s)
-        self.link_delay.note(self.telemetry.clock_base_s, self.telemetry.round_trip_s, self.state.time_s)
-        fresh = self.state.age_s <= self.control.telemetry_age_max_s
-        self.heights.note(self.telemetry, fresh, self.state.time_s)
+        self.link_quality.note(self.newest.telemetry.position_time_s, self.newest.state.time_s)
+        self.link_delay.note(
+            self.newest.telemetry.clock_base_s, self.newest.telemetry.round_trip_s, self.newest.state.time_s
+        )
+        fresh = self.newest.state.age_s <= self.in_force.control.telemetry_age_max_s
+        self.heights.note(self.newest.telemetry, fresh, self.newest.state.time_s)
 
     def slow_from_m(self, vehicles: Sequence[Vehicle]) -> Array:
         """(k,) reported heights above the ground from which these descend slowly: they may be lower."""
         return self.once("slow from", self._slow_from_now_m)[[vehicle.row for vehicle in vehicles]]
 
     def _slow_from_now_m(self) -> Array:
-        error_m = height_error_m(self.telemetry.vertical_accuracy_m, self.heights.departed_m)
+        error_m = height_error_m(self.newest.telemetry.vertical_accuracy_m, self.heights.departed_m)
         return np.asarray(self.config.operation.handover_height_m + error_m)
 
     def note_parameters(self, vehicle: Vehicle, values: Mapping[str, ParameterValue]) -> None:
         """Take the parameters of a vehicle as read; what it does without setpoints follows from them."""
         self.parameters[vehicle.id] = values
-        self.traits = replace(self.traits, response=self._response())
+        self.newest.traits = replace(self.newest.traits, response=self._response())
         alone = self._without_setpoints(vehicle)
         if alone != vehicle.without_setpoints:
             vehicle.without_setpoints = alone
@@ -308,15 +305,11 @@ class Flight:
 
     def version(self, vehicle_id: VehicleId) -> str:
         """Of its autopilot, as reported; empty: not yet."""
-        return str(Version.of(self.telemetry.version[self.vehicles[vehicle_id].row]) or "")
-
-    def uncertainty_m(self, vehicles: Sequence[Vehicle]) -> Array:
-        """(k,) standard deviations of these vehicles' positions, sideways."""
-        return self.traits.uncertainty_m[[vehicle.row for vehicle in vehicles]]
+        return str(Version.of(self.newest.telemetry.version[self.vehicles[vehicle_id].row]) or "")
 
     def in_formation_m(self, vehicles: Sequence[Vehicle]) -> Array:
-        """(k,) the same of these, and of those flown elsewhere that take part with them."""
-        return np.concatenate([self.uncertainty_m(vehicles), self.elsewhere.uncertainty_m()])
+        """(k,) as `Newest.uncertainty_m`, and of those flown elsewhere that take part with them."""
+        return np.concatenate([self.newest.uncertainty_m(vehicles), self.elsewhere.uncertainty_m()])
 
     @property
     def control_now(self) -> ControlSettings:
@@ -326,46 +319,26 @@ class Flight:
         flying = np.array([phase in AIRBORNE for phase in self.vehicles.phases], dtype=np.bool_)
         before = self._slowed
         delay_s = fleet_delay_s(late_s, flying, 0.0 if before is None else before[1])
-        if before is None or before[0] is not self.control or before[1] != delay_s:
-            self._slowed = before = self.control, delay_s, for_late_links(self.control, delay_s)
+        if before is None or before[0] is not self.in_force.control or before[1] != delay_s:
+            self._slowed = before = (
+                self.in_force.control,
+                delay_s,
+                for_late_links(self.in_force.control, delay_s),
+            )
         return before[2]
 
-    @property
-    def doubts(self) -> Doubts:
-        """(n,) Why the newest position of each is not believed, by its content."""
-        return self._table.doubts
-
-    @property
-    def reset_time_s(self) -> Array:
-        """(n,) Time of the latest position jump; -inf if there was none."""
-        return self._table.reset_time_s
-
-    @property
-    def jumped_m(self) -> Array:
-        """(n,) How far the position jumped then, and shortly before."""
-        return self._table.jumped_m
-
     def note_seen(self, rows: Mask) -> None:
-        self.uncontrolled.note_seen(rows, self.state.position_m, self._table.last_velocity_m_s)
+        self.uncontrolled.note_seen(rows, self.newest.state.position_m, self.table.last_velocity_m_s)
 
     def seen(self) -> FleetState:
         """The state; of silent vehicles the last known positions and velocities."""
-        position_m, velocity_m_s = self.state.position_m, self.state.velocity_m_s
+        position_m, velocity_m_s = self.newest.state.position_m, self.newest.state.velocity_m_s
         known, moves = np.isfinite(position_m[:, :1]), np.isfinite(velocity_m_s[:, :1])
         if known.all() and moves.all():
-            return self.state
+            return self.newest.state
         position_m = np.where(known, position_m, self.uncontrolled.seen_m)
         velocity_m_s = np.where(moves, velocity_m_s, self.uncontrolled.seen_m_s)
-        return replace(self.state, position_m=position_m, velocity_m_s=velocity_m_s)
-
-    def forget_seen(self, vehicle: Vehicle) -> None:
-        """Forget the last known position: the vehicle is not there any more."""
-        self.uncontrolled.seen_m[vehicle.row] = np.nan
-
-    def last_m(self, vehicle: Vehicle) -> Array | None:
-        """(3,) Last known position, show frame; None if there is none, or it was forgotten."""
-        place_m: Array = self.uncontrolled.seen_m[vehicle.row]
-        return place_m if np.isfinite(place_m).all() else None
+        return replace(self.newest.state, position_m=position_m, velocity_m_s=velocity_m_s)
 
     @property
     def setpoints_sent(self) -> int:
@@ -374,12 +347,12 @@ class Flight:
     @property
     def instant(self) -> Instant:
         """What features are asked about."""
-        return Instant(self.state.time_s, self.show.phase, self.show.run)
+        return Instant(self.newest.state.time_s, self.show.phase, self.show.run)
 
     def once(self, name: str, compute: Callable[[], T]) -> T:
         """What `compute` returns, computed once for the state of this tick: all vehicles ask for it."""
-        if self._once[0] is not self.state:
-            self._once = self.state, {}
+        if self._once[0] is not self.newest.state:
+            self._once = self.newest.state, {}
         values = self._once[1]
         if name not in values:
             values[name] = compute()
@@ -399,17 +372,17 @@ class Flight:
             raise CommandError(f"{command.vehicle_id} is flown by another station")
         await self.link_of[command.vehicle_id].execute(command)
 
-    def mode(self, vehicle: Vehicle) -> Mode:
-        return self.telemetry.mode[vehicle.row]
-
     def climb_ended(self, vehicle: Vehicle) -> bool:
         """Whether the autopilot's own take-off has ended."""
-        landed, up_m_s = self.telemetry.landed[vehicle.row], -float(self.state.velocity_m_s[vehicle.row, 2])
-        return vehicle.autopilot.climb_ended(self.mode(vehicle), landed, up_m_s)
+        landed, up_m_s = (
+            self.newest.telemetry.landed[vehicle.row],
+            -float(self.newest.state.velocity_m_s[vehicle.row, 2]),
+        )
+        return vehicle.autopilot.climb_ended(self.newest.mode(vehicle), landed, up_m_s)
 
     def inputs(self, vehicle: Vehicle) -> FailsafeInputs:
         """Return the inputs that explain the vehicle's mode: see `gcs.failsafe.autopilot_failsafe`."""
-        telemetry, at, now_s = self.telemetry, vehicle.row, self.state.time_s
+        telemetry, at, now_s = self.newest.telemetry, vehicle.row, self.newest.state.time_s
         return FailsafeInputs(
             mode=telemetry.mode[at],
             in_failsafe=telemetry.in_failsafe[at],
@@ -419,9 +392,9 @@ class Flight:
             setpoint_gap_s=self.setpoint_gaps.longest_s(vehicle.row),
             setpoint_loss_s=vehicle.without_setpoints.flies_on_s,
             setpoint_loss_action=alone.action if (alone := vehicle.without_setpoints).changes_mode else "",
-            position_age_s=float(self.state.age_s[vehicle.row]),
+            position_age_s=float(self.newest.state.age_s[vehicle.row]),
             beyond_fence=vehicle.autopilot.beyond_fence(int(telemetry.unhealthy_sensors[at])),
-            position_doubtful=bool(self.state.doubtful[at]),
+            position_doubtful=bool(self.newest.state.doubtful[at]),
         )
 
     def note_setpoints(self) -> None:
@@ -430,7 +403,7 @@ class Flight:
         left = np.zeros(len(phases), np.bool_)
         if Phase.PILOT in phases:
             left[:] = [phase is Phase.PILOT for phase in phases]
-        memory, fleet, n = self.memory, self.state, len(phases)
+        memory, fleet, n = self.newest.memory, self.newest.state, len(phases)
         self.setpoint_gaps.note(~np.isnan(memory.desired_m_s[:n, 0]), left, fleet.time_s)
         self.uncontrolled.note_setpoints(memory, fleet)
 
@@ -441,25 +414,18 @@ class Flight:
         names = set(self.parameters if config.operation.require_parameters else self.vehicles)
         reported = np.ones(len(self.vehicles), dtype=np.bool_)
         if config.preflight.require_fix:
-            reported &= np.isfinite(self.telemetry.fix_type)
+            reported &= np.isfinite(self.newest.telemetry.fix_type)
         if config.preflight.clock_max_s is not None:
-            reported &= np.isfinite(self.telemetry.clock_base_s)
-        return names - {self.state.ids[row] for row in np.flatnonzero(~reported).tolist()}
+            reported &= np.isfinite(self.newest.telemetry.clock_base_s)
+        return names - {self.newest.state.ids[row] for row in np.flatnonzero(~reported).tolist()}
 
     @property
     def not_flying(self) -> dict[VehicleId, str]:
         """Vehicles that stay on the ground while the others fly or will fly, with the reasons."""
         why = {name: str(exclusion) for name, exclusion in self.excluded.items()}
         if self.show.phase not in ON_THE_GROUND:
-            why = self.left_behind | why
+            why = self.show.left_behind | why
         return {name: text for name, text in why.items() if self.vehicles[name].phase in GROUNDED}
-
-    def whereabouts(self, vehicle: Vehicle) -> Whereabouts:
-        """Whether it is airborne and under control, on the ground, or unknown; see `fleet_counts`."""
-        telemetry, at = self.telemetry, vehicle.row
-        age_s = self.state.time_s - float(telemetry.heartbeat_time_s[at])
-        landed, armed = telemetry.landed[at], telemetry.armed[at]
-        return whereabouts(vehicle.phase, landed, armed=armed, heartbeat_age_s=age_s)
 
     def _without_falling(self, telemetry: Telemetry) -> Telemetry:
         """Telemetry in which no killed vehicle that may still fall is on the ground."""
@@ -476,21 +442,17 @@ class Flight:
         if vehicle.phase is not Phase.KILLED:
             return False
         pad_m = 0.0 if vehicle.home_m is None else float(vehicle.home_m[2])
-        height_m = pad_m - float(self.state.position_m[vehicle.row, 2])
-        speed_m_s = float(np.linalg.norm(self.state.velocity_m_s[vehicle.row]))
+        height_m = pad_m - float(self.newest.state.position_m[vehicle.row, 2])
+        speed_m_s = float(np.linalg.norm(self.newest.state.velocity_m_s[vehicle.row]))
         return not (height_m <= PAD_HEIGHT_MAX_M and speed_m_s <= AT_REST_M_S)  # True for NaN
-
-    def position_m(self, vehicle: Vehicle) -> Array:
-        """(3,) Newest position, show frame."""
-        return np.asarray(self.state.position_m[vehicle.row])
 
     def may_descend(self, vehicle: Vehicle) -> bool:
         """Whether every lower landing vehicle is in its landing column, so that this one may descend."""
-        return not self.once("lowest beside", self._lowest_beside_m) > self.position_m(vehicle)[2]
+        return not self.once("lowest beside", self._lowest_beside_m) > self.newest.position_m(vehicle)[2]
 
     def _lowest_beside_m(self) -> float:
         landing = [one for one in self.vehicles.in_phase(Phase.LANDING) if one.goal_m is not None]
-        here_m = self.state.position_m[[one.row for one in landing]]
+        here_m = self.newest.state.position_m[[one.row for one in landing]]
         goal_m = np.array([one.goal_m for one in landing], dtype=float).reshape(-1, 3)
         return lowest_beside_m(here_m, goal_m)
 
@@ -503,25 +465,19 @@ class Flight:
             return True
         if self.show.run is not None and self.show.run.goals is not None:
             return self.show.run.there
-        center, radius_m = self.memory.center, self.memory.radius_m
+        center, radius_m = self.newest.memory.center, self.newest.memory.radius_m
         rows = [vehicle.row for vehicle in self.vehicles.in_phase(Phase.FORMATION)]
         if center is None or not rows:
             return False
         their_m, their_charge = self.elsewhere.formed_m()
-        here_m = np.concatenate([self.state.position_m[rows], their_m])
-        charge = np.concatenate([self.traits.charge[rows], their_charge])
+        here_m = np.concatenate([self.newest.state.position_m[rows], their_m])
+        charge = np.concatenate([self.newest.traits.charge[rows], their_charge])
         on_sphere = here_m - center.position_m, radius_m, charge
-        now_s = self.state.time_s
+        now_s = self.newest.state.time_s
         self._stands_since_s = min(self._stands_since_s, now_s) if stands(*on_sphere) else np.inf
-        if self.plan.formation.law is LawName.SLOTS or now_s - self._stands_since_s >= SETTLES_S:
+        if self.in_force.plan.formation.law is LawName.SLOTS or now_s - self._stands_since_s >= SETTLES_S:
             return self._stands_since_s <= now_s
         return stands(*on_sphere, SPREAD_EVENLY)
-
-    @property
-    def reached(self) -> str:
-        """That the formation is reached, and which vehicles of the start are not in it."""
-        absent = [name for name in self.accepted if self.vehicles[name].phase is not Phase.FORMATION]
-        return f"formation reached, without {', '.join(absent)}" if absent else "formation reached"
 
     def tasks(self) -> Tasks:
         """What every vehicle has to do in this tick."""
@@ -533,13 +489,13 @@ class Flight:
 
     def _tasks_now(self) -> Tasks:
         vehicles = self.vehicles.values()  # rows as in FleetState
-        now_s, show = self.state.time_s, self.show.phase
+        now_s, show = self.newest.state.time_s, self.show.phase
         show_flies = show in SHOW_FLIES
         states = self.vehicles.states
         phases = states.phases
         flown = show_flies and now_s >= states.frozen_until_s and phases.count(Phase.FORMATION) == len(phases)
-        age_s = self.state.age_s
-        silent = self.uncontrolled.silent(age_s, self.control.telemetry_age_max_s)
+        age_s = self.newest.state.age_s
+        silent = self.uncontrolled.silent(age_s, self.in_force.control.telemetry_age_max_s)
         if flown and len(silent) == 0:  # the usual case
             return _in_formation(len(phases), center_moves=show is ShowPhase.RUNNING)
         task = np.full(len(vehicles), Task.FORMATION, dtype=np.int8)
@@ -550,7 +506,7 @@ class Flight:
                 if goal is not None:
                     goal_m[row] = goal
         follows = np.array([vehicle.flags.follows_planned_path for vehicle in vehicles], dtype=np.bool_)
-        segments_m, segments_of = self.uncontrolled.swept(self.state.age_s)
+        segments_m, segments_of = self.uncontrolled.swept(self.newest.state.age_s)
         silent_m, silent_of = self.uncontrolled.near_m(silent, age_s)
         return Tasks(
             task,
@@ -561,7 +517,7 @@ class Flight:
             center_moves=show is ShowPhase.RUNNING,
             formation_waits=show is ShowPhase.PAUSED,
             # those far behind keep the right-of-way rules
-            follows_planned_path=keeps_to_path(follows, self.state.position_m, goal_m),
+            follows_planned_path=keeps_to_path(follows, self.newest.state.position_m, goal_m),
             segments_of=np.concatenate([segments_of, silent_of]),
             drift=self.uncontrolled.drift(silent, age_s),
             silent_segments=len(silent_of),
@@ -569,8 +525,8 @@ class Flight:
 
     def closed(self) -> tuple[Array, Array]:
         """(m, 2, 3) paths that lost vehicles of any flight may take, and (m,) the uncertainty of each."""
-        segments_m, segments_of = self.uncontrolled.swept(self.state.age_s)
-        uncertainty_m = self.traits.uncertainty_m[segments_of]
+        segments_m, segments_of = self.uncontrolled.swept(self.newest.state.age_s)
+        uncertainty_m = self.newest.traits.uncertainty_m[segments_of]
         their_m, their_uncertainty_m = self.elsewhere.closed()
         return np.concatenate([segments_m, their_m]), np.concatenate([uncertainty_m, their_uncertainty_m])
 
@@ -580,5 +536,5 @@ class Flight:
 
     def _closing_now(self) -> frozenset[VehicleId]:
         lost = self.vehicles.in_phase(Phase.LOST, Phase.KILLED)
-        own = frozenset(vehicle.id for vehicle in lost if self.last_m(vehicle) is not None)
+        own = frozenset(vehicle.id for vehicle in lost if self.uncontrolled.last_m(vehicle) is not None)
         return own | self.elsewhere.closing()

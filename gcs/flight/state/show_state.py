@@ -2,11 +2,13 @@
 
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from gcs.flight.state.running_show import ShowRun
+from gcs.flight.state.vehicle import FlightVehicles
 from gcs.model.errors import RefusedError
-from gcs.model.lifecycle import ShowEvent, ShowPhase, advance_show
+from gcs.model.lifecycle import Phase, ShowEvent, ShowPhase, advance_show
+from gcs.model.state import VehicleId
 
 log = logging.getLogger(__name__)
 
@@ -21,6 +23,8 @@ class ShowState:
     run: ShowRun | None = None
     phase_before: ShowPhase = ShowPhase.IDLE  # before control of everything airborne was lost
     came_down_by: ShowPhase | None = None  # how the last show ended, if by a command
+    accepted: tuple[VehicleId, ...] = ()  # the vehicles that the last start sent up
+    left_behind: dict[VehicleId, str] = field(default_factory=dict)  # why others do not fly with it
 
     def need_no_countdown(self) -> None:
         if self.phase is ShowPhase.COUNTDOWN:
@@ -37,3 +41,9 @@ class ShowState:
         if self.run is not None:
             self.run.follow(self.phase, self.now_s())
         log.info("show_phase", extra={"was": before.value, "phase": self.phase.value, "reason": reason})
+
+
+def reached(show: ShowState, vehicles: FlightVehicles) -> str:
+    """That the formation is reached, and which vehicles of the start are not in it."""
+    absent = [name for name in show.accepted if vehicles[name].phase is not Phase.FORMATION]
+    return f"formation reached, without {', '.join(absent)}" if absent else "formation reached"

@@ -43,6 +43,15 @@ class UncontrolledSpace:
         np.copyto(self.seen_m, position_m, where=rows[:, None])
         np.copyto(self.seen_m_s, velocity_m_s, where=rows[:, None])
 
+    def last_m(self, vehicle: Vehicle) -> Array | None:
+        """(3,) Last known position, show frame; None if there is none, or it was forgotten."""
+        place_m: Array = self.seen_m[vehicle.row]
+        return place_m if np.isfinite(place_m).all() else None
+
+    def forget_seen(self, vehicle: Vehicle) -> None:
+        """Forget the last known position: the vehicle is not there any more."""
+        self.seen_m[vehicle.row] = np.nan
+
     def note_setpoints(self, memory: Memory, fleet: FleetState) -> None:
         """Begin a tick: see `KeptSetpoints.note`."""
         n = len(self._vehicles)

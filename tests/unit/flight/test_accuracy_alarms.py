@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from gcs.control import Memory, Tick
-from gcs.flight.monitors.accuracy_alarms import LASTS_S, NO_FIX, AccuracyAlarms
+from gcs.flight.monitors.accuracy_alarms import LASTS_S, NO_FIX
+from gcs.flight.monitors.alarm_monitor import accuracy_alarms_of
 from gcs.flight.state.flight import Flight
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, FleetState, Setpoints
@@ -29,21 +30,21 @@ def running(uncertain: dict[int, float], *, doubtful: tuple[int, ...] = ()) -> F
         vehicle.phase = Phase.FORMATION
     uncertainty_m = np.full(COUNT, GOOD_M)
     uncertainty_m[list(uncertain)] = list(uncertain.values())
-    subject.traits = replace(subject.traits, uncertainty_m=uncertainty_m)
-    subject.silent = np.zeros(COUNT, np.bool_)
+    subject.newest.traits = replace(subject.newest.traits, uncertainty_m=uncertainty_m)
+    subject.newest.silent = np.zeros(COUNT, np.bool_)
     return at(subject, 100.0, doubtful)
 
 
 def at(subject: Flight, time_s: float, doubtful: tuple[int, ...] = ()) -> Flight:
     nothing = np.zeros((COUNT, 3))
     rows = np.isin(np.arange(COUNT), doubtful)
-    ids = subject.state.ids
-    subject.state = FleetState(time_s, ids, nothing, nothing, np.zeros(COUNT), np.zeros(COUNT), rows)
+    ids = subject.newest.state.ids
+    subject.newest.state = FleetState(time_s, ids, nothing, nothing, np.zeros(COUNT), np.zeros(COUNT), rows)
     return subject
 
 
 def of_the_radius(subject: Flight) -> list[tuple[AlarmCause, tuple[str, ...]]]:
-    return [(each.cause, each.vehicles) for each in AccuracyAlarms(subject).of_the_radius()]
+    return [(each.cause, each.vehicles) for each in accuracy_alarms_of(subject).of_the_radius()]
 
 
 def test_all_uncertain_is_a_small_radius() -> None:
@@ -58,11 +59,11 @@ def test_one_uncertain_vehicle_is_named_instead() -> None:
 def test_vehicle_without_a_fix_makes_no_radius_small() -> None:
     blind = running({2: 3.0}, doubtful=(2,))
     assert of_the_radius(blind) == []
-    (reported,) = AccuracyAlarms(blind).of_positions(())
+    (reported,) = accuracy_alarms_of(blind).of_positions(())
     assert (reported.cause, reported.because, reported.vehicles) == (AlarmCause.BAD_POSITION, NO_FIX, ("d2",))
     assert reported.advice == ""
     blind.vehicles["d2"].phase = Phase.PILOT
-    (reported,) = AccuracyAlarms(blind).of_positions(())
+    (reported,) = accuracy_alarms_of(blind).of_positions(())
     assert "cannot be steered" in reported.advice
 
 
@@ -70,7 +71,7 @@ def of_wind(
     subject: Flight, lacking: dict[int, Array], *, seconds: float, doubtful: tuple[int, ...] = ()
 ) -> list[Condition]:
     """Conditions after so long of the same lack, with margins as wide as in gusts."""
-    alarms, lack_m_s, found = AccuracyAlarms(subject), np.zeros((COUNT, 3)), []
+    alarms, lack_m_s, found = accuracy_alarms_of(subject), np.zeros((COUNT, 3)), []
     for row, lack in lacking.items():
         lack_m_s[row] = lack
     full = Authority.full(COUNT)

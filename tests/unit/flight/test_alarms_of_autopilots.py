@@ -21,7 +21,7 @@ TERMINATED = VehicleStatus(silent=False, mode=Mode.TERMINATED, armed=True, lande
 
 def flying() -> Flight:
     subject = at(flight(COUNT), CENTER_M + RADIUS_M * best(COUNT))
-    subject.silent = np.zeros(COUNT, np.bool_)
+    subject.newest.silent = np.zeros(COUNT, np.bool_)
     return subject
 
 
@@ -29,7 +29,7 @@ def listed(subject: Flight) -> dict[str, Alarm]:
     """By their causes."""
     monitor, memory = AlarmMonitor(subject), Memory.fresh(COUNT, 0.0)
     nothing = Setpoints(0.0, (), np.zeros((0, 3)), np.zeros(0))
-    place_m, airborne = subject.state.position_m, np.ones(COUNT, np.bool_)
+    place_m, airborne = subject.newest.state.position_m, np.ones(COUNT, np.bool_)
     monitor.look(Tick(nothing, lambda: memory, ("",) * COUNT, place_m, airborne, Floor()), Findings())
     return {alarm.cause.value: alarm for alarm in monitor.alarms}
 
@@ -55,7 +55,7 @@ def test_space_below_a_terminated_vehicle_is_closed() -> None:
     assert len(subject.closed()[0]) == 0
     assert subject.vehicles.named("d2").observe(TERMINATED)
     segments_m, _ = subject.closed()
-    here_m = subject.position_m(subject.vehicles.named("d2"))
+    here_m = subject.newest.position_m(subject.vehicles.named("d2"))
     below = (np.abs(segments_m[:, :, :2] - here_m[:2]).max(axis=(1, 2)) < 0.1) & (segments_m[:, 1, 2] > -0.1)
     assert below.any()
     assert subject.closing() == {"d2"}
@@ -64,7 +64,7 @@ def test_space_below_a_terminated_vehicle_is_closed() -> None:
 def test_landing_that_an_autopilot_asks_for_is_an_alarm() -> None:
     subject = flying()
     texts = tuple((StatusText(0.0, 2, LAND_NOW),) if row == 1 else () for row in range(COUNT))
-    subject.telemetry = replace(subject.telemetry, texts=texts)
+    subject.newest.telemetry = replace(subject.newest.telemetry, texts=texts)
     (alarm,) = listed(subject).values()
     assert alarm.text == f'Vehicle d1 asked to land by the autopilot: "{LAND_NOW}".'
     assert (alarm.advice, alarm.vehicles) == ("Land it.", ("d1",))

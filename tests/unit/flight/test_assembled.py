@@ -59,8 +59,10 @@ def flight(
 
 def at(subject: Flight, position_m: Array) -> Flight:
     n = len(position_m)
-    subject.state = FleetState(0.0, subject.state.ids, position_m, np.zeros((n, 3)), np.zeros(n), np.zeros(n))
-    subject.memory = replace(Memory.fresh(n, 0.0), center=Center.at_rest(CENTER_M), radius_m=RADIUS_M)
+    subject.newest.state = FleetState(
+        0.0, subject.newest.state.ids, position_m, np.zeros((n, 3)), np.zeros(n), np.zeros(n)
+    )
+    subject.newest.memory = replace(Memory.fresh(n, 0.0), center=Center.at_rest(CENTER_M), radius_m=RADIUS_M)
     for vehicle in subject.vehicles.values():
         vehicle.phase = Phase.FORMATION
     return subject
@@ -92,9 +94,11 @@ def test_sphere_without_slots_is_stable_when_spread_evenly() -> None:
     subject = at(flight(2), CENTER_M + RADIUS_M * apart)
     assert subject.assembled(), "the slots are kept from the first"
     subject = at(flight(2), CENTER_M + RADIUS_M * apart)
-    subject.plan = replace(subject.plan, formation=replace(subject.plan.formation, law=LawName.ARTICLE))
+    subject.in_force.plan = replace(
+        subject.in_force.plan, formation=replace(subject.in_force.plan.formation, law=LawName.ARTICLE)
+    )
     assert not subject.assembled()
-    subject.state = replace(subject.state, time_s=SETTLES_S)
+    subject.newest.state = replace(subject.newest.state, time_s=SETTLES_S)
     assert subject.assembled()
     subject = at(subject, CENTER_M + RADIUS_M * best(2))
     assert subject.assembled()
@@ -137,7 +141,7 @@ def test_in_formation_only_frozen_or_returning_have_a_goal() -> None:
     assert not tasks.descending.any()
     assert tasks.center_moves
     first, second, _ = subject.vehicles.values()
-    here_m = subject.position_m(first)
+    here_m = subject.newest.position_m(first)
     first.freeze(here_m, 1.0, "a jump")
     tasks = subject.tasks()
     assert tasks.task.tolist() == [Task.GOAL, Task.FORMATION, Task.FORMATION]

@@ -43,8 +43,8 @@ def test_killed_ardupilot_is_on_the_ground_when_it_lies_there() -> None:
             (
                 time_s,
                 Landed(int(reported.landed[0])),
-                flight.whereabouts(vehicle),
-                flight.position_m(vehicle)[2],
+                flight.newest.whereabouts(vehicle),
+                flight.newest.position_m(vehicle)[2],
             )
         )
     falling = [each for each in seen if each[0] > KILLED_S and each[1] is Landed.ON_GROUND and each[3] < -3.0]

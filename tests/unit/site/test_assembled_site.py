@@ -28,9 +28,9 @@ def side_by_side(station: str) -> tuple[Flight, SiteMember]:
     for vehicle in flight.vehicles.values():
         vehicle.phase = Phase.FORMATION
     position_m = np.array([[8.0, 0.0, -20.0], [8.0, 0.5, -20.0]])
-    flight.state = replace(flight.state, position_m=position_m)
+    flight.newest.state = replace(flight.newest.state, position_m=position_m)
     center = Center.at_rest(np.array([0.0, 0.0, -20.0]))
-    flight.memory = replace(Memory.fresh(4, 0.0), center=center, radius_m=8.0)
+    flight.newest.memory = replace(Memory.fresh(4, 0.0), center=center, radius_m=8.0)
     return flight, member
 
 
@@ -47,7 +47,9 @@ def test_follower_takes_it_from_the_lead(show: ShowPhase, assembled: bool) -> No
     assert not flight.assembled()
     member.site.receive("north", "states", reports(member.site, show), 0.0)
     assert flight.assembled() is assembled
-    flight.state = replace(flight.state, time_s=LOST_S + 0.1)  # the lead is not received any more
+    flight.newest.state = replace(
+        flight.newest.state, time_s=LOST_S + 0.1
+    )  # the lead is not received any more
     assert not flight.assembled()
 
 
