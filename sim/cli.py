@@ -304,7 +304,7 @@ def _check_parameter(name: str, value: Value | Sequence[Value], lists: Sequence[
     if listed is None:
         titles, has = " and ".join(each.title for each in lists), "has" if len(lists) == 1 else "have"
         family = name.split("_", maxsplit=1)[0] + "_"
-        near = sorted({known for each in lists for known in each.names if known.startswith(family)})
+        near = sorted({other for each in lists for other in each.names if other.startswith(family)})
         hint = f"; there are {', '.join(near[:5])} ..." if near else ""
         advice = f"see --autopilot and --autopilot-version{hint}"
         raise FleetError(2, f"--param {name}: {titles} {has} no such parameter; {advice}")

@@ -121,7 +121,7 @@ class MixedReceiver:
         valid = [False] * len(batch)
         for place, part in enumerate(self._fleet.parts):
             own = [(self._circles[circle][place], datagram) for circle, datagram in batch]
-            valid = [one or other for one, other in zip(valid, part.receiver.receive(own), strict=True)]
+            valid = [before or now for before, now in zip(valid, part.receiver.receive(own), strict=True)]
         return valid
 
     def _split(self, rows: Sequence[int]) -> list[tuple[Fleet, list[int]]]:

@@ -39,10 +39,10 @@ def bundles(messages: Mapping[str, bytes]) -> Iterator[bytes]:
 
 def parts_of(bundle: bytes) -> list[tuple[str, bytes]]:
     """Return topics and payloads of a bundle. Raises: LinkError for bytes that are none."""
-    found: list[tuple[str, bytes]] = []
+    parts: list[tuple[str, bytes]] = []
     at, end = 0, len(bundle)
     while at < end:
-        if end > BUNDLE_MAX or len(found) == PARTS_MAX:
+        if end > BUNDLE_MAX or len(parts) == PARTS_MAX:
             raise LinkError("a bundle that is too large")
         payload_at = at + 5 + bundle[at]
         next_at = payload_at + int.from_bytes(bundle[payload_at - 4 : payload_at], "little")
@@ -52,6 +52,6 @@ def parts_of(bundle: bytes) -> list[tuple[str, bytes]]:
             topic = bundle[at + 1 : payload_at - 4].decode()
         except UnicodeDecodeError:
             raise LinkError("a bundle with a topic that is no text") from None
-        found.append((topic, bundle[payload_at:next_at]))
+        parts.append((topic, bundle[payload_at:next_at]))
         at = next_at
-    return found
+    return parts

@@ -133,14 +133,14 @@ class Gate:
         Raises: OSError when it cannot listen.
         """
         self.failures = Failures("bus", FAILED)
-        self._stations = Counter(host for one in others.values() for host in _hosts(one))
+        self._stations = Counter(host for endpoint in others.values() for host in _hosts(endpoint))
         family, _, _, _, address = socket.getaddrinfo(here.host, here.port, type=socket.SOCK_STREAM)[0]
         self._listener = socket.create_server(address, family=family, backlog=128)
         self._listener.setblocking(False)
         self._wake, self._woken = socket.socketpair()
         self._epoll = select.epoll()
-        for one in (self._listener, self._woken):
-            self._epoll.register(one, select.EPOLLIN)
+        for readable in (self._listener, self._woken):
+            self._epoll.register(readable, select.EPOLLIN)
         self._sides: dict[int, tuple[_Connection, _Side]] = {}  # by file descriptor, of those registered
         self._waiting: dict[_Connection, None] = {}  # oldest first
         self._passed_on: dict[_Connection, None] = {}
@@ -161,8 +161,8 @@ class Gate:
         for connection in (*self._waiting, *self._passed_on):
             self._drop(connection)
         self._epoll.close()
-        for one in (self._listener, self._wake, self._woken):
-            one.close()
+        for opened in (self._listener, self._wake, self._woken):
+            opened.close()
 
     def _run(self) -> None:
         while True:
@@ -173,18 +173,21 @@ class Gate:
                     return
                 if handle == self._listener.fileno():
                     self._accept(now_s)
-                elif (found := self._sides.get(handle)) is not None:
-                    self._serve(*found, mask, now_s)
+                elif (side := self._sides.get(handle)) is not None:
+                    self._serve(*side, mask, now_s)
             if now_s - self._turn_s >= TURN_S:
                 self._begin_turn(now_s)
-            if any(one.is_whole for one in self._waiting):
+            if any(connection.is_whole for connection in self._waiting):
                 self._pass_on_what_waits(now_s)
 
     @property
     def _is_timed(self) -> bool:
         """Whether something is to be done when nothing arrives."""
         late_s = self._turn_s - SETTLED_S
-        timed = (one.since_s > late_s or one.closing_s or one.passed for one in self._passed_on)
+        timed = (
+            connection.since_s > late_s or connection.closing_s or connection.passed
+            for connection in self._passed_on
+        )
         return bool(self._waiting or self._accepted or any(timed))
 
     def _begin_turn(self, now_s: float) -> None:
@@ -192,7 +195,7 @@ class Gate:
         if self._accepted >= ACCEPTED:
             self._epoll.modify(self._listener, select.EPOLLIN)
         self._accepted = 0
-        for connection in [one for one in self._waiting if now_s - one.since_s > HELD_S]:
+        for connection in [waiting for waiting in self._waiting if now_s - waiting.since_s > HELD_S]:
             self._fail(connection, now_s)
         for connection in list(self._passed_on):
             connection.passed = 0
@@ -224,11 +227,11 @@ class Gate:
     def _make_room(self, host: Host, now_s: float) -> None:
         """Close the oldest connection that waits, of this host or of all strangers, if there are too many."""
         stations = self._stations[host]
-        theirs = [one for one in self._waiting if one.host == host]
-        if len(theirs) > WAITING * max(1, stations):
-            self._fail(theirs[0], now_s)
+        of_host = [connection for connection in self._waiting if connection.host == host]
+        if len(of_host) > WAITING * max(1, stations):
+            self._fail(of_host[0], now_s)
         elif not stations:
-            strangers = [one for one in self._waiting if one.host not in self._stations]
+            strangers = [connection for connection in self._waiting if connection.host not in self._stations]
             if len(strangers) > STRANGERS_WAITING:
                 self._fail(strangers[0], now_s)
 
@@ -240,20 +243,22 @@ class Gate:
         except OSError:
             data = b""
         connection.hello += data
-        found = is_hello(connection.hello) if data else False
-        if found is False:
+        is_valid = is_hello(connection.hello) if data else False
+        if is_valid is False:
             self._fail(connection, now_s)
-        elif found:
+        elif is_valid:
             connection.is_whole = True
             self._register(connection, connection.outer, 0)  # what follows waits in the kernel
 
     def _pass_on_what_waits(self, now_s: float) -> None:
         """Pass on as many as Zenoh may have to decide about, those of all hosts in turn."""
         first: dict[Host, _Connection] = {}
-        for one in self._waiting:
-            if one.is_whole:
-                first.setdefault(one.host, one)
-        busy = Counter(one.host for one in self._passed_on if now_s - one.since_s < SETTLED_S)
+        for connection in self._waiting:
+            if connection.is_whole:
+                first.setdefault(connection.host, connection)
+        busy = Counter(
+            connection.host for connection in self._passed_on if now_s - connection.since_s < SETTLED_S
+        )
         room = AT_ONCE - sum(count for host, count in busy.items() if host not in self._stations)
         for host in random.sample(list(first), len(first)):
             if host in self._stations:
@@ -269,8 +274,8 @@ class Gate:
         inner = socket.socket()
         for option in (socket.SO_RCVBUF, socket.SO_SNDBUF):  # what waits here is old when it arrives
             inner.setsockopt(socket.SOL_SOCKET, option, 2 * PIECE)
-        for one in (inner, connection.outer.socket):
-            one.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        for side in (inner, connection.outer.socket):
+            side.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         inner.setblocking(False)
         inner.connect_ex(self._inner)
         connection.inner, connection.since_s = _Side(inner), now_s
@@ -349,8 +354,8 @@ class Gate:
 def _hosts(endpoint: Endpoint) -> set[Host]:
     """All that an endpoint's name stands for now; a name that is not known stands for none."""
     with suppress(OSError):
-        found = socket.getaddrinfo(endpoint.host, endpoint.port, type=socket.SOCK_STREAM)
-        return {host_of(str(address[0])) for *_, address in found}
+        resolved = socket.getaddrinfo(endpoint.host, endpoint.port, type=socket.SOCK_STREAM)
+        return {host_of(str(address[0])) for *_, address in resolved}
     return set()
 
 

@@ -185,7 +185,7 @@ class ZenohBus:
         """Open Zenoh, behind a gate where it has keys. Raises: ZError, OSError, LinkError."""
         if self._keys is None:
             return zenoh.open(configuration(self.station, self._endpoints, None)), None
-        others = {name: one for name, one in self._endpoints.items() if name != self.station}
+        others = {name: endpoint for name, endpoint in self._endpoints.items() if name != self.station}
         gate = Gate(self._endpoints[self.station], others)
         with ExitStack() as failed:
             failed.callback(gate.close)
@@ -219,7 +219,7 @@ class ZenohBus:
     def newest(self) -> list[Received]:
         if self._open is None:
             return []
-        found: dict[tuple[str, str], Received] = {}
+        received: dict[tuple[str, str], Received] = {}
         now_s = self._now_s()
         for sender, bundle in self._open.newest():
             try:
@@ -232,8 +232,8 @@ class ZenohBus:
                     self.counters.refused += 1
                     continue
                 self.counters.received += 1
-                found[sender, topic] = Received(sender, topic, payload, now_s)
-        return list(found.values())
+                received[sender, topic] = Received(sender, topic, payload, now_s)
+        return list(received.values())
 
     @property
     def intakes(self) -> Sequence[Intake]:

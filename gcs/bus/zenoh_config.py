@@ -59,7 +59,9 @@ def configuration(
         "listen/endpoints": [
             (listens or endpoints[station]).url(tls=tls) + f"#tls_handshake_timeout_ms={HANDSHAKE_MS}" * tls
         ],
-        "connect/endpoints": [one.url(tls=tls) for name, one in endpoints.items() if name > station],
+        "connect/endpoints": [
+            endpoint.url(tls=tls) for name, endpoint in endpoints.items() if name > station
+        ],
         "connect/timeout_ms": -1,  # go on connecting, and
         "connect/exit_on_failure": False,  # do it in the background
         "connect/retry": RETRY,

@@ -56,8 +56,8 @@ class PreflightCalls(Calls):
     def report(self, vehicles: list[str] | None = None) -> service.PreflightReport:
         """Get every check for a start of `vehicles`, or of all online ones."""
         named = f"?{urlencode([('vehicles', name) for name in vehicles])}" if vehicles else ""
-        found: service.PreflightReport = self._exchange.call("GET", f"/api/v1/preflight{named}", self.report)
-        return found
+        report: service.PreflightReport = self._exchange.call("GET", f"/api/v1/preflight{named}", self.report)
+        return report
 
     def wait_until_ready(
         self, timeout_s: float, vehicles: list[str] | None = None
@@ -148,10 +148,10 @@ class ShowsCalls(Calls):
         """
         query = urlencode({"name": name, "format": file.suffix.lower().removeprefix(".")})
         path = f"/api/v1/shows?{query}"
-        found: reports.ImportedShow = self._exchange.call(
+        imported: reports.ImportedShow = self._exchange.call(
             "POST", path, self.import_drawing, _content(file), "application/octet-stream"
         )
-        return found
+        return imported
 
     @calls("GET", "/api/v1/shows/{name}/drawing")
     def drawing(self, name: str) -> reports.DrawnSamples:
@@ -177,8 +177,8 @@ class ShowsCalls(Calls):
         named = {"x_m": x_m, "y_m": y_m, "turn_deg": turn_deg}
         given = {key: value for key, value in named.items() if value is not None} | {"fit": str(fit).lower()}
         path = f"/api/v1/shows/{part(name)}/placement?{urlencode(given)}"
-        found: reports.PlacedShow = self._exchange.call("GET", path, self.placement)
-        return self._placed(name, found.x_m, found.y_m, found.turn_deg)
+        placed: reports.PlacedShow = self._exchange.call("GET", path, self.placement)
+        return self._placed(name, placed.x_m, placed.y_m, placed.turn_deg)
 
     @calls("PUT", "/api/v1/shows/{name}/placement")
     def _placed(self, name: str, x_m: float, y_m: float, turn_deg: float) -> reports.PlacedShow:

@@ -259,9 +259,9 @@ def parse(text: str, source: str) -> Config:
     except ValidationError as error:
         raise explained(error, source, Config, written) from None
     ports, counts = [link.ports for link in config.links], [len(link.fleet) for link in config.links]
-    found = [*misfits_of_fleet(ports, counts, config.formation.radius_m, config.control.safety)]
-    if found:
-        raise FileError(source, [Problem(written.line(*one.loc), None, str(one)) for one in found])
+    misfits = [*misfits_of_fleet(ports, counts, config.formation.radius_m, config.control.safety)]
+    if misfits:
+        raise FileError(source, [Problem(written.line(*misfit.loc), None, str(misfit)) for misfit in misfits])
     return config
 
 

@@ -400,24 +400,24 @@ class TimecodeSettings(Settings):
     @property
     def path(self) -> str:
         """Path of a device or a pipe; empty for an address."""
-        found = _MIDI_PORT.match(self.source) or _SOUND.match(self.source)
-        return "" if found is None else found["path"]
+        matched = _MIDI_PORT.match(self.source) or _SOUND.match(self.source)
+        return "" if matched is None else matched["path"]
 
     @property
     def address(self) -> tuple[str, int]:
         """IP address and port to receive at. Raises: ConfigError for a device or a pipe."""
-        found = _MIDI_AT.match(self.source)
-        if found is None:
+        matched = _MIDI_AT.match(self.source)
+        if matched is None:
             raise ConfigError(f"{self.source} is no address")
-        return found["host"], int(found["port"])
+        return matched["host"], int(matched["port"])
 
     @property
     def sample_rate_hz(self) -> float:
         """Of sound. Raises: ConfigError for another source."""
-        found = _SOUND.match(self.source)
-        if found is None:
+        matched = _SOUND.match(self.source)
+        if matched is None:
             raise ConfigError(f"{self.source} is no sound")
-        return float(found["rate"])
+        return float(matched["rate"])
 
     @model_validator(mode="after")
     def _check(self) -> "TimecodeSettings":

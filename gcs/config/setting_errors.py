@@ -65,10 +65,10 @@ def explained(
 
     With `source` it also has the line numbers.
     """
-    found = misfits(error, model, source)
+    problems = misfits(error, model, source)
     if source is None:
-        return ConfigError(f"{file}: " + "; ".join(map(str, found)))
-    return FileError(file, [Problem(source.line(*misfit.loc), None, str(misfit)) for misfit in found])
+        return ConfigError(f"{file}: " + "; ".join(map(str, problems)))
+    return FileError(file, [Problem(source.line(*misfit.loc), None, str(misfit)) for misfit in problems])
 
 
 def misfits(error: ValidationError, model: type[BaseModel], source: Source | None) -> list[Misfit]:
@@ -90,7 +90,7 @@ def _follows(loc: Loc, problems: Sequence[ErrorDetails]) -> bool:
 
 def _misfit(problem: ErrorDetails, model: type[BaseModel], source: Source | None) -> Misfit:
     loc, kind, value = problem["loc"], problem["type"], problem["input"]
-    known = tuple(dict.fromkeys(_fields_at(model, loc[:-1]))) if kind == "extra_forbidden" else ()
+    allowed = tuple(dict.fromkeys(_fields_at(model, loc[:-1]))) if kind == "extra_forbidden" else ()
     keys = loc if source is None else source.keys(*loc)
     if source is not None and kind in {"missing", LOCATED} and loc:
         keys = (*source.keys(*loc[:-1]), loc[-1])
@@ -101,7 +101,7 @@ def _misfit(problem: ErrorDetails, model: type[BaseModel], source: Source | None
     if source is None and not isinstance(value, dict | BaseModel | list | tuple):
         shown = quoted(value)
     if kind == "extra_forbidden":
-        return Misfit(loc, key, shown, _unknown(str(loc[-1]), known))
+        return Misfit(loc, key, shown, _unknown(str(loc[-1]), allowed))
     if kind == LOCATED:
         return Misfit(loc, key, shown, problem["ctx"]["text"])
     if kind in {"model_type", "model_attributes_type"}:
@@ -113,31 +113,37 @@ def _misfit(problem: ErrorDetails, model: type[BaseModel], source: Source | None
     return Misfit(loc, key, shown if loc else None, text)
 
 
-def _unknown(key: str, known: Sequence[str]) -> str:
-    like = get_close_matches(key, known, 1)
+def _unknown(key: str, allowed: Sequence[str]) -> str:
+    like = get_close_matches(key, allowed, 1)
     if like:
         return f"unknown key; did you mean {like[0]}?"
-    more = ", ..." if len(known) > KEYS_REPORTED else ""
-    return f"unknown key; known here: {', '.join(known[:KEYS_REPORTED])}{more}" if known else "unknown key"
+    more = ", ..." if len(allowed) > KEYS_REPORTED else ""
+    return (
+        f"unknown key; known here: {', '.join(allowed[:KEYS_REPORTED])}{more}" if allowed else "unknown key"
+    )
 
 
 def _section(model: type[BaseModel], loc: Loc) -> str:
-    known = tuple(dict.fromkeys(_fields_at(model, loc)))
-    return f"a section is needed, with {', '.join(known[:KEYS_REPORTED])}" if known else "a section is needed"
+    allowed = tuple(dict.fromkeys(_fields_at(model, loc)))
+    return (
+        f"a section is needed, with {', '.join(allowed[:KEYS_REPORTED])}"
+        if allowed
+        else "a section is needed"
+    )
 
 
 def _fields_at(model: type[BaseModel], loc: Loc) -> Iterator[str]:
     places: list[object] = [model]
     for part in loc:
         places = list(_inside(places, part)) or places  # a part that is not a key names an alternative
-    for one in _sections(places):
-        yield from one.model_fields
+    for section in _sections(places):
+        yield from section.model_fields
 
 
 def _inside(places: Sequence[object], part: str | int) -> Iterator[object]:
-    for one in _sections(places):
-        if part in one.model_fields:
-            yield one.model_fields[str(part)].annotation
+    for section in _sections(places):
+        if part in section.model_fields:
+            yield section.model_fields[str(part)].annotation
     if isinstance(part, int):
         yield from places  # a list: `_sections` looks for the models in it
 

@@ -12,11 +12,13 @@ def station_config(site: Config, name: str) -> Config:
     """
     station = next((each for each in site.stations if each.name == name), None)
     if station is None:
-        known = ", ".join(each.name for each in site.stations) or "none in this configuration"
-        raise ConfigError(f"there is no station '{name}'; stations: {known}")
+        names = ", ".join(each.name for each in site.stations) or "none in this configuration"
+        raise ConfigError(f"there is no station '{name}'; stations: {names}")
     links = [link for link in site.links if link.name in station.links]
     named = {link.name: link for link in site.links}
-    mirrors = [named[one.link].model_copy(update={"listen": one.listen}) for one in station.standby]
+    mirrors = [
+        named[mirrored.link].model_copy(update={"listen": mirrored.listen}) for mirrored in station.standby
+    ]
     ids = [vehicle.id for link in (*links, *mirrors) for vehicle in link.fleet]
     row_of = {vehicle: row for row, vehicle in enumerate(site.ids)}
     rows = tuple(row_of[vehicle] for vehicle in ids)

@@ -77,8 +77,8 @@ class _Loader(yaml.SafeLoader):
         if self._depth > DEPTH_MAX:
             raise self._refused(event, f"nested deeper than {DEPTH_MAX} levels")
         node: Node | None = super().compose_node(parent, index)
-        if isinstance(node, ScalarNode) and (found := UNSEEN.search(node.value)):
-            raise self._refused(node, f"character U+{ord(found[0]):04X} is not allowed")
+        if isinstance(node, ScalarNode) and (unseen := UNSEEN.search(node.value)):
+            raise self._refused(node, f"character U+{ord(unseen[0]):04X} is not allowed")
         self._depth -= 1
         return node
 
@@ -188,9 +188,9 @@ class Source:
             mapping, _, keys = self._follow(loc[:-1])
             if not isinstance(mapping, MappingNode) or len(keys) < len(loc) - 1 or not mapping.value:
                 raise KeyError(".".join(loc))
-            found = _within(mapping, loc[-1])
-            if found is not None:
-                edits.append((found[0].start_mark.index, _end(found[0]), value))
+            at = _within(mapping, loc[-1])
+            if at is not None:
+                edits.append((at[0].start_mark.index, _end(at[0]), value))
                 continue
             first = mapping.value[0][0].start_mark
             after = ", " if mapping.flow_style else "\n" + " " * first.column
@@ -202,9 +202,9 @@ class Source:
     def _follow(self, loc: Loc) -> tuple[Node | None, int, tuple[str | int, ...]]:
         node, line, keys = self._root, 1, list[str | int]()
         for part in loc:
-            found = _within(node, part)
-            if found is not None:
-                node, line = found
+            inner = _within(node, part)
+            if inner is not None:
+                node, line = inner
                 keys.append(part)
         return node, line, tuple(keys)
 
@@ -266,10 +266,10 @@ class Kind(NamedTuple):
         if path.parent in {Path(), Path("configs") / self.folder} and inside.is_file():
             return inside
         if path.is_dir():
-            inside_it = next((found.name for found in sorted(path.glob("*.yaml"))), "FILE.yaml")
+            inside_it = next((file.name for file in sorted(path.glob("*.yaml"))), "FILE.yaml")
             raise ConfigError(f"{name}: it is a folder: name the file in it, such as {path / inside_it}")
-        known = ", ".join(found.stem for found in self.shipped())
-        raise ConfigError(f"{name}: there is no such file; {self.plural} that come with the package: {known}")
+        names = ", ".join(file.stem for file in self.shipped())
+        raise ConfigError(f"{name}: there is no such file; {self.plural} that come with the package: {names}")
 
 
 CONFIGURATIONS = Kind("configurations", "")

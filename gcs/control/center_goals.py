@@ -148,13 +148,13 @@ def instead_of(
     kept_m = scene.place_m
     if before is not None and before.goal.held_by:
         kept_m = before.goal_now(scene.now.fleet.time_s).place_m
-    found = [
+    goals = [
         *_beside(scene, target_m, target_m_s, held_by, kept_m),
         *_open_ground(scene, target_m, held_by),
     ]
-    if held_by and not found:  # it stands: no place is in its reach
-        found = [Goal(target_m, np.zeros(2), held_by=held_by)]
-    yield from found[:INSTEAD]
+    if held_by and not goals:  # it stands: no place is in its reach
+        goals = [Goal(target_m, np.zeros(2), held_by=held_by)]
+    yield from goals[:INSTEAD]
 
 
 def _beside(scene: Scene, target_m: Array, target_m_s: Array, held_by: str, kept_m: Array) -> Iterator[Goal]:

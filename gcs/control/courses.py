@@ -22,11 +22,13 @@ class Courses:
 
     def seen(self, outlines: Outlines, now_s: float) -> "Courses":
         """The courses after these obstacles were seen with their velocities of now."""
-        known, turned_s = dict(self.velocity_m_s), self.turned_s
+        velocities_m_s, turned_s = dict(self.velocity_m_s), self.turned_s
         for name, (x_m_s, y_m_s) in zip(outlines.names, outlines.velocity_m_s.tolist(), strict=True):
             if hypot(x_m_s, y_m_s) < TURNS_FROM_M_S:
                 continue
-            course = known.setdefault(name, (x_m_s, y_m_s))
+            course = velocities_m_s.setdefault(name, (x_m_s, y_m_s))
             if course[0] * x_m_s + course[1] * y_m_s < TURNED * hypot(*course) * hypot(x_m_s, y_m_s):
-                known[name], turned_s = (x_m_s, y_m_s), now_s
-        return Courses(tuple((name, known[name]) for name in outlines.names if name in known), turned_s)
+                velocities_m_s[name], turned_s = (x_m_s, y_m_s), now_s
+        return Courses(
+            tuple((name, velocities_m_s[name]) for name in outlines.names if name in velocities_m_s), turned_s
+        )

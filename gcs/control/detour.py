@@ -126,8 +126,8 @@ def _planned(scene: Scene, before: Detour) -> Detour:
     courses = before.courses.seen(scene.outlines, scene.now.fleet.time_s)
     before = replace(before, courses=courses)
     distrusted = _distrusted(scene, before)
-    found = _searched_anew(scene, before) if distrusted is None else _waits_out(scene, before, distrusted)
-    return replace(found, courses=courses, distrusted=distrusted)
+    planned = _searched_anew(scene, before) if distrusted is None else _waits_out(scene, before, distrusted)
+    return replace(planned, courses=courses, distrusted=distrusted)
 
 
 def _distrusted(scene: Scene, before: Detour) -> Goal | None:
@@ -205,11 +205,11 @@ def _searched(scene: Scene, before: Detour, searching: Searching) -> Detour:
 def _widened(scene: Scene, searching: Searching, after_s: float, before: Detour) -> Searching:
     """The search with the places that can be had instead of the goals so far, none of which can."""
     first = searching.goals[0]
-    found: tuple[Goal, ...] = ()
+    instead: tuple[Goal, ...] = ()
     if not first.held_by:
         place_m = first.later(after_s).place_m
-        found = tuple(instead_of(scene, place_m, first.velocity_m_s, before if before.active else None))
-    goals = (*searching.goals, *(goal.later(-after_s) for goal in found))
+        instead = tuple(instead_of(scene, place_m, first.velocity_m_s, before if before.active else None))
+    goals = (*searching.goals, *(goal.later(-after_s) for goal in instead))
     return replace(searching, goals=goals, widened=True)
 
 

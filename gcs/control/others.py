@@ -121,11 +121,11 @@ def _all_tasks(own: Tasks, formed: bytes, airborne: bytes) -> Tasks:
     on_sphere, in_the_air = np.frombuffer(formed, np.bool_), np.frombuffer(airborne, np.bool_)
     k, follows = len(on_sphere), own.follows_planned_path
     on_sphere = on_sphere & (own.drawn is None)  # while a drawing leads there is no formation
-    theirs = np.where(on_sphere, Task.ELSEWHERE, Task.NONE).astype(np.int8)
+    task = np.where(on_sphere, Task.ELSEWHERE, Task.NONE).astype(np.int8)
     none = np.zeros(k, np.bool_)
     return replace(
         own,
-        task=np.concatenate([own.task, theirs]),
+        task=np.concatenate([own.task, task]),
         goal_m=np.concatenate([own.goal_m, np.full((k, 3), np.nan)]),
         airborne=np.concatenate([own.airborne, in_the_air]),
         descending=np.concatenate([own.descending, none]),
@@ -141,28 +141,28 @@ def _kept(join: Callable[[Own, Theirs], Own]) -> Callable[[Own, Theirs], Own]:
     """As `join`, which is called again only with other objects than the last time: these seldom change."""
     newest: list[tuple[Own, Theirs, Own]] = []
 
-    def joined(own: Own, theirs: Theirs) -> Own:
-        if not newest or own is not newest[0][0] or theirs is not newest[0][1]:
-            newest[:] = [(own, theirs, join(own, theirs))]
+    def joined(own: Own, elsewhere: Theirs) -> Own:
+        if not newest or own is not newest[0][0] or elsewhere is not newest[0][1]:
+            newest[:] = [(own, elsewhere, join(own, elsewhere))]
         return newest[0][2]
 
     return joined
 
 
 @_kept
-def _all_ids(own: tuple[VehicleId, ...], theirs: tuple[VehicleId, ...]) -> tuple[VehicleId, ...]:
-    return own + theirs
+def _all_ids(own: tuple[VehicleId, ...], elsewhere: tuple[VehicleId, ...]) -> tuple[VehicleId, ...]:
+    return own + elsewhere
 
 
 @_kept
-def _all_charges(own: Array, theirs: Array) -> Array:
-    return np.concatenate([own, theirs])
+def _all_charges(own: Array, elsewhere: Array) -> Array:
+    return np.concatenate([own, elsewhere])
 
 
 @_kept
-def _all_speeds_m_s(own_m_s: Array, theirs: tuple[VehicleId, ...]) -> Array:
+def _all_speeds_m_s(own_m_s: Array, elsewhere: tuple[VehicleId, ...]) -> Array:
     """For vehicles of others no limit but the fleet's."""
-    return np.concatenate([own_m_s, np.full(len(theirs), np.inf)])
+    return np.concatenate([own_m_s, np.full(len(elsewhere), np.inf)])
 
 
 @lru_cache(maxsize=4)  # the own one stays the same from tick to tick

@@ -166,18 +166,18 @@ class HeightComparison:
         altitude_m = telemetry.altitude_amsl_m
         off_m = altitude_m - telemetry.gnss_altitude_amsl_m
         was_level, self._level = self._level, np.abs(telemetry.velocity_ned_m_s[:, 2]) < LEVEL_M_S
-        known = fresh & np.isfinite(off_m) & self._level & was_level
-        begins = known & (self._reference.count == 0.0)
+        measured = fresh & np.isfinite(off_m) & self._level & was_level
+        begins = measured & (self._reference.count == 0.0)
         self._pad_m[begins] = altitude_m[begins]
         height_m = altitude_m - self._pad_m
         sample = np.stack([off_m, height_m, off_m**2, height_m**2, off_m * height_m])
         self._over |= armed | (self._reference.count == WINDOW)
-        stands = known & ~self._over
+        stands = measured & ~self._over
         self._reference.add(stands, sample)
-        self._now.add(known & ~stands & (self._reference.count >= REFERENCE_MIN), sample)
+        self._now.add(measured & ~stands & (self._reference.count >= REFERENCE_MIN), sample)
         self.found = self._compared(height_m, telemetry.vertical_accuracy_m)
         new_m = np.where(
-            known & (self._reference.count >= REFERENCE_MIN), off_m - self._reference.means[0], np.nan
+            measured & (self._reference.count >= REFERENCE_MIN), off_m - self._reference.means[0], np.nan
         )
         before_m = np.where(np.isnan(self.departed_m), new_m, self.departed_m)
         self.departed_m = np.where(np.isnan(new_m), before_m, before_m + (new_m - before_m) / RECENT)
@@ -195,23 +195,25 @@ class HeightComparison:
     def _compared(self, height_m: Array, accuracy_m: Array) -> HeightBias:
         """The result for (n,) present heights above the pad, and accuracies up as reported."""
         before, now, settings = self._reference, self._now, self._settings
-        known = (before.count >= REFERENCE_MIN) & (now.count >= NOW_MIN) & np.isfinite(accuracy_m)
-        if known.sum() < 2:
-            return HeightBias.unknown(len(known))
+        compared = (before.count >= REFERENCE_MIN) & (now.count >= NOW_MIN) & np.isfinite(accuracy_m)
+        if compared.sum() < 2:
+            return HeightBias.unknown(len(compared))
         with np.errstate(divide="ignore", invalid="ignore"):
             noise_m2 = np.maximum(np.maximum(before.noise_m2, now.noise_m2), NOISE_MIN_M**2)
             error_m2 = noise_m2 * CORRELATION * (1.0 / before.count + 1.0 / now.count)
             error_m = np.sqrt(error_m2 + (OWN_SHARE * accuracy_m) ** 2)
             bias_m = now.means[0] - before.means[0]
             grows = np.where(now.means[1] > SCALED_ABOVE_M, height_m / now.means[1], 1.0)
-        bias_m, error_m = (np.where(known, each * grows, np.nan) for each in (bias_m, error_m))
-        error_m = np.hypot(error_m, np.median(error_m[known]) / np.sqrt(known.sum()))
-        high = known & (now.means[1] > SCALED_ABOVE_M)
+        bias_m, error_m = (np.where(compared, each * grows, np.nan) for each in (bias_m, error_m))
+        error_m = np.hypot(error_m, np.median(error_m[compared]) / np.sqrt(compared.sum()))
+        high = compared & (now.means[1] > SCALED_ABOVE_M)
         if high.sum() > 1:
             share = (now.means[0] - before.means[0])[high] / now.means[1][high]
             self._common_scale = _common(share)
-        judged = known & (~high | np.isfinite(self._common_scale))  # one alone may be as the others will be
-        by_offset_m, by_scale_m = bias_m - _common(bias_m[known]), bias_m - self._common_scale * height_m
+        judged = compared & (
+            ~high | np.isfinite(self._common_scale)
+        )  # one alone may be as the others will be
+        by_offset_m, by_scale_m = bias_m - _common(bias_m[compared]), bias_m - self._common_scale * height_m
         bias_m = np.where(np.abs(by_scale_m) < np.abs(by_offset_m), by_scale_m, by_offset_m)
         scale = np.where(high, bias_m / np.maximum(height_m, SCALED_ABOVE_M), np.nan)
         keeps, off_m = np.where(self.found.named, KEEPS, 1.0), np.abs(bias_m)

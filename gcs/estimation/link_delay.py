@@ -81,10 +81,10 @@ class LinkDelay:
             self._answers_s[answered, -1] = round_trip_s[answered]
             self._soonest_answer_s = np.fmin(self._soonest_answer_s, round_trip_s)
         self._note_clocks(clock_base_s, now_s)
-        known = np.isfinite(self._soonest_answer_s)
+        has_answer = np.isfinite(self._soonest_answer_s)
         constant_s = 0.5 * np.fmin.reduce(self._answers_s, axis=1, initial=np.inf)
-        least_s = np.where(known, 0.5 * self._soonest_answer_s, 0.0)
-        self.delay_s = np.maximum(np.where(known, constant_s, 0.0), least_s + self.late_s)
+        least_s = np.where(has_answer, 0.5 * self._soonest_answer_s, 0.0)
+        self.delay_s = np.maximum(np.where(has_answer, constant_s, 0.0), least_s + self.late_s)
 
     def _note_clocks(self, clock_base_s: Array, now_s: float) -> None:
         new = (clock_base_s != self._base_s) & ~np.isnan(clock_base_s)

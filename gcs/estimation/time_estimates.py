@@ -77,9 +77,11 @@ class BatteryHistory:
         self._since_s[~flying] = np.nan
         self._reached_s[~flying] = np.nan
         self._lowest[~flying], self._first[~flying] = STEPS + 1, -1
-        known = flying & np.isfinite(remaining) & (now_s - self._since_s >= SETTLES_S)
-        percent = np.clip(np.ceil(STEPS * np.where(known, remaining, 1.0) - 1e-6), 0, STEPS).astype(np.int64)
-        falls = known & (percent < self._lowest)
+        measured = flying & np.isfinite(remaining) & (now_s - self._since_s >= SETTLES_S)
+        percent = np.clip(np.ceil(STEPS * np.where(measured, remaining, 1.0) - 1e-6), 0, STEPS).astype(
+            np.int64
+        )
+        falls = measured & (percent < self._lowest)
         for row in np.flatnonzero(falls).tolist():  # rare: once for each percent of each vehicle
             self._fell(row, int(percent[row]), now_s)
 
@@ -95,22 +97,22 @@ class BatteryHistory:
 
     def rate_per_s(self, now_s: float) -> Array:
         """(n,) share of a whole battery used in a second; NaN until enough has been used to estimate it."""
-        known = (self._first >= 0) & (self._first - self._lowest >= STEPS_BEFORE)
-        lowest = np.where(known, self._lowest, 0)
-        since = np.where(known, np.minimum(self._first, lowest + STEPS_BACK), 1)
+        has_rate = (self._first >= 0) & (self._first - self._lowest >= STEPS_BEFORE)
+        lowest = np.where(has_rate, self._lowest, 0)
+        since = np.where(has_rate, np.minimum(self._first, lowest + STEPS_BACK), 1)
         since_s, until_s = self._reached_s[self._rows, since], self._reached_s[self._rows, lowest]
         used = (since - lowest) / STEPS
         with np.errstate(divide="ignore", invalid="ignore"):
             # the longer the next change does not come, the slower the use
             rate = np.minimum(used / (until_s - since_s), (used + 1.0 / STEPS) / (now_s - since_s))
-        return np.where(known & np.isfinite(rate) & (rate > 0.0), rate, np.nan)
+        return np.where(has_rate & np.isfinite(rate) & (rate > 0.0), rate, np.nan)
 
     def left_s(self, down_to: float, now_s: float) -> Array:
         """(n,) time until `down_to` (0 to 1) of a battery is left, at least 0; NaN where it is not known."""
         rate = self.rate_per_s(now_s)
-        known = np.isfinite(rate)
-        lowest = np.where(known, self._lowest, 0)
-        at_s = np.where(known, self._reached_s[self._rows, lowest], 0.0)
+        has_rate = np.isfinite(rate)
+        lowest = np.where(has_rate, self._lowest, 0)
+        at_s = np.where(has_rate, self._reached_s[self._rows, lowest], 0.0)
         used = np.clip(rate * (now_s - at_s), 0.0, 1.0 / STEPS)
         return np.asarray(np.maximum(lowest / STEPS - used - down_to, 0.0) / rate)
 
@@ -151,7 +153,7 @@ def batteries(
     rows = np.flatnonzero(counted)
     low_s, empty_s = history.left_s(below, now_s), history.left_s(0.0, now_s)
     low_s[counted & (remaining <= below)] = 0.0  # whatever the rate until then
-    known = np.flatnonzero(np.isfinite(low_s))
+    estimated = np.flatnonzero(np.isfinite(low_s))
     least = int(rows[np.argmin(remaining[rows])]) if len(rows) else None
     return Estimates(
         low_s=low_s,
@@ -159,7 +161,7 @@ def batteries(
         battery_least=None if least is None else float(remaining[least]),
         battery_least_row=least,
         battery_median=float(np.median(remaining[rows])) if len(rows) else None,
-        low_row=int(known[np.argmin(low_s[known])]) if len(known) else None,
+        low_row=int(estimated[np.argmin(low_s[estimated])]) if len(estimated) else None,
         assembled_s=None,
         home_s=None,
     )

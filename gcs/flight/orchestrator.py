@@ -145,15 +145,15 @@ class Orchestrator:
         self._failed_links: dict[str, str] = {}
         self._interventions = 0
         self._group = asyncio.TaskGroup()  # the control group, entered by `run`
-        newest, vehicles, show = flight.newest, flight.vehicles, flight.show
-        self._estimating = Estimating(newest, vehicles, show, flight.in_force, config, flight.slow_from_m)
+        newest, vehicles, show, in_force = flight.newest, flight.vehicles, flight.show, flight.in_force
+        self._estimating = Estimating(newest, vehicles, show, in_force, config, flight.slow_from_m)
         lights = Lights(newest, vehicles, show, flight.links, config, lambda: flight.elsewhere.owned)
         flight.features.append(lights)
         if record is not None:
-            known = flight.vehicles.keys()
-            flight.excluded |= {name: out for name, out in record.excluded.items() if name in known}
+            configured = vehicles.keys()
+            flight.excluded |= {name: out for name, out in record.excluded.items() if name in configured}
         operation = config.operation
-        refusals = self.refusals = Refusals(flight.newest, flight.vehicles, operation, flight.inputs)
+        refusals = self.refusals = Refusals(newest, vehicles, operation, flight.inputs)
         places = landing_places(flight)
         self.maneuvers = maneuvers = maneuvers_of(flight, self._group, places)
         parameter_reader = ParameterReader(
@@ -184,28 +184,20 @@ class Orchestrator:
             lambda: flight.elsewhere,
         )
         self.player = ShowPlayer(
-            newest,
-            flight.in_force,
-            show,
-            vehicles,
-            config,
-            lambda: flight.elsewhere,
-            begin,
-            refusals,
-            self.shows,
+            newest, in_force, show, vehicles, config, lambda: flight.elsewhere, begin, refusals, self.shows
         )
         self.preflight = PreflightGate(flight, refusals, parameter_reader, self.player)
         self.plan = PlanEditor(
-            flight.in_force,
-            flight.show,
-            flight.vehicles,
+            in_force,
+            show,
+            vehicles,
             flight.excluded,
             flight.in_formation_m,
             self.player,
             maneuvers,
             loop.time,
         )
-        found = None if record is None else record.found
+        interruption = None if record is None else record.found
         self.commands = Commander(
             flight,
             refusals,
@@ -215,7 +207,7 @@ class Orchestrator:
             self.player,
             self.preflight,
             self._planning,
-            found,
+            interruption,
         )
         self.recovery = self.commands.recovery
         self.stations = None
@@ -237,7 +229,7 @@ class Orchestrator:
             newest,
             vehicles,
             show,
-            flight.in_force,
+            in_force,
             config.failsafes,
             flight.table,
             flight.link_delay,

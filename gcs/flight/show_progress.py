@@ -156,7 +156,9 @@ class ShowProgress:
     def _land(self) -> None:
         """End the phase with nothing airborne: lost and killed vehicles are named, and no longer count."""
         unknown = [
-            one.id for one in self.vehicles.values() if self.newest.whereabouts(one) is Whereabouts.UNKNOWN
+            vehicle.id
+            for vehicle in self.vehicles.values()
+            if self.newest.whereabouts(vehicle) is Whereabouts.UNKNOWN
         ]
         named = f"; not confirmed on the ground: {', '.join(unknown)}" if unknown else ""
         if self.show.phase is ShowPhase.UNCONTROLLED and self.show.phase_before is ShowPhase.IDLE:

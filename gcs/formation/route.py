@@ -171,10 +171,10 @@ def find_route(boxes: Boxes, center_m: Array, goal: Goal, speed_m_s: float, reac
         reach_m: no corner farther from the show's origin is used.
     """
     start, mover = _pair(center_m), goal.mover
-    known = (boxes.place, boxes.half_m, boxes.first_m, boxes.corners, start, mover)
-    arrival_s, before, last, leaves_s, there_s = search(*known, goal.stay_s, speed_m_s, reach_m)
+    key = (boxes.place, boxes.half_m, boxes.first_m, boxes.corners, start, mover)
+    arrival_s, before, last, leaves_s, there_s = search(*key, goal.stay_s, speed_m_s, reach_m)
     reaches = last > -2
-    at = int(last) if reaches else int(refuge(*known, arrival_s))
+    at = int(last) if reaches else int(refuge(*key, arrival_s))
     corners: list[int] = []
     while at >= 0:
         corners.insert(0, at)
@@ -264,8 +264,8 @@ def _to_goal(
 ) -> tuple[float, float]:
     half_m = boxes.first_m if first else boxes.half_m
     covered_s = covered(boxes.place, boxes.half_m, goal.mover)
-    known = (boxes.place, half_m, covered_s, mover, at_s, goal.mover)
-    leaves_s, there_s = last_leg(*known, goal.stay_s, speed_m_s, latest_s)
+    key = (boxes.place, half_m, covered_s, mover, at_s, goal.mover)
+    leaves_s, there_s = last_leg(*key, goal.stay_s, speed_m_s, latest_s)
     return float(leaves_s), float(there_s)
 
 

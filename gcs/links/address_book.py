@@ -95,11 +95,11 @@ class Addresses:
         """
         since_s, (component, time_s) = self.clock() - SILENT_AFTER_S, self._senders.parts
         rows = np.flatnonzero((self.received_s < since_s) & (time_s[:, ANY] >= since_s))
-        found: dict[int, tuple[int, bool]] = {}
+        components: dict[int, tuple[int, bool]] = {}
         for row in rows.tolist():
             is_one = bool(time_s[row, AUTOPILOTS] >= since_s)
-            found[row] = int(component[row, AUTOPILOTS if is_one else ANY]), is_one
-        return found
+            components[row] = int(component[row, AUTOPILOTS if is_one else ANY]), is_one
+        return components
 
     def address(self, row: int) -> Address | None:
         """Source of the vehicle's newest frame; None before the first."""
@@ -114,8 +114,8 @@ class Addresses:
     def one_per_source(self) -> Whole:
         """(k,) rows of known vehicles, one for each address, though several may share it."""
         _, rows = np.unique(self.source, return_index=True)
-        known: Whole = rows[self.source[rows] != NOWHERE]
-        return known
+        addressed: Whole = rows[self.source[rows] != NOWHERE]
+        return addressed
 
     def judge(self, frames: Whole, arrived: Datagrams) -> tuple[Whole, Whole, Array]:
         """The accepted frames (k,), their rows and their arrival: unknown systems and duplicates are not."""
@@ -157,11 +157,11 @@ class Addresses:
 
     def _judge_new(self, row: int, source: int, time_s: float, counted: Counted, *, is_beat: bool) -> bool:
         """Whether an autopilot's frame from an address new for its system is accepted; changes are logged."""
-        senders, known = self._senders, int(self.source[row])
+        senders, address = self._senders, int(self.source[row])
         goes_on = follows(senders.continuity, row, counted, time_s)
-        if not self._is_same(row, known, source):
+        if not self._is_same(row, address, source):
             event, level = "vehicle_connected", logging.INFO
-            if known != NOWHERE:
+            if address != NOWHERE:
                 is_gone = time_s - senders.received_s[row] > SILENT_AFTER_S
                 is_first = is_beat and not senders.confirmed[row]  # what was there before is no autopilot
                 if not (is_gone or is_first or self._moves(row, source, time_s, counted, goes_on=goes_on)):
@@ -178,12 +178,12 @@ class Addresses:
         senders.continuity.sequence_s[row] = time_s
         return True
 
-    def _is_same(self, row: int, known: int, source: int) -> bool:
+    def _is_same(self, row: int, address: int, source: int) -> bool:
         """Whether two sources are one address, as those of a serial port are that was opened again."""
         newcomer = self._newcomers.get(row)
-        if known == NOWHERE or (newcomer is not None and newcomer.source == source):
+        if address == NOWHERE or (newcomer is not None and newcomer.source == source):
             return False
-        return known == source or self.address_of(known) == self.address_of(source)
+        return address == source or self.address_of(address) == self.address_of(source)
 
     def _log(self, level: int, event: str, row: int, source: int, **also: str) -> None:
         about = {

@@ -183,14 +183,14 @@ class Link(ABC):
         self._lights = LightSender(lights or LightSettings(), self._outbox, budget)
         self._corrections = CorrectionSender(self._outbox, budget)
         self._telemetry = FleetTelemetry(self.ids, autopilots)
-        known = self._telemetry.autopilots
-        self._climbs_alone: Mask = np.array([each.takeoff_ends_with_setpoints for each in known], np.bool_)
-        self._flies_on: Mask = np.array([each.stops_on_setpoint_only for each in known], np.bool_)
+        profiles = self._telemetry.autopilots
+        self._climbs_alone: Mask = np.array([each.takeoff_ends_with_setpoints for each in profiles], np.bool_)
+        self._flies_on: Mask = np.array([each.stops_on_setpoint_only for each in profiles], np.bool_)
         self._stopped_s = -np.inf  # when setpoints at rest were sent last, see `_stop_those_that_fly_on`
         request = partial(self._send_message, component_id=REQUESTING_COMPONENT)
         self._streams = StreamRequests(
             self._system_ids,
-            [each.streams_hz(rates_hz) if rates_hz else {} for each in known],
+            [each.streams_hz(rates_hz) if rates_hz else {} for each in profiles],
             request,
             self._station_id,
         )
@@ -305,8 +305,8 @@ class Link(ABC):
     @property
     def without_autopilot(self) -> Mapping[VehicleId, Absent]:
         """Vehicles of which other components are received, but no autopilot."""
-        found = self._addresses.without_autopilot()
-        return {self.ids[row]: self._absent(row, *seen) for row, seen in found.items()}
+        absent = self._addresses.without_autopilot()
+        return {self.ids[row]: self._absent(row, *seen) for row, seen in absent.items()}
 
     def _absent(self, row: int, component: int, is_autopilot: bool) -> Absent:
         problem = f"system {self._system_ids[row]} is received from component {component} only"
@@ -324,8 +324,8 @@ class Link(ABC):
     @property
     def addresses(self) -> Mapping[VehicleId, Address]:
         """Source of each vehicle's newest frame: all that a kill from another process needs."""
-        known = {name: self._addresses.address(row) for row, name in enumerate(self.ids)}
-        return {name: address for name, address in known.items() if address is not None}
+        address_of = {name: self._addresses.address(row) for row, name in enumerate(self.ids)}
+        return {name: address for name, address in address_of.items() if address is not None}
 
     def watch_parameters(self, names: Collection[str]) -> None:
         """Keep the values of these parameters that vehicles announce, whichever station set them."""

@@ -69,7 +69,7 @@ class LightSender:
         if settings.driver is LightDriver.NONE:
             return
         self._sent_s[~may_receive] = -np.inf
-        waited, replaced = ((one != self._desired).any(axis=1) for one in (self._colour, colour))
+        waited, replaced = ((before != self._desired).any(axis=1) for before in (self._colour, colour))
         self.dropped += int(np.count_nonzero(waited & replaced & may_receive))
         self._desired = colour.copy()
         changed = (colour != self._colour).any(axis=1) & (now_s >= self._due_s)

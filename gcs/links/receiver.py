@@ -78,10 +78,10 @@ class Inbox:
         now_s = self.addresses.clock()
         arrived = self._intake.admit_datagrams(arrived, now_s)
         self._cut_streams.put_together(arrived)
-        found = codec.find(arrived.data, arrived.start, arrived.length)
-        self.counters.garbage_bytes += found.garbage_bytes
-        self.counters.unknown_bytes += found.unknown_bytes
-        frames = found.frames
+        split = codec.find(arrived.data, arrived.start, arrived.length)
+        self.counters.garbage_bytes += split.garbage_bytes
+        self.counters.unknown_bytes += split.unknown_bytes
+        frames = split.frames
         if self.signatures is not None:
             frames = frames[self.signatures.are_signed(arrived.data, frames, arrived.source)]
         frames = self._intake.admit_frames(frames, arrived, now_s)

@@ -76,7 +76,7 @@ class RtcmStream:
 
     def _take(self, piece: bytes) -> list[bytes]:
         waiting = self._waiting + piece
-        found, at, kept = [], 0, len(waiting)
+        messages, at, kept = [], 0, len(waiting)
         for begin, end, complete in _candidates(waiting):
             if begin < at:  # within a message that was correct
                 continue
@@ -85,16 +85,18 @@ class RtcmStream:
                 break
             self.garbage_bytes += begin - at
             at = end
-            found.append(waiting[begin:end])
-        self._note_base(found)
+            messages.append(waiting[begin:end])
+        self._note_base(messages)
         kept = max(kept, at)
         self.garbage_bytes += kept - at
         self._waiting = waiting[kept:]
-        return found
+        return messages
 
-    def _note_base(self, found: list[bytes]) -> None:
+    def _note_base(self, messages: list[bytes]) -> None:
         """Note the newest place among these messages, if it is another one than before."""
-        newest = next((one for one in reversed(found) if _number(one) in _STATIONS), self._station)
+        newest = next(
+            (message for message in reversed(messages) if _number(message) in _STATIONS), self._station
+        )
         if newest != self._station:
             self._station, self.base = newest, _place(newest) or self.base
 

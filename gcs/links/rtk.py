@@ -43,7 +43,7 @@ async def keep_receiving(
 ) -> None:
     """Receive without end: give each message to `take`, and why there are none to `failed`."""
     intake = intake or Intake(settings.source, CORRECTIONS)
-    known = ""
+    logged = ""
     while True:
         stream, messages, useless_bytes, first = RtcmStream(), 0, 0, b""
         try:
@@ -52,7 +52,7 @@ async def keep_receiving(
                     first = first or data[:_SHOWN_BYTES]
                     useless_bytes += len(data)
                     for message in stream.take(data):
-                        known, useless_bytes, messages = "", 0, messages + 1
+                        logged, useless_bytes, messages = "", 0, messages + 1
                         take(message, stream.base)
                     if useless_bytes > GARBAGE_BYTES:
                         failed(f"more than {GARBAGE_BYTES} bytes without a message of RTCM 3")
@@ -61,9 +61,9 @@ async def keep_receiving(
                 why += f", and sent no RTCM 3: {quoted(first)}"
         except (OSError, EOFError, UnicodeError, LinkError) as error:  # UnicodeError: a host name
             why = str(error) or type(error).__name__
-        if why != known:
+        if why != logged:
             log.warning("corrections_interrupted", extra={"source": settings.source, "cause": why})
-        known = why
+        logged = why
         failed(why)
         await asyncio.sleep(RETRY_S)
 
@@ -94,7 +94,7 @@ async def _udp_chunks(host: str, port: int, intake: Intake) -> AsyncGenerator[by
 
     def take(arrived: list[Arrived], now_s: float) -> None:
         older = b"" if waiting.empty() else waiting.get_nowait()
-        admitted = b"".join(one.data for one in intake.admit(arrived, now_s))
+        admitted = b"".join(datagram.data for datagram in intake.admit(arrived, now_s))
         waiting.put_nowait(older + admitted)
 
     loop = asyncio.get_running_loop()

@@ -260,8 +260,8 @@ class RtkSettings(Settings):
             except ConfigError as error:
                 raise ValueError(f"source: {error}") from None
             return self
-        found = _NTRIP.match(self.source) or _PLAIN.match(self.source)
-        if found is None or not 1 <= int(found["port"]) <= _PORT_MAX:
+        matched = _NTRIP.match(self.source) or _PLAIN.match(self.source)
+        if matched is None or not 1 <= int(matched["port"]) <= _PORT_MAX:
             forms = (
                 "ntrip://HOST:PORT/MOUNT, ntrips://, serial://DEVICE:BAUD, tcp://HOST:PORT or udp://HOST:PORT"
             )

@@ -49,8 +49,8 @@ class StatusTexts:
         if chunk.chunk >= CHUNKS_MAX:
             return
         text = next((each for each in self._in_chunks if each.is_part_of(chunk.text_id, time_s)), None)
-        if text is not None and (known := text.chunks.get(chunk.chunk)) is not None:
-            if known == chunk.text:
+        if text is not None and (received := text.chunks.get(chunk.chunk)) is not None:
+            if received == chunk.text:
                 return
             text = None  # the vehicle has restarted, and counts its texts anew
         before = None if text is None else text.shown

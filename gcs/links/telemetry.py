@@ -129,8 +129,8 @@ class FleetTelemetry:
         """Why this vehicle is one of `is_foreign`, in words; empty: it is not."""
         if not self.is_foreign[row]:
             return ""
-        meant, found = self.autopilots[row], title_of(int(self._columns.autopilot[row]))
-        return f"it reports {found}, and is configured as {meant.title} (autopilot: {meant.name})"
+        meant, reported = self.autopilots[row], title_of(int(self._columns.autopilot[row]))
+        return f"it reports {reported}, and is configured as {meant.title} (autopilot: {meant.name})"
 
     def _look(self) -> None:
         """Make what follows from columns that seldom change, if they did."""

@@ -149,9 +149,9 @@ def find(data: Bytes, starts: Whole, lengths: Whole) -> Found:
 def split(data: bytes) -> Split:
     """Split one datagram as `find` does. Never raises, whatever the bytes."""
     datagram = np.frombuffer(bytearray(data), np.uint8)
-    found = find(datagram, np.zeros(1, np.int64), np.array([len(data)]))
-    frames = [frame(datagram, each) for each in found.frames.tolist()]
-    return Split(frames, found.garbage_bytes, found.unknown_bytes)
+    checked = find(datagram, np.zeros(1, np.int64), np.array([len(data)]))
+    frames = [frame(datagram, each) for each in checked.frames.tolist()]
+    return Split(frames, checked.garbage_bytes, checked.unknown_bytes)
 
 
 @cache
@@ -168,10 +168,10 @@ def target_system(received: Frame) -> int:
     return 0 if offset is None or offset >= len(received.payload) else received.payload[offset]
 
 
-def frame(data: Bytes, found: Sequence[int]) -> Frame:
-    payload = data[found[kernels.PAYLOAD] : found[kernels.PAYLOAD] + found[kernels.LENGTH]].tobytes()
-    raw = data[found[kernels.BEGIN] : found[kernels.END]].tobytes()
-    return Frame(found[kernels.MESSAGE], found[kernels.SYSTEM], found[kernels.COMPONENT], payload, raw)
+def frame(data: Bytes, columns: Sequence[int]) -> Frame:
+    payload = data[columns[kernels.PAYLOAD] : columns[kernels.PAYLOAD] + columns[kernels.LENGTH]].tobytes()
+    raw = data[columns[kernels.BEGIN] : columns[kernels.END]].tobytes()
+    return Frame(columns[kernels.MESSAGE], columns[kernels.SYSTEM], columns[kernels.COMPONENT], payload, raw)
 
 
 def joined(raws: Sequence[bytes]) -> Frames:

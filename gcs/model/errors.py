@@ -38,7 +38,7 @@ UNSEEN_IN_LINE: Final = re.compile(f"[\t\n{_UNSEEN}]")
 
 def visible(text: str) -> str:
     """A text with its control characters written out; line ends and tabs stay."""
-    return UNSEEN.sub(lambda found: repr(found[0])[1:-1], text)
+    return UNSEEN.sub(lambda matched: repr(matched[0])[1:-1], text)
 
 
 def cut(text: str) -> str:
@@ -101,11 +101,11 @@ class FileError(ConfigError):
 
     def __init__(self, file: str, problems: Sequence[Problem]) -> None:
         self.file = file
-        found = sorted(problems, key=lambda problem: problem.line)
-        more = len(found) - PROBLEMS_MAX
+        shown = sorted(problems, key=lambda problem: problem.line)
+        more = len(shown) - PROBLEMS_MAX
         if more > 0:
-            found[PROBLEMS_MAX:] = [Problem(found[PROBLEMS_MAX].line, None, f"and {more} more from here on")]
-        self.problems = tuple(found)
+            shown[PROBLEMS_MAX:] = [Problem(shown[PROBLEMS_MAX].line, None, f"and {more} more from here on")]
+        self.problems = tuple(shown)
         super().__init__("\n".join(f"{file}: {problem}" for problem in self.problems))
 
 

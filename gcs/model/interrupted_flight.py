@@ -120,18 +120,18 @@ class InterruptedFlight:
             return f"{reported}: it does not start by itself"
         if self.offers:
             reported += f": {' or '.join(self.offers)} can be commanded"
-        absent = [f"{name}: {one.text}" for name, one in self.vehicles.items() if not one.waits]
+        absent = [f"{name}: {vehicle.text}" for name, vehicle in self.vehicles.items() if not vehicle.waits]
         return "; ".join([reported, *absent, *self.problems])
 
 
 def mismatches(
-    found: Interruption, frame: Mapping[str, float], system_ids: Mapping[VehicleId, int]
+    interruption: Interruption, frame: Mapping[str, float], system_ids: Mapping[VehicleId, int]
 ) -> list[str]:
     """Why the record cannot be used with this configuration, in words; empty when it can."""
     wrong = []
-    if dict(found.frame) != dict(frame):
+    if dict(interruption.frame) != dict(frame):
         wrong.append("show_frame is another than when it was cut off: places of the record mean nothing")
-    for name, before in found.vehicles.items():
+    for name, before in interruption.vehicles.items():
         now = system_ids.get(name)
         if now is None:
             wrong.append(f"{name} was in the air, and is not in this configuration")

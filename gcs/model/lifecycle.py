@@ -89,7 +89,7 @@ def _next(table: Mapping[tuple[P, E], P], phase: P, event: E, subject: str) -> P
     try:
         return table[phase, event]
     except KeyError:
-        possible = ", ".join(sorted({known.value for known, what in table if what is event}))
+        possible = ", ".join(sorted({earlier.value for earlier, what in table if what is event}))
         raise RefusedError(
             f"'{event}' is not possible while {subject}{phase}; it is from {possible}"
         ) from None

@@ -108,12 +108,12 @@ NAMED_MAX: Final = 12
 """Up to this many vehicles are named in a text; of more it has the number."""
 
 
-def describe(found: Iterable[tuple[VehicleId | None, Check]]) -> str:
+def describe(checks: Iterable[tuple[VehicleId | None, Check]]) -> str:
     """All problems and then all remedies, in words; text that several vehicles share appears once.
 
     None in place of a vehicle stands for the fleet. Checks that pass are left out.
     """
-    failed = [(vehicle_id, check) for vehicle_id, check in found if not check.passes]
+    failed = [(vehicle_id, check) for vehicle_id, check in checks if not check.passes]
     problems = _grouped((vehicle_id, check.problem) for vehicle_id, check in failed)
     remedies = _grouped((vehicle_id, check.to_do) for vehicle_id, check in failed if check.to_do)
     return "; ".join([*problems, *remedies])

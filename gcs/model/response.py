@@ -52,7 +52,9 @@ class FleetResponse:
     def of(vehicles: Sequence[Response]) -> "FleetResponse":
         """The columns of these vehicles."""
         names = [field.name for field in fields(Response)]
-        return FleetResponse(*(np.array([getattr(one, name) for one in vehicles], float) for name in names))
+        return FleetResponse(
+            *(np.array([getattr(vehicle, name) for vehicle in vehicles], float) for name in names)
+        )
 
     @staticmethod
     def alike(count: int) -> "FleetResponse":

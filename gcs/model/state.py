@@ -271,8 +271,8 @@ def counts_of(
     heartbeat_age_s: Iterable[float],
 ) -> Counts:
     """Count a fleet; each argument has one entry for every vehicle."""
-    found = [
+    counted = [
         whereabouts(phase, down, armed=is_armed, heartbeat_age_s=age_s)
         for phase, down, is_armed, age_s in zip(phases, landed, armed, heartbeat_age_s, strict=True)
     ]
-    return Counts(**{where.name.lower(): found.count(where) for where in Whereabouts})
+    return Counts(**{where.name.lower(): counted.count(where) for where in Whereabouts})

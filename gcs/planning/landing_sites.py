@@ -41,10 +41,10 @@ def distinct_sites_m(
     Returns: (n, 2), rows as in `desired_m`; NaN where that is NaN.
     """
     place_m = np.array(desired_m, dtype=np.float64)
-    known = np.isfinite(place_m).all(axis=1)
-    if not known.all():
-        place_m[known] = distinct_sites_m(place_m[known], taken_m, spacing_m, ellipses)
-        place_m[~known] = np.nan
+    located = np.isfinite(place_m).all(axis=1)
+    if not located.all():
+        place_m[located] = distinct_sites_m(place_m[located], taken_m, spacing_m, ellipses)
+        place_m[~located] = np.nan
         return place_m
     taken_m = taken_m.reshape(-1, 2)
     walls = _Walls.of(ellipses)
@@ -201,12 +201,12 @@ def overlapping(position_m: Array, width_m: float) -> tuple[NDArray[np.intp], Ar
     """
     first, second = np.triu_indices(len(position_m), 1)
     apart_m = np.hypot(*(position_m[first] - position_m[second])[:, :2].T)
-    found = np.flatnonzero(apart_m < width_m)
-    found = found[np.argsort(apart_m[found], kind="stable")]
-    first, second = first[found], second[found]
+    near = np.flatnonzero(apart_m < width_m)
+    near = near[np.argsort(apart_m[near], kind="stable")]
+    first, second = first[near], second[near]
     is_upper = position_m[first, 2] <= position_m[second, 2]  # z points down
     pairs = np.column_stack([np.where(is_upper, first, second), np.where(is_upper, second, first)])
-    return pairs, apart_m[found]
+    return pairs, apart_m[near]
 
 
 def most_overlapping(position_m: Array, width_m: float) -> int:

@@ -83,8 +83,8 @@ def clashes(
             position_m, home_m, first, second, wide_m, tall_m, return_height_m
         )
         inside |= crosses
-    found = [Clash(int(first[k]), int(second[k]), float(apart_m[k])) for k in np.flatnonzero(inside).tolist()]
-    return sorted(found, key=lambda clash: clash.sideways_m)
+    pairs = [Clash(int(first[k]), int(second[k]), float(apart_m[k])) for k in np.flatnonzero(inside).tolist()]
+    return sorted(pairs, key=lambda clash: clash.sideways_m)
 
 
 def turned_upright(position_m: Array, center_m: Array) -> Array:
@@ -243,7 +243,7 @@ def check_setpoint_loss(
     def found_by(what: Action) -> tuple[str, list[Clash]]:
         for cue, plan in _worst(plans) if what != "return" else _spread(plans):
             for position_m in _formations_m(places, plan, what):
-                found = clashes(
+                clashing = clashes(
                     position_m,
                     home_m,
                     what,
@@ -253,15 +253,15 @@ def check_setpoint_loss(
                     return_height_m=return_height_m,
                     flies_on_s=flies_on_s,
                 )
-                if found:
-                    return f" at cue '{cue}'" if cue else "", found
+                if clashing:
+                    return f" at cue '{cue}'" if cue else "", clashing
         return "", []
 
-    when, found = found_by(action)
-    if not found:
+    when, clashing = found_by(action)
+    if not clashing:
         return
-    named = ", ".join(f"{ids[clash.first]} and {ids[clash.second]}" for clash in found[:PAIRS_NAMED])
-    more = f" and {len(found) - PAIRS_NAMED} pairs more" if len(found) > PAIRS_NAMED else ""
+    named = ", ".join(f"{ids[clash.first]} and {ids[clash.second]}" for clash in clashing[:PAIRS_NAMED])
+    more = f" and {len(clashing) - PAIRS_NAMED} pairs more" if len(clashing) > PAIRS_NAMED else ""
     better = next((other for other in ACTIONS if not found_by(other)[1]), None)
     fix = (
         "no action would keep them apart: a larger radius is needed"
@@ -271,7 +271,7 @@ def check_setpoint_loss(
     )
     raise RefusedError(
         f"if all vehicles lost this ground station at once{when}, '{action}' would bring {named}{more} closer"
-        f" than the floor ({found[0].sideways_m:.1f} m, seen from above; the formation may turn). {fix}"
+        f" than the floor ({clashing[0].sideways_m:.1f} m, seen from above; the formation may turn). {fix}"
     )
 
 

@@ -63,13 +63,13 @@ class AuditTrail:
         self._cue: dict[str, str] | None = None
         self._clock_due_s = 0.0
 
-    def begin(self, folder: Path, config_json: str, found: Interruption | None = None) -> None:
+    def begin(self, folder: Path, config_json: str, interruption: Interruption | None = None) -> None:
         """Record the start of the session and the interruption it found, in one transaction."""
         now_s = time.time()
         sql = "INSERT INTO sessions (id, began_unix_s, folder, config) VALUES (?, ?, ?, ?)"
         rows = [AuditRow(sql, (self._session, now_s, str(folder), config_json))]
-        if found is not None:
-            reported = json.dumps(asdict(found), separators=(",", ":"))
+        if interruption is not None:
+            reported = json.dumps(asdict(interruption), separators=(",", ":"))
             rows.append(AuditRow(_EVENT, (self._session, now_s, "warning", FOUND, None, reported)))
         self._journal.put(rows)
 
@@ -128,9 +128,9 @@ class AuditTrail:
     def _vehicle(self, unix_s: float, rows: VehicleTable, row: int) -> AuditRow:
         name, home_m = rows.ids[row], rows.homes_m[row]
         home: Sequence[Value] = (None,) * 3 if home_m is None else [float(value) for value in home_m]
-        known = (name, self._session, unix_s, *self._vehicles[name], None, None)
+        columns = (name, self._session, unix_s, *self._vehicles[name], None, None)
         state = rows.phases[row].value, rows.reasons[row], rows.modes[row].value, int(rows.armed[row])
-        return AuditRow(_VEHICLE, (*known, *state, *home))
+        return AuditRow(_VEHICLE, (*columns, *state, *home))
 
     def _watch_show(self, sample: Sample) -> None:
         view, at_s = sample.view, sample.view.unix_time_s
@@ -159,8 +159,8 @@ class AuditTrail:
         changed = [(name, at) for name, at in addresses.items() if self._addresses.get(name) != at]
         nothing = (None,) * 7
         for name, at in changed:
-            known = (*self._vehicles[name], at.host, at.port)
-            self._put(_VEHICLE, name, self._session, time.time(), *known, *nothing)
+            row = (*self._vehicles[name], at.host, at.port)
+            self._put(_VEHICLE, name, self._session, time.time(), *row, *nothing)
         self._addresses.update(changed)
 
     def _put(self, sql: str, *values: Value) -> None:
@@ -174,12 +174,12 @@ def _differing(new: Sequence[object], old: Sequence[object]) -> set[int]:
 class OfflineAudit:
     """Rows for the newest session. A disk error is reported by `problem`, and stops nothing."""
 
-    def __init__(self, root: Path, known: LastKnown, caller: str) -> None:
-        vehicles = {one.id: (one.system_id, one.link) for one in known.vehicles.values()}
-        self._known = known
+    def __init__(self, root: Path, last: LastKnown, caller: str) -> None:
+        vehicles = {vehicle.id: (vehicle.system_id, vehicle.link) for vehicle in last.vehicles.values()}
+        self._known = last
         self._caller = caller
         self._journal = Journal(audit_file(root))
-        self._audit = AuditTrail(self._journal, "" if known.session is None else known.session.id, vehicles)
+        self._audit = AuditTrail(self._journal, "" if last.session is None else last.session.id, vehicles)
         self.problem = ""
 
     def __enter__(self) -> Self:

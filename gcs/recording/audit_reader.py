@@ -110,12 +110,12 @@ def last_known(path: Path) -> LastKnown:
 def _object(path: Path, what: str, text: str) -> dict[str, Any]:
     """Return a JSON object of the audit. Raises: GcsError when it is none."""
     try:
-        found = json.loads(text)
+        decoded = json.loads(text)
     except (TypeError, ValueError, RecursionError) as error:
         raise GcsError(f"{audit_file(path)}: damaged: the {what} is no JSON: {error}") from None
-    if not isinstance(found, dict):
+    if not isinstance(decoded, dict):
         raise GcsError(f"{audit_file(path)}: damaged: the {what} is no JSON object")
-    return found
+    return decoded
 
 
 def rows(path: Path, sql: str, *values: str) -> list[Row]:
@@ -132,8 +132,8 @@ def _vehicle(row: Row) -> KnownVehicle:
     values = dict(row)
     home_m = tuple(values.pop(name) for name in ("home_x_m", "home_y_m", "home_z_m"))
     armed = values.pop("armed")
-    known = None if None in home_m else home_m
-    return KnownVehicle(**values, armed=None if armed is None else bool(armed), home_m=known)
+    pad_m = None if None in home_m else home_m
+    return KnownVehicle(**values, armed=None if armed is None else bool(armed), home_m=pad_m)
 
 
 def exclusions(root: Path) -> dict[VehicleId, Exclusion]:
@@ -167,11 +167,11 @@ def lost_begin(root: Path) -> LostBegin | None:
     names = ", ".join(f"'{name}'" for name in (BEGINS, *BEGINS_NO_MORE))
     newest = "SELECT id FROM sessions ORDER BY began_unix_s DESC, id DESC LIMIT 1"
     where = f"session = ({newest}) AND event IN ({names})"
-    found = rows(root, f"SELECT event, detail FROM events WHERE {where} ORDER BY rowid DESC")  # noqa: S608
-    if not found or found[0]["event"] != BEGINS:
+    events = rows(root, f"SELECT event, detail FROM events WHERE {where} ORDER BY rowid DESC")  # noqa: S608
+    if not events or events[0]["event"] != BEGINS:
         return None
     try:
-        detail = json.loads(found[0]["detail"])
+        detail = json.loads(events[0]["detail"])
         return LostBegin(detail["show"], detail["at"])
     except (KeyError, TypeError, ValueError) as error:
         raise GcsError(f"{root}: a show's time to begin cannot be read: {error!r}") from None
@@ -191,8 +191,8 @@ def interruption(root: Path) -> Interruption | None:
 
 
 def _newest(root: Path) -> Interruption | None:
-    known = last_known(root)
-    session = known.session
+    last = last_known(root)
+    session = last.session
     if session is None:
         return None
     names = ", ".join(f"'{name}'" for name in (PHASE, PAD, FOUND, OVER))
@@ -200,25 +200,25 @@ def _newest(root: Path) -> Interruption | None:
     reported = [
         (row["event"], row["vehicle"], json.loads(row["detail"])) for row in rows(root, sql, session.id)
     ]
-    found = _unsettled((event, detail) for event, _, detail in reported)
+    interruption = _unsettled((event, detail) for event, _, detail in reported)
     phases = {vehicle: detail for event, vehicle, detail in reported if event == PHASE}
     pads = {vehicle: triple(detail["pad_m"]) for event, vehicle, detail in reported if event == PAD}
-    own = known.show if known.show is not None and known.show.session == session.id else None
+    own = last.show if last.show is not None and last.show.session == session.id else None
     if session.ended_unix_s is not None:
         own, phases = None, {}
     show = ShowPhase.IDLE if own is None else ShowPhase(own.phase)
-    if found is not None and dict(found.frame) != dict(session.config["show_frame"]):
-        pads_lost = {name: replace(one, pad_m=None) for name, one in found.vehicles.items()}
-        found = replace(found, vehicles=pads_lost)  # its positions have no meaning in this frame
-    vehicles = _in_the_air(known, phases, pads, found, show)
+    if interruption is not None and dict(interruption.frame) != dict(session.config["show_frame"]):
+        pads_lost = {name: replace(before, pad_m=None) for name, before in interruption.vehicles.items()}
+        interruption = replace(interruption, vehicles=pads_lost)  # positions mean nothing in this frame
+    vehicles = _in_the_air(last, phases, pads, interruption, show)
     if show in ON_THE_GROUND and show is not ShowPhase.COUNTDOWN and not vehicles:
         return None
-    if show is ShowPhase.UNCONTROLLED and found is not None:
-        show = found.show  # what was flown before control was lost
-    if own is None or (show in ON_THE_GROUND and found is not None):
-        if found is None:
+    if show is ShowPhase.UNCONTROLLED and interruption is not None:
+        show = interruption.show  # what was flown before control was lost
+    if own is None or (show in ON_THE_GROUND and interruption is not None):
+        if interruption is None:
             return None
-        return replace(found, vehicles=vehicles)
+        return replace(interruption, vehicles=vehicles)
     raw = own.plan.get("written")
     written = None
     if raw is not None:
@@ -240,26 +240,26 @@ def _newest(root: Path) -> Interruption | None:
 
 def _unsettled(reported: Iterable[tuple[str, Mapping[str, Any]]]) -> Interruption | None:
     """Return the newest interruption that was not settled: a stall may follow a restart."""
-    found = None
+    interruption = None
     for event, detail in reported:
         if event == FOUND:
-            found = INTERRUPTION.validate_python(detail)
+            interruption = INTERRUPTION.validate_python(detail)
         elif event == OVER:
-            found = None
-    return found
+            interruption = None
+    return interruption
 
 
 def _in_the_air(
-    known: LastKnown,
+    last: LastKnown,
     phases: Mapping[VehicleId, Mapping[str, Any]],
     pads: Mapping[VehicleId, Triple | None],
-    found: Interruption | None,
+    interruption: Interruption | None,
     show: ShowPhase,
 ) -> dict[VehicleId, Before]:
     """Vehicles in the air, or about to take off, by the newest session, else by the one before it."""
     vehicles: dict[VehicleId, Before] = {}
-    earlier = {} if found is None else found.vehicles
-    for name, vehicle in known.vehicles.items():
+    earlier = {} if interruption is None else interruption.vehicles
+    for name, vehicle in last.vehicles.items():
         reported = phases.get(name, {"phase": Phase.OFFLINE, "reason": ""})
         phase, before = Phase(reported["phase"]), earlier.get(name)
         if phase in IN_THE_AIR or (phase is Phase.STANDBY and show in ABOUT_TO_FLY and name in pads):

@@ -261,9 +261,9 @@ def rows_elsewhere(sample: Sample) -> NDArray[np.void]:
     return elsewhere.rows[elsewhere.shown[own:] - own]
 
 
-def _of_all(sample: Sample, own: Sequence[str], theirs: Sequence[str]) -> list[str]:
+def _of_all(sample: Sample, own: Sequence[str], elsewhere: Sequence[str]) -> list[str]:
     """A column of text: the own vehicles, then those elsewhere."""
-    both = [*own, *theirs]
+    both = [*own, *elsewhere]
     if sample.elsewhere is None or sample.elsewhere.shown is None:
         return both
     return [both[row] for row in sample.elsewhere.shown.tolist()]
@@ -276,8 +276,8 @@ def recorded_ids(sample: Sample) -> list[VehicleId]:
 
 def recorded_reasons(sample: Sample) -> list[str]:
     """Reasons of the own vehicles, then of those elsewhere."""
-    theirs = () if sample.elsewhere is None else sample.elsewhere.reasons
-    return _of_all(sample, sample.view.rows.reasons, theirs)
+    elsewhere = () if sample.elsewhere is None else sample.elsewhere.reasons
+    return _of_all(sample, sample.view.rows.reasons, elsewhere)
 
 
 def recorded_show(sample: Sample) -> ShowPhase:

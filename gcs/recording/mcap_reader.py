@@ -184,15 +184,15 @@ def _record(data: mmap, at: int) -> tuple[McapRecord, int]:
 
 def _next_chunk(data: mmap, at: int) -> int | None:
     """Return where the next chunk begins, by its byte pattern; None: there is none."""
-    found = data.find(_CHUNK_FORM, at + _FORM_AT)
-    while found >= 0:
-        begins = found - _FORM_AT
+    at_form = data.find(_CHUNK_FORM, at + _FORM_AT)
+    while at_form >= 0:
+        begins = at_form - _FORM_AT
         if begins + _CHUNK.size <= len(data):
             kind, length, *_, size = _CHUNK.unpack_from(data, begins)
             whole = _CHUNK.size - _FRAME.size + size
             if kind == Opcode.CHUNK and length == whole and begins + _FRAME.size + length <= len(data):
                 return begins
-        found = data.find(_CHUNK_FORM, found + 1)
+        at_form = data.find(_CHUNK_FORM, at_form + 1)
     return None
 
 
@@ -214,8 +214,8 @@ class About:
     def read(cls, metadata: Mapping[str, str]) -> Self:
         """Parse the metadata. Raises: KeyError or ValueError for another version or invalid data."""
         if metadata["version"] not in layout.READABLE:
-            known = f"this program knows versions {' and '.join(layout.READABLE)}"
-            raise ValueError(f"they are of version {metadata['version']}; {known}")
+            readable = f"this program knows versions {' and '.join(layout.READABLE)}"
+            raise ValueError(f"they are of version {metadata['version']}; {readable}")
         if metadata.get(layout.CHECKSUM) != layout.checksum(metadata):
             raise ValueError("what it says of itself (configuration, vehicles) is damaged")
         vehicles = json.loads(metadata["vehicles"])
@@ -302,12 +302,12 @@ class FlightData:
     def _metadata(self) -> Mapping[str, str] | None:
         """Metadata at the beginning of the file; None for a file of another program."""
         with opened(self.path) as data:
-            for found in records(data):
-                if isinstance(found, Damage):
-                    raise McapError(str(found))
-                if isinstance(found.record, Metadata) and found.record.name == layout.PROFILE:
-                    return found.record.metadata
-                if isinstance(found.record, Chunk | Footer):
+            for record in records(data):
+                if isinstance(record, Damage):
+                    raise McapError(str(record))
+                if isinstance(record.record, Metadata) and record.record.name == layout.PROFILE:
+                    return record.record.metadata
+                if isinstance(record.record, Chunk | Footer):
                     break
         return None
 
@@ -322,20 +322,20 @@ class FlightData:
         waiting: Damage | None = None  # until the next tick is known
         last_s: float | None = None
         try:
-            for found in self._pieces(self.offset(from_s) if isfinite(from_s) else 0):
-                if isinstance(found, Damage):
-                    first = waiting or found  # no tick could be read between the two
-                    in_index = first.in_index and found.in_index
-                    waiting = replace(found, first_byte=first.first_byte, why=first.why, in_index=in_index)
+            for piece in self._pieces(self.offset(from_s) if isfinite(from_s) else 0):
+                if isinstance(piece, Damage):
+                    first = waiting or piece  # no tick could be read between the two
+                    in_index = first.in_index and piece.in_index
+                    waiting = replace(piece, first_byte=first.first_byte, why=first.why, in_index=in_index)
                     continue
                 if waiting is not None:
-                    self.losses.append(Loss(waiting, last_s, found.unix_s))
+                    self.losses.append(Loss(waiting, last_s, piece.unix_s))
                     waiting = None
-                last_s = found.unix_s
+                last_s = piece.unix_s
                 if self._began_s is None and not isfinite(from_s):
                     self._began_s = last_s
                 if last_s >= from_s:
-                    yield found
+                    yield piece
         except OSError as error:
             waiting = Damage(0, 0, f"it could not be read on: {error.strerror or error}", is_cut=True)
         if waiting is not None:
@@ -346,16 +346,16 @@ class FlightData:
         topics, newest = dict(layout.TOPICS), dict[str, Message]()  # newest message of each topic
         needed = {"/fleet/vehicles", "/fleet/status"} | ({ELSEWHERE} if self.about.elsewhere else set())
         with opened(self.path) as data:
-            for found in records(data, offset):
-                if isinstance(found, Damage):
+            for record in records(data, offset):
+                if isinstance(record, Damage):
                     newest.clear()
-                    yield found
-                elif isinstance(found.record, Chunk):
+                    yield record
+                elif isinstance(record.record, Chunk):
                     try:
-                        inside = messages(found.record)
+                        inside = messages(record.record)
                     except DAMAGED as error:
                         newest.clear()
-                        yield Damage(found.at, found.end, plain(error))
+                        yield Damage(record.at, record.end, plain(error))
                     else:
                         yield from _ticks(inside, topics, newest, needed)
 
@@ -374,13 +374,13 @@ class FlightData:
         """Start (Unix time) and byte of each chunk, in order; reads the file once without decompressing."""
         chunks: list[tuple[float, int]] = []
         with suppress(*DAMAGED, OSError), opened(self.path) as data:
-            for found in records(data):
-                if isinstance(found, Damage) or not isinstance(found.record, Chunk):
+            for record in records(data):
+                if isinstance(record, Damage) or not isinstance(record.record, Chunk):
                     continue
-                start, end = found.record.message_start_time, found.record.message_end_time
+                start, end = record.record.message_start_time, record.record.message_end_time
                 in_order = not chunks or start * 1e-9 >= chunks[-1][0]
                 if start <= end and in_order:  # otherwise its times are damaged: they have no checksum
-                    chunks.append((start * 1e-9, found.at))
+                    chunks.append((start * 1e-9, record.at))
         return chunks
 
     def offset(self, from_s: float) -> int:
@@ -402,8 +402,8 @@ class FlightData:
         """Decode the rows of all vehicles at the tick. Raises: ValueError when their number does not fit."""
         table = layout.rows_of(sample.vehicles)
         if sample.elsewhere:
-            theirs = layout.rows_of(sample.elsewhere)
-            table = np.concatenate([table, _later(theirs, sample.unix_s - sample.elsewhere_s)])
+            elsewhere = layout.rows_of(sample.elsewhere)
+            table = np.concatenate([table, _later(elsewhere, sample.unix_s - sample.elsewhere_s)])
         if len(table) != len(self.about.ids):
             raise ValueError(f"{len(table)} vehicles where the file names {len(self.about.ids)}")
         return table
@@ -431,8 +431,8 @@ def _ticks(
             newest[topic] = record
             if topic == "/fleet/tick" and needed <= newest.keys():
                 vehicles, status = newest["/fleet/vehicles"].data, newest["/fleet/status"].data
-                theirs = newest[ELSEWHERE] if ELSEWHERE in needed else None
-                of_others = (b"", 0.0) if theirs is None else (theirs.data, theirs.log_time * 1e-9)
+                elsewhere = newest[ELSEWHERE] if ELSEWHERE in needed else None
+                of_others = (b"", 0.0) if elsewhere is None else (elsewhere.data, elsewhere.log_time * 1e-9)
                 yield ReadSample(record.log_time * 1e-9, vehicles, record.data, status, *of_others)
 
 

@@ -33,7 +33,7 @@ class Record:
         vehicles: Mapping[VehicleId, tuple[int, str]],
         *,
         flight: bool = True,
-        found: Interruption | None = None,
+        interruption: Interruption | None = None,
         excluded: Mapping[VehicleId, Exclusion] = MappingProxyType({}),
         lost_begin: LostBegin | None = None,
         elsewhere: Mapping[VehicleId, tuple[int, str]] = MappingProxyType({}),
@@ -47,7 +47,7 @@ class Record:
             config_json: the whole configuration.
             vehicles: system id and link of each, in the order of the ticks' rows.
             flight: whether flight data are recorded.
-            found: the flight that was interrupted before, if any.
+            interruption: the flight that was interrupted before, if any.
             excluded: vehicles excluded from the show before.
             lost_begin: the show that still waited for its clock time before, if any.
             elsewhere: the same of other stations' vehicles, which follow in the flight data.
@@ -56,7 +56,7 @@ class Record:
         """
         self.session, self.folder = _new_folder(root)
         self._config_json = config_json
-        self.found = found
+        self.found = interruption
         self.excluded, self.lost_begin = excluded, lost_begin
         self._journal = Journal(root / AUDIT)
         self.audit = AuditTrail(self._journal, self.session, vehicles)

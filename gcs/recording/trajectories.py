@@ -165,21 +165,21 @@ def _gaps(
 ) -> list[tuple[int, str]]:
     """Gaps while a vehicle flies: the sample after each, and a description; without those in `reported`."""
     numbers = [tick.tick.number for tick in ticks]
-    found = []
+    gaps = []
     for at in range(1, len(ticks)):
         away_s, lost = time_s[at] - time_s[at - 1], numbers[at] - numbers[at - 1] - 1
         if ticks[at].unix_s in reported:
-            found.append((at, ""))
+            gaps.append((at, ""))
         elif airborne[at - 1 : at + 1].any() and (lost > 0 or away_s > GAP_S):
             of = f"{lost} ticks were not recorded" if lost > 0 else "nothing was recorded"
-            found.append(
+            gaps.append(
                 (at, f"{of} from {time_s[at - 1] - time_s[0]:.2f} s to {time_s[at] - time_s[0]:.2f} s")
             )
-    if len([text for _, text in found if text]) > GAPS_REPORTED:
-        total_s = sum(time_s[at] - time_s[at - 1] for at, text in found if text)
-        rest = f"in {len(found)} places ticks were not recorded, {total_s:.2f} s together"
-        return [(at, rest if number == 0 else "") for number, (at, _) in enumerate(found)]
-    return found
+    if len([text for _, text in gaps if text]) > GAPS_REPORTED:
+        total_s = sum(time_s[at] - time_s[at - 1] for at, text in gaps if text)
+        rest = f"in {len(gaps)} places ticks were not recorded, {total_s:.2f} s together"
+        return [(at, rest if number == 0 else "") for number, (at, _) in enumerate(gaps)]
+    return gaps
 
 
 def _unknown(ids: Sequence[VehicleId], position_m: Single, airborne: Mask) -> list[str]:
@@ -235,10 +235,10 @@ def true(
 
     Raises: GcsError naming file and line.
     """
-    known = read_true_states(files, on_progress)
-    time_s, values = known.time_s, known.values
+    states = read_true_states(files, on_progress)
+    time_s, values = states.time_s, states.values
     velocity_m_s = frame.from_ned(values[..., 3:6].reshape(-1, 3)).reshape(*values.shape[:2], 3)
-    names = tuple(ids[number - 1] if number <= len(ids) else str(number) for number in known.numbers)
+    names = tuple(ids[number - 1] if number <= len(ids) else str(number) for number in states.numbers)
     flown = formed = values[..., 7] > 0.5
     setpoint_m_s = held_at = None
     autopilots: tuple[str, ...] = ()
@@ -252,13 +252,13 @@ def true(
         held_at = None if beside.held_at is None else beside.held_at[at]
     else:
         formed = np.zeros_like(flown)
-    cut = [f"{file}: its last line is cut off" for file in known.cut]
+    cut = [f"{file}: its last line is cut off" for file in states.cut]
     return FlownTrajectories(
         "true positions",
         "the simulation's own states, every 0.05 s and straight between; rounded to 0.1 mm",
         names,
         time_s,
-        known.position_m(frame).astype(np.float32),
+        states.position_m(frame).astype(np.float32),
         velocity_m_s.astype(np.float32),
         np.zeros(values.shape[:2], np.float32),
         values[..., 6] > 0.5,
@@ -322,9 +322,9 @@ def _outside(beside: FlownTrajectories, time_s: Array) -> list[str]:
     if not len(flew_s) or (flew_s[0] > time_s[0] - GAP_S and flew_s[-1] < time_s[-1] + GAP_S):
         return []
     began_s = beside.time_s[0]
-    known = f"{time_s[0] - began_s:.2f} s to {time_s[-1] - began_s:.2f} s"
+    covered = f"{time_s[0] - began_s:.2f} s to {time_s[-1] - began_s:.2f} s"
     flew = f"{flew_s[0] - began_s:.2f} s to {flew_s[-1] - began_s:.2f} s"
-    return [f"true positions are known from {known}, and a vehicle flew from {flew}"]
+    return [f"true positions are known from {covered}, and a vehicle flew from {flew}"]
 
 
 def interpolated(time_s: Array, values: Array, at_s: Array) -> Array:
@@ -370,11 +370,11 @@ def _sample(raw: Mapping[str, Any]) -> tuple[float, tuple[int, ...], list[list[f
     names = (*place, "velocity_north_m_s", "velocity_east_m_s", "velocity_down_m_s")
     values = [
         [
-            *(float(one[name]) for name in names),
-            not one["landed"],
-            one["mode"] == "OFFBOARD",
-            bool(one["armed"]),
+            *(float(vehicle[name]) for name in names),
+            not vehicle["landed"],
+            vehicle["mode"] == "OFFBOARD",
+            bool(vehicle["armed"]),
         ]
-        for one in vehicles
+        for vehicle in vehicles
     ]
-    return float(raw["time_s"]), tuple(int(one["vehicle"]) for one in vehicles), values
+    return float(raw["time_s"]), tuple(int(vehicle["vehicle"]) for vehicle in vehicles), values

@@ -96,8 +96,8 @@ class AlarmBook:
         for condition in conditions:
             members = held.setdefault((condition.cause, condition.about), {})
             for name in condition.vehicles or (None,):
-                known = members.get(name)
-                if known is None or _rank(condition) < _rank(known):
+                member = members.get(name)
+                if member is None or _rank(condition) < _rank(member):
                     members[name] = condition
         changes: list[Change] = []
         self._due_s = float("inf")
@@ -218,7 +218,8 @@ def _alarm(row: CauseRow, active: dict[VehicleId | None, Condition]) -> Alarm:
     subject = f"{'Vehicles' if many else 'Vehicle'} " if len(vehicles) <= NAMED_MAX else ""
     headline = row.headline.format(vehicles=f"{subject}{named(vehicles)}", about=worst.about)
     headline = for_number(headline, many=many)
-    follows = for_number(" ".join(dict.fromkeys(one.consequence for one in conditions)), many=many).strip()
+    consequences = dict.fromkeys(present.consequence for present in conditions)
+    follows = for_number(" ".join(consequences), many=many).strip()
     first = f"{headline}: {because}" if because else headline
     return Alarm(
         id="",
@@ -229,7 +230,9 @@ def _alarm(row: CauseRow, active: dict[VehicleId | None, Condition]) -> Alarm:
         vehicles=vehicles,
         since_unix_time_s=0.0,
         raised_unix_time_s=0.0,
-        command_id=next((one.command_id for one in conditions if one.command_id is not None), None),
+        command_id=next(
+            (present.command_id for present in conditions if present.command_id is not None), None
+        ),
     )
 
 

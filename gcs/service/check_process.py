@@ -45,10 +45,10 @@ async def answered(arguments: Sequence[str], within_s: float, *given: Any, **nam
 
     Raises: ValueError when the output is not JSON.
     """
-    found = await asyncio.to_thread(json.loads, await printed(arguments, within_s, *given, **named))
-    if not isinstance(found, dict):
+    answer = await asyncio.to_thread(json.loads, await printed(arguments, within_s, *given, **named))
+    if not isinstance(answer, dict):
         raise RefusedError("it answered no JSON object")
-    return found
+    return answer
 
 
 async def printed(

@@ -177,14 +177,14 @@ def _is_of_the_flight(record: logging.LogRecord) -> bool:
 
 def words(event: str, reported: Mapping[str, object]) -> str:
     """Return the text of an event with the fields of its log record."""
-    known = {name: text for name, value in reported.items() if (text := plain(value))}
+    texts = {name: text for name, value in reported.items() if (text := plain(value))}
     form = WORDS.get(event)
     if form is not None:
-        form = _OPTIONAL.sub(lambda part: part[1] if _fields(part[1]) <= known.keys() else "", form)
-        if _fields(form) <= known.keys():
-            return _FIELD.sub(lambda field: known[field[1]], form)
-    rest = [f"{name.replace('_', ' ')} {text}" for name, text in known.items() if name not in _WHY]
-    why = [known[name] for name in _WHY if name in known]
+        form = _OPTIONAL.sub(lambda part: part[1] if _fields(part[1]) <= texts.keys() else "", form)
+        if _fields(form) <= texts.keys():
+            return _FIELD.sub(lambda field: texts[field[1]], form)
+    rest = [f"{name.replace('_', ' ')} {text}" for name, text in texts.items() if name not in _WHY]
+    why = [texts[name] for name in _WHY if name in texts]
     return ": ".join(filter(None, (event.replace("_", " "), ", ".join(rest), "; ".join(why))))
 
 

@@ -51,8 +51,8 @@ class VehicleTable(VehicleNumbers):
         """Homes as one array: a thousand small ones would take as long as all other columns."""
         columns = {field.name: getattr(self, field.name) for field in fields(self)}
         homes_m = columns.pop("homes_m")
-        known = [home_m is not None for home_m in homes_m]
-        return _restored, (columns, known, np.array([home_m for home_m in homes_m if home_m is not None]))
+        has_home = [home_m is not None for home_m in homes_m]
+        return _restored, (columns, has_home, np.array([home_m for home_m in homes_m if home_m is not None]))
 
     def of(self, rows: NDArray[np.intp]) -> "VehicleTable":
         """These rows, in this order."""
@@ -85,6 +85,6 @@ class VehicleTable(VehicleNumbers):
         return ["#{:02x}{:02x}{:02x}".format(*colour) if lit else None for colour, lit in colours]
 
 
-def _restored(columns: dict[str, Any], known: list[bool], homes_m: Array) -> VehicleTable:
+def _restored(columns: dict[str, Any], has_home: list[bool], homes_m: Array) -> VehicleTable:
     homes = iter(homes_m)
-    return VehicleTable(**columns, homes_m=[next(homes) if is_known else None for is_known in known])
+    return VehicleTable(**columns, homes_m=[next(homes) if is_known else None for is_known in has_home])

@@ -42,10 +42,10 @@ class ShowClock:
             UnknownError: the show has no such cue; the text names the cues it has.
             RefusedError: a vehicle is airborne; the formation would jump to another place of the show.
         """
-        times_s = {one.cue.cue: one.at_s for one in reversed(timeline.played)}
+        times_s = {played.cue.cue: played.at_s for played in reversed(timeline.played)}
         if cue not in times_s:
-            known = ", ".join(one.cue for one in timeline.show.timeline)
-            raise UnknownError(f"there is no cue {cue}; there are {known}")
+            names = ", ".join(played.cue for played in timeline.show.timeline)
+            raise UnknownError(f"there is no cue {cue}; there are {names}")
         if not grounded:
             raise RefusedError("a show is set to a cue on the ground only: bring all vehicles home first")
         return ShowClock(times_s[cue])

@@ -67,7 +67,7 @@ def examine(timeline: Timeline) -> tuple[DrawnFigures, list[Flaw]]:
     if drawing is None:
         raise ValueError("a timeline with a drawing is needed")
     first = {part.index: part for part in reversed(timeline.parts)}  # loops repeat a part
-    found: list[Flaw] = []
+    flaws: list[Flaw] = []
     pairs: dict[tuple[int, int], tuple[float, float]] = {}
     least = (np.inf, 0.0, (0, 0))
     most = np.zeros(5)
@@ -78,14 +78,14 @@ def examine(timeline: Timeline) -> tuple[DrawnFigures, list[Flaw]]:
         for pair, near in below.items():
             pairs[pair] = min(near, pairs.get(pair, near))
         most = np.maximum(most, _motion(sampled))
-        found += [*_close(show, drawing, index, below), *_fast(show, sampled), *_outside(show, sampled)]
-        found += _turns(show, drawing, sampled)
-    known = np.isfinite(least[0])
+        flaws += [*_close(show, drawing, index, below), *_fast(show, sampled), *_outside(show, sampled)]
+        flaws += _turns(show, drawing, sampled)
+    measured = np.isfinite(least[0])
     names = drawing.vehicles
     figures = DrawnFigures(
-        separation_min_m=_short(least[0]) if known else None,
-        separation_min_at_s=_short(least[1]) if known else None,
-        closest=(names[least[2][0]], names[least[2][1]]) if known else None,
+        separation_min_m=_short(least[0]) if measured else None,
+        separation_min_at_s=_short(least[1]) if measured else None,
+        closest=(names[least[2][0]], names[least[2][1]]) if measured else None,
         pairs_below_floor=len(pairs),
         speed_max_m_s=_short(most[0]),
         climb_max_m_s=_short(most[1]),
@@ -94,7 +94,7 @@ def examine(timeline: Timeline) -> tuple[DrawnFigures, list[Flaw]]:
         height_max_m=_short(most[4]),
         claims=tuple(_claims(drawing.claims, (least[0], *most[[0, 1, 2, 4]].tolist()))),
     )
-    return figures, found
+    return figures, flaws
 
 
 def _sampled(drawing: DrawnShow, part: PlayedPart) -> _Sampled:

@@ -44,9 +44,9 @@ def assigned(start_m: Array, first_m: Array) -> NDArray[np.intp]:
     """
     away_m = start_m[:, None, :2] - first_m[None, :, :2]
     rows, columns = scipy.optimize.linear_sum_assignment((away_m**2).sum(axis=2))
-    found = np.zeros(len(start_m), dtype=np.intp)
-    found[rows] = columns
-    return found
+    goals = np.zeros(len(start_m), dtype=np.intp)
+    goals[rows] = columns
+    return goals
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,10 +120,10 @@ class TrackErrors:
 
     def noted(self, off_m: Array, dt_s: float) -> "TrackErrors":
         """Return them with (k,) distances that lasted `dt_s`; NaN: not flown, or not known."""
-        known = np.isfinite(off_m)
-        square_m2_s = self.square_m2_s + np.where(known, off_m**2, 0.0) * dt_s
+        located = np.isfinite(off_m)
+        square_m2_s = self.square_m2_s + np.where(located, off_m**2, 0.0) * dt_s
         return TrackErrors(
-            square_m2_s, self.time_s + known * dt_s, np.fmax(self.max_m, np.where(known, off_m, 0.0))
+            square_m2_s, self.time_s + located * dt_s, np.fmax(self.max_m, np.where(located, off_m, 0.0))
         )
 
     @property

@@ -131,8 +131,8 @@ class ShowLibrary:
     def _listed(self) -> list[StoredShow]:
         if self._folder is None:
             return []
-        found = [path for path in sorted(self._folder.glob("*.yaml")) if NAME.fullmatch(path.stem)]
-        return [_stored(path.stem, self._read(path.stem)) for path in found[:FILES_MAX]]
+        paths = [path for path in sorted(self._folder.glob("*.yaml")) if NAME.fullmatch(path.stem)]
+        return [_stored(path.stem, self._read(path.stem)) for path in paths[:FILES_MAX]]
 
     def _read(self, name: str) -> bytes:
         path = self._place(name)
@@ -211,10 +211,10 @@ class ShowLibrary:
         if checked.show is None or checked.source is None:
             return checked.reported
         source = checked.source
-        found = [Problem(source.line(*flaw.loc), None, flaw.text) for flaw in self.misfits(checked.show)]
-        if not found:
+        unfit = [Problem(source.line(*flaw.loc), None, flaw.text) for flaw in self.misfits(checked.show)]
+        if not unfit:
             return checked.reported
-        problems = sorted((*checked.reported.problems, *found), key=lambda problem: problem.line)
+        problems = sorted((*checked.reported.problems, *unfit), key=lambda problem: problem.line)
         return replace(checked.reported, good=False, fits_service=False, problems=tuple(problems))
 
     async def _check(self, name: str) -> None:

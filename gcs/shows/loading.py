@@ -48,13 +48,13 @@ def load(path: Path) -> LoadedShow:
     return parse(documents.read(path), str(path))
 
 
-def parse(text: str, file: str, known: tuple[DrawnShow, str] | None = None) -> LoadedShow:
+def parse(text: str, file: str, unpacked: tuple[DrawnShow, str] | None = None) -> LoadedShow:
     """Parse the show in `text`. Raises: ShowError.
 
     Args:
         text: YAML.
         file: names it in errors; a drawing lies beside it.
-        known: its drawing with the SHA-256 of its bytes, where that was read before; None: read it.
+        unpacked: its drawing with the SHA-256 of its bytes, where that was read before; None: read it.
     """
     try:
         source = Source(text, file)
@@ -64,22 +64,22 @@ def parse(text: str, file: str, known: tuple[DrawnShow, str] | None = None) -> L
     show = drawing = None
     try:
         show = Show.model_validate(raw)
-        found = flaws(show)
-        if not found and show.drawing is not None:
-            drawing, found = _drawing(show, show.drawing, Path(file).parent, known)
+        flawed = flaws(show)
+        if not flawed and show.drawing is not None:
+            drawing, flawed = _drawing(show, show.drawing, Path(file).parent, unpacked)
     except ValidationError as error:
-        found = [Flaw(misfit.loc, _within_cue(misfit)) for misfit in misfits(error, Show, source)]
-    if found or show is None:
-        raise ShowError(file, [located(flaw, source, _names(raw)) for flaw in found])
+        flawed = [Flaw(misfit.loc, _within_cue(misfit)) for misfit in misfits(error, Show, source)]
+    if flawed or show is None:
+        raise ShowError(file, [located(flaw, source, _names(raw)) for flaw in flawed])
     return LoadedShow(Path(file).stem, file, show, Timeline.of(show, drawing), source, drawing)
 
 
 def _drawing(
-    show: Show, named: Drawing, folder: Path, known: tuple[DrawnShow, str] | None
+    show: Show, named: Drawing, folder: Path, unpacked: tuple[DrawnShow, str] | None
 ) -> tuple[DrawnShow | None, list[Flaw]]:
     """Return the drawing of a show, and what is wrong with it."""
     try:
-        drawing, digest = known or _read(folder / named.source)
+        drawing, digest = unpacked or _read(folder / named.source)
     except ConfigError as error:
         return None, [Flaw(("drawing", "source"), str(error))]
     if digest != named.sha256:

@@ -86,8 +86,8 @@ def unpacked_apart(text: str, show_hash: str) -> Unpacked:
             ) from None
     if process.returncode:
         raise RefusedError(answer.decode(errors="replace") or "the show that arrived cannot be unpacked")
-    found: Unpacked = pickle.loads(answer)  # noqa: S301 (written by the lines below)
-    return found
+    unpacked: Unpacked = pickle.loads(answer)  # noqa: S301 (written by the lines below)
+    return unpacked
 
 
 def main(show_hash: str) -> int:

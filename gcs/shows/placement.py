@@ -81,8 +81,8 @@ class Stand:
     @property
     def rms_m(self) -> float:
         """Root mean square of the distances; NaN for none."""
-        known = self.off_m[np.isfinite(self.off_m)]
-        return float(np.sqrt((known**2).mean())) if len(known) else np.nan
+        located_m = self.off_m[np.isfinite(self.off_m)]
+        return float(np.sqrt((located_m**2).mean())) if len(located_m) else np.nan
 
 
 def stand(show: Show, place: Placement, standing_m: Array) -> Stand:
@@ -93,9 +93,9 @@ def stand(show: Show, place: Placement, standing_m: Array) -> Stand:
         place: replaces its own.
         standing_m: (n, 2) where they stand, in the fleet's order, show frame; NaN where not known.
     """
-    pads, known = _line(placed_pads_m(show, place)), _known(standing_m)
+    pads, located = _line(placed_pads_m(show, place)), _known(standing_m)
     pad, off_m = np.full(len(standing_m), -1, np.intp), np.full(len(standing_m), np.nan)
-    pad[known] = _matched(pads, _line(standing_m[known]), _own(show, known))
+    pad[located] = _matched(pads, _line(standing_m[located]), _own(show, located))
     has = pad >= 0
     off_m[has] = np.abs(_line(standing_m[has]) - pads[pad[has]])
     return Stand(place, np.stack([pads.real, pads.imag], axis=1), pad, off_m)
@@ -114,25 +114,25 @@ def fitted(show: Show, begin: Placement, standing_m: Array) -> Placement:
 
     Raises: RefusedError when no vehicle has a known position.
     """
-    known = _known(standing_m)
+    located = _known(standing_m)
     if _in_order(show):
-        known[show.fleet.vehicles :] = False  # they have no pad
-    if not known.any():
+        located[show.fleet.vehicles :] = False  # they have no pad
+    if not located.any():
         raise RefusedError("no vehicle on the ground has a known position: there is nothing to fit to")
-    pads, places, own = _line(show.drawn_pads_m), _line(standing_m[known]), _own(show, known)
-    found = [
+    pads, places, own = _line(show.drawn_pads_m), _line(standing_m[located]), _own(show, located)
+    fits = [
         _searched(pads, places, own, turn, move) for turn, move in _begins(pads, places, own is None, begin)
     ]
-    best_m = min(rms_m for _, _, rms_m in found)
-    good = [one for one in found if one[2] <= AS_GOOD_SHARE * best_m + AS_GOOD_M]
+    best_m = min(rms_m for _, _, rms_m in fits)
+    good = [fit for fit in fits if fit[2] <= AS_GOOD_SHARE * best_m + AS_GOOD_M]
     first = np.exp(1j * radians(begin.turn_deg))
     middle = pads.mean()
     there = first * middle + complex(begin.x_m, begin.y_m)
     turn, move, _ = min(
         good,
-        key=lambda one: (
-            round(abs(float(np.angle(one[0] / first))), 2),
-            abs(one[0] * middle + one[1] - there),
+        key=lambda fit: (
+            round(abs(float(np.angle(fit[0] / first))), 2),
+            abs(fit[0] * middle + fit[1] - there),
         ),
     )
     return placement(move.real, move.imag, degrees(float(np.angle(turn))))
@@ -189,17 +189,17 @@ def _matched(pads: Complex, places: Complex, own: Rows | None) -> Rows:
     """(n,) The pad of each place, -1 for none: least sum of squared distances, or the `own` ones."""
     if own is not None:
         return own
-    found = np.full(len(places), -1, np.intp)
+    pad_of = np.full(len(places), -1, np.intp)
     rows, columns = scipy.optimize.linear_sum_assignment(np.abs(places[:, None] - pads[None]) ** 2)
-    found[rows] = columns
-    return found
+    pad_of[rows] = columns
+    return pad_of
 
 
-def _own(show: Show, known: NDArray[np.bool_]) -> Rows | None:
+def _own(show: Show, located: NDArray[np.bool_]) -> Rows | None:
     """Return the pads of the known vehicles where the fleet's order decides them; None where it does not."""
     if not _in_order(show):
         return None
-    rows = np.flatnonzero(known)
+    rows = np.flatnonzero(located)
     return np.where(rows < show.fleet.vehicles, rows, -1)
 
 
@@ -288,12 +288,12 @@ def same_frame(show: Show, frame: ShowFrame) -> bool:
 
 
 def stand_document(
-    show: Show, found: Stand, standing: Mapping[str, Sequence[float] | None]
+    show: Show, stand: Stand, standing: Mapping[str, Sequence[float] | None]
 ) -> dict[str, object]:
     """Return how vehicles stand beside the pads, for JSON. `standing` is by name, in the fleet's order."""
     vehicles = []
     for row, (name, at_m) in enumerate(standing.items()):
-        pad, off_m = int(found.pad[row]), float(found.off_m[row])
+        pad, off_m = int(stand.pad[row]), float(stand.off_m[row])
         vehicles.append(
             {
                 "id": name,
@@ -303,12 +303,12 @@ def stand_document(
                 "off_m": None if not np.isfinite(off_m) else round(off_m, 3),
             }
         )
-    known_m = found.off_m[np.isfinite(found.off_m)]
+    known_m = stand.off_m[np.isfinite(stand.off_m)]
     return {
         "assigned": "file" if _in_order(show) else "nearest",
-        **found.place.model_dump(),
-        "pads_m": [[round(float(x_m), 3), round(float(y_m), 3)] for x_m, y_m in found.pads_m],
+        **stand.place.model_dump(),
+        "pads_m": [[round(float(x_m), 3), round(float(y_m), 3)] for x_m, y_m in stand.pads_m],
         "vehicles": vehicles,
-        "rms_m": round(found.rms_m, 3) if len(known_m) else None,
+        "rms_m": round(stand.rms_m, 3) if len(known_m) else None,
         "max_m": round(float(known_m.max()), 3) if len(known_m) else None,
     }

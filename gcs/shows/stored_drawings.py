@@ -82,9 +82,9 @@ def read(folder: Path, source: str, digest: str) -> DrawnShow:
         ) from None
     except OSError as error:
         raise RefusedError(f"the drawing {source} cannot be read: {error.strerror}") from None
-    found = sha256(data).hexdigest()
-    if found != digest:
-        text = f"SHA-256 {found[:12]}..., not {digest[:12]}..."
+    computed = sha256(data).hexdigest()
+    if computed != digest:
+        text = f"SHA-256 {computed[:12]}..., not {digest[:12]}..."
         raise RefusedError(f"the drawing {source} in its folder of shows is another: {text}")
     return parse_drawing(data, source)
 

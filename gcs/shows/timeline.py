@@ -194,23 +194,23 @@ class Timeline:
 
     def stages(self) -> tuple[tuple[str, Plan], ...]:
         """Cue and plan wherever a transition begins, ends or turns, in order, without repetitions."""
-        times_s = {one.at_s for one in self.played}
+        times_s = {played.at_s for played in self.played}
         for track in self._formation:
             times_s |= {glide.to_s for glide in track.glides}
         for leg in self.legs:
             knots_s = leg.spline.x + leg.from_s if isinstance(leg, Curve) else [leg.from_s, leg.to_s]
             times_s |= set(np.asarray(knots_s).tolist())
-        found: list[tuple[str, Plan]] = []
+        plans: list[tuple[str, Plan]] = []
         seen: set[tuple[Formation, Orbit, float, float]] = set()
         for time_s in sorted(time_s for time_s in times_s if time_s <= self.duration_s):
             if self.drawn_s(time_s) is not None:
                 continue  # the drawing leads: no plan of the law
             plan = self.plan_at(time_s)
-            known = (plan.formation, plan.orbit, round(plan.target.x_m), round(plan.target.y_m))
-            if known not in seen:
-                seen.add(known)
-                found.append((self.cue_at(time_s).cue.cue, plan))
-        return tuple(found)
+            key = (plan.formation, plan.orbit, round(plan.target.x_m), round(plan.target.y_m))
+            if key not in seen:
+                seen.add(key)
+                plans.append((self.cue_at(time_s).cue.cue, plan))
+        return tuple(plans)
 
     @property
     def _formation(self) -> tuple[Track, Track, Track]:
@@ -252,16 +252,18 @@ class Timeline:
         return np.asarray(np.rint(self.lights.value(time_s)).astype(np.uint8))
 
     def cue_at(self, time_s: float) -> Played:
-        return self.played[max(bisect_right(self.played, time_s, key=lambda one: one.at_s) - 1, 0)]
+        return self.played[max(bisect_right(self.played, time_s, key=lambda played: played.at_s) - 1, 0)]
 
     def leg_at(self, time_s: float) -> Leg:
         return self.legs[max(bisect_right(self.legs, time_s, key=lambda leg: leg.from_s) - 1, 0)]
 
     def orbit_at(self, time_s: float) -> Orbit:
-        return self.orbits[max(bisect_right(self.orbits, time_s, key=lambda one: one[0]) - 1, 0)][1]
+        return self.orbits[max(bisect_right(self.orbits, time_s, key=lambda change: change[0]) - 1, 0)][1]
 
     def obstacles_at(self, time_s: float) -> tuple[Obstacle, ...]:
-        return self.obstacles[max(bisect_right(self.obstacles, time_s, key=lambda one: one[0]) - 1, 0)][1]
+        return self.obstacles[max(bisect_right(self.obstacles, time_s, key=lambda change: change[0]) - 1, 0)][
+            1
+        ]
 
 
 class _Writer:
@@ -277,14 +279,14 @@ class _Writer:
     def written(self) -> Timeline:
         show = self._show
         played = written_out(show.timeline, show.loops)
-        first = next((one for one in played if one.cue.trajectories is None), None)
+        first = next((cue_played for cue_played in played if cue_played.cue.trajectories is None), None)
         parts: list[PlayedPart] = []
-        for one in played:
-            self._stand(one)
-            if (part := one.cue.trajectories) is not None:
-                parts.append(PlayedPart(one.index, one.at_s, part.from_s, part.to_s))
+        for cue_played in played:
+            self._stand(cue_played)
+            if (part := cue_played.cue.trajectories) is not None:
+                parts.append(PlayedPart(cue_played.index, cue_played.at_s, part.from_s, part.to_s))
             else:
-                self._begin(one) if one is first else self._change(one)
+                self._begin(cue_played) if cue_played is first else self._change(cue_played)
         if first is None:
             self._begin(replace(played[0], cue=_stand_in(show)))
         radius, height, spin, lights = (Track(tuple(glides)) for glides in self._glides.values())
@@ -292,38 +294,38 @@ class _Writer:
         values = radius, height, spin, lights
         return Timeline(show, total_s(show), played, *values, legs, orbits, obstacles, tuple(parts))
 
-    def _begin(self, one: Played) -> None:
+    def _begin(self, played: Played) -> None:
         """Lay out the law's first cue: its values hold from the beginning."""
-        cue, count = one.cue, self._show.fleet.vehicles
-        self._set("radius_m", one, np.array([cue.radius_m or 0.0]))
-        self._set("height_m", one, np.array([cue.height_m or 0.0]))
-        self._set("spin", one, np.array([_rate_rad_s(cue.spin)]))
-        self._set("lights", one, _colours(cue.lights or ("#000000",), count))
+        cue, count = played.cue, self._show.fleet.vehicles
+        self._set("radius_m", played, np.array([cue.radius_m or 0.0]))
+        self._set("height_m", played, np.array([cue.height_m or 0.0]))
+        self._set("spin", played, np.array([_rate_rad_s(cue.spin)]))
+        self._set("lights", played, _colours(cue.lights or ("#000000",), count))
         self._orbits.append((0.0, Orbit() if cue.orbit is None else Orbit(**cue.orbit.model_dump())))
         place = cue.target if isinstance(cue.target, Place) else Place(x_m=0.0, y_m=0.0)
         if isinstance(cue.target, Path) and cue.target.path[0].after_s == 0.0:
             place = cue.target.path[0]
         place_m = np.array([place.x_m, place.y_m])
-        self._legs.append(Glide(0.0, 0.0, place_m, place_m, one.index))
+        self._legs.append(Glide(0.0, 0.0, place_m, place_m, played.index))
         if isinstance(cue.target, Path) or cue.target == "live":
-            self._target(one)
+            self._target(played)
 
-    def _stand(self, one: Played) -> None:
+    def _stand(self, played: Played) -> None:
         """Lay out the obstacles of a cue."""
-        appear, go = one.cue.obstacles.appear, one.cue.obstacles.go
+        appear, go = played.cue.obstacles.appear, played.cue.obstacles.go
         if appear or go or not self._obstacles:
             before = self._obstacles[-1][1] if self._obstacles else ()
             stays = [box for box in before if box.id not in go]
-            self._obstacles.append((one.at_s, (*stays, *map(obstacle_of, appear))))
+            self._obstacles.append((played.at_s, (*stays, *map(obstacle_of, appear))))
 
-    def _set(self, what: str, one: Played, value: Array) -> None:
-        self._glides[what].append(Glide(0.0, 0.0, value, value, one.index))
+    def _set(self, what: str, played: Played, value: Array) -> None:
+        self._glides[what].append(Glide(0.0, 0.0, value, value, played.index))
 
-    def _change(self, one: Played) -> None:
+    def _change(self, played: Played) -> None:
         """Lay out a later cue: its values change over its time, or the shortest."""
-        cue, limits = one.cue, self._limits
+        cue, limits = played.cue, self._limits
         if cue.orbit is not None:
-            self._orbits.append((one.at_s, Orbit(**cue.orbit.model_dump())))
+            self._orbits.append((played.at_s, Orbit(**cue.orbit.model_dump())))
         sizes = (
             ("radius_m", cue.radius_m, limits.radius_rate_max_m_s),
             ("height_m", cue.height_m, limits.formation_climb_max_m_s),
@@ -331,13 +333,15 @@ class _Writer:
         for what, value, rate_max in sizes:
             if value is not None:
                 acceleration_max = limits.formation_acceleration_max_m_s2
-                self._glide(what, one, np.array([value]), rate_max, acceleration_max)
+                self._glide(what, played, np.array([value]), rate_max, acceleration_max)
         if cue.spin is not None:
-            self._glide("spin", one, np.array([_rate_rad_s(cue.spin)]), self.spin_change_max(one.at_s), inf)
+            self._glide(
+                "spin", played, np.array([_rate_rad_s(cue.spin)]), self.spin_change_max(played.at_s), inf
+            )
         if cue.lights is not None:
-            self._glide("lights", one, _colours(cue.lights, self._show.fleet.vehicles), inf, inf)
+            self._glide("lights", played, _colours(cue.lights, self._show.fleet.vehicles), inf, inf)
         if cue.target is not None:
-            self._target(one)
+            self._target(played)
 
     def spin_change_max(self, at_s: float) -> float:
         """Rate in rad/s^2 at which no vehicle accelerates more than the formation may."""
@@ -345,35 +349,39 @@ class _Writer:
         rim_m = max(float(glide.value(at_s)[0]), float(glide.after[0]))
         return self._limits.formation_acceleration_max_m_s2 / rim_m
 
-    def _glide(self, what: str, one: Played, after: Array, rate_max: float, acceleration_max: float) -> None:
-        before = Track(tuple(self._glides[what])).value(one.at_s)
+    def _glide(
+        self, what: str, played: Played, after: Array, rate_max: float, acceleration_max: float
+    ) -> None:
+        before = Track(tuple(self._glides[what])).value(played.at_s)
         size = float(np.abs(after - before).max())
-        over_s = one.cue.over_s or shortest_s(size, rate_max, acceleration_max)
-        self._glides[what].append(Glide(one.at_s, one.at_s + over_s, before, after, one.index))
+        over_s = played.cue.over_s or shortest_s(size, rate_max, acceleration_max)
+        self._glides[what].append(Glide(played.at_s, played.at_s + over_s, before, after, played.index))
 
-    def _target(self, one: Played) -> None:
-        target, leg = one.cue.target, self._legs[-1]
-        here_m = leg.value(one.at_s)
+    def _target(self, played: Played) -> None:
+        target, leg = played.cue.target, self._legs[-1]
+        here_m = leg.value(played.at_s)
         if isinstance(target, Path):
             points = [(point.after_s, point.x_m, point.y_m) for point in target.path]
             if points[0][0] > 0.0:
                 points.insert(0, (0.0, float(here_m[0]), float(here_m[1])))
             when_s, *place_m = np.array(points).T
             if len(points) == 1:
-                self._legs.append(Glide(one.at_s, one.at_s, here_m, np.array(points[0][1:]), one.index))
+                self._legs.append(
+                    Glide(played.at_s, played.at_s, here_m, np.array(points[0][1:]), played.index)
+                )
                 return
             spline = scipy.interpolate.CubicSpline(when_s, np.column_stack(place_m), bc_type="clamped")
-            self._legs.append(Curve(one.at_s, one.at_s + float(when_s[-1]), spline, one.index))
+            self._legs.append(Curve(played.at_s, played.at_s + float(when_s[-1]), spline, played.index))
         elif isinstance(target, Place):
             there_m = np.array([target.x_m, target.y_m])
             speed_m_s, acceleration_m_s2 = self._left_to_target()
             size_m = hypot(*(there_m - here_m).tolist())
-            over_s = one.cue.over_s or shortest_s(size_m, speed_m_s, acceleration_m_s2)
+            over_s = played.cue.over_s or shortest_s(size_m, speed_m_s, acceleration_m_s2)
             if isinstance(leg, Live):
                 over_s = 0.0  # the start is not known: the centre flies there within its own limits
-            self._legs.append(Glide(one.at_s, one.at_s + over_s, here_m, there_m, one.index))
+            self._legs.append(Glide(played.at_s, played.at_s + over_s, here_m, there_m, played.index))
         else:
-            self._legs.append(Live(one.at_s, one.at_s, here_m, here_m, one.index))
+            self._legs.append(Live(played.at_s, played.at_s, here_m, here_m, played.index))
 
     def _left_to_target(self) -> tuple[float, float]:
         """Speed and acceleration of the centre that the orbit leaves."""

@@ -50,16 +50,16 @@ Kind: TypeAlias = tuple[str, tuple[Leg, ...], float | None]
 
 def flaws(show: Show) -> list[Flaw]:
     """Return everything that is wrong with a show as far as it is detectable without flying it."""
-    found = [*_fleet(show), *_structure(show), *_loops(show), *cue_flaws(show)]
-    if found:
-        return found  # the rest needs a valid timeline
-    found = [*_paths(show), *_obstacles(show)]
-    if found:
-        return found
+    flawed = [*_fleet(show), *_structure(show), *_loops(show), *cue_flaws(show)]
+    if flawed:
+        return flawed  # the rest needs a valid timeline
+    flawed = [*_paths(show), *_obstacles(show)]
+    if flawed:
+        return flawed
     timeline = Timeline.of(show)
-    begins_s = [one.at_s for one in timeline.played]
-    found = list(span_flaws(timeline.parts, begins_s, timeline.duration_s))
-    return [*found, *_transitions(timeline), *_moments(timeline)]
+    begins_s = [played.at_s for played in timeline.played]
+    flawed = list(span_flaws(timeline.parts, begins_s, timeline.duration_s))
+    return [*flawed, *_transitions(timeline), *_moments(timeline)]
 
 
 # before loops are written out
@@ -98,7 +98,7 @@ def _structure(show: Show) -> Iterator[Flaw]:
         if not cue.at_s > before.at_s:
             text = f"after the {before.at_s:g} s of '{before.cue}'"
             yield of_value(cue.at_s, text, "timeline", index, "at_s")
-        if named[cue.cue] > 1 and cue.cue in {one.cue for one in cues[:index]}:
+        if named[cue.cue] > 1 and cue.cue in {earlier.cue for earlier in cues[:index]}:
             yield of_value(cue.cue, "the name is there twice", "timeline", index, "cue")
     if show.duration_s <= cues[-1].at_s:
         text = f"longer than the {cues[-1].at_s:g} s of the last cue"
@@ -152,29 +152,29 @@ def _obstacles(show: Show) -> Iterator[Flaw]:
     pads_m = {f"pad {row + 1}": place_m for row, place_m in enumerate(show.start_places_m)}
     standing: set[str] = set()
     reported: set[tuple[int, str]] = set()
-    for one in written_out(show.timeline, show.loops):
-        loc = ("timeline", one.index, "obstacles")
-        for at, name in enumerate(one.cue.obstacles.go):
-            if name not in standing and (one.index, name) not in reported:
-                reported.add((one.index, name))
-                yield Flaw((*loc, "go", at), f"go = {name}: {_again(one)}no such obstacle stands")
+    for played in written_out(show.timeline, show.loops):
+        loc = ("timeline", played.index, "obstacles")
+        for at, name in enumerate(played.cue.obstacles.go):
+            if name not in standing and (played.index, name) not in reported:
+                reported.add((played.index, name))
+                yield Flaw((*loc, "go", at), f"go = {name}: {_again(played)}no such obstacle stands")
             standing.discard(name)
-        for at, box in enumerate(one.cue.obstacles.appear):
-            if box.id in standing and (one.index, box.id) not in reported:
-                reported.add((one.index, box.id))
-                yield Flaw((*loc, "appear", at, "id"), f"id = {box.id}: {_again(one)}it stands already")
+        for at, box in enumerate(played.cue.obstacles.appear):
+            if box.id in standing and (played.index, box.id) not in reported:
+                reported.add((played.index, box.id))
+                yield Flaw((*loc, "appear", at, "id"), f"id = {box.id}: {_again(played)}it stands already")
             standing.add(box.id)
             try:
                 check_obstacle(obstacle_of(box), avoidance, {}, pads_m)
             except RefusedError as error:
-                if one.passage == 1:
+                if played.passage == 1:
                     yield Flaw((*loc, "appear", at), str(error))
-        if len(standing) > MAX_OBSTACLES and one.passage == 1:
+        if len(standing) > MAX_OBSTACLES and played.passage == 1:
             yield Flaw(loc, f"{len(standing)} obstacles at once: at most {MAX_OBSTACLES}")
 
 
-def _again(one: Played) -> str:
-    return "" if one.passage == 1 else f"in passage {one.passage} of its loop: "
+def _again(played: Played) -> str:
+    return "" if played.passage == 1 else f"in passage {played.passage} of its loop: "
 
 
 # every transition
@@ -190,14 +190,14 @@ def _transitions(timeline: Timeline) -> list[Flaw]:
         ("lights", timeline.lights.glides, None),
         ("target", timeline.legs, limits.formation_speed_max_m_s),
     )
-    found: dict[Loc, Flaw] = {}
+    flaw_at: dict[Loc, Flaw] = {}
     for key, legs, rate_m_s in kinds:
         fast = [] if rate_m_s is None else _too_fast(key, legs, rate_m_s, limits)
         for flaw in (*fast, *_in_time(timeline, key, legs)):
-            found.setdefault(flaw.loc, flaw)
+            flaw_at.setdefault(flaw.loc, flaw)
     for flaw in (*_paths_begin(timeline), *_cut_by_parts(timeline, kinds)):
-        found.setdefault(flaw.loc, flaw)
-    return list(found.values())
+        flaw_at.setdefault(flaw.loc, flaw)
+    return list(flaw_at.values())
 
 
 def _cut_by_parts(timeline: Timeline, kinds: Sequence[Kind]) -> Iterator[Flaw]:
@@ -260,32 +260,32 @@ def _paths_begin(timeline: Timeline) -> Iterator[Flaw]:
 
 def _moments(timeline: Timeline) -> list[Flaw]:
     """Check the plan at every time against the limits of an operator's commands."""
-    found: dict[tuple[int, str], Flaw] = {}
+    flaw_at: dict[tuple[int, str], Flaw] = {}
     began_s: dict[tuple[int, str], float] = {}
     control = timeline.show.control
     for time_s in np.arange(0.0, timeline.duration_s + SAMPLED_S / 2, SAMPLED_S).tolist():
         if timeline.drawn_s(time_s) is not None:
             continue
-        one = timeline.cue_at(time_s)
+        played = timeline.cue_at(time_s)
         for key, text in _moment(timeline, time_s, control):
-            index = _index_of(timeline, key, one, time_s)
-            if (index, key) in found and key == "target":
+            index = _index_of(timeline, key, played, time_s)
+            if (index, key) in flaw_at and key == "target":
                 continue  # a path is reported where the violation begins, a size or speed where it ends
             from_s = began_s.setdefault((index, key), time_s)
             cue = timeline.show.timeline[index]
             loc = ("timeline", index, key) if _sets(cue, key) else ("timeline", index)
-            found[index, key] = Flaw(loc, f"{text} (from {from_s:.1f} s of the show)")
-    return list(found.values())
+            flaw_at[index, key] = Flaw(loc, f"{text} (from {from_s:.1f} s of the show)")
+    return list(flaw_at.values())
 
 
 def _sets(cue: Cue, key: str) -> bool:
     return getattr(cue, key) is not None
 
 
-def _index_of(timeline: Timeline, key: str, one: Played, time_s: float) -> int:
+def _index_of(timeline: Timeline, key: str, played: Played, time_s: float) -> int:
     """Return the newest cue so far that sets `key`."""
     setting = [other.index for other in timeline.played if other.at_s <= time_s and _sets(other.cue, key)]
-    return setting[-1] if setting else one.index
+    return setting[-1] if setting else played.index
 
 
 def _moment(timeline: Timeline, time_s: float, control: ControlSettings) -> Iterator[tuple[str, str]]:

@@ -47,8 +47,8 @@ def acceleration(velocity_m_s: Array, force_n: Array, parameters: ArticleParamet
 
     Source: article, section 1.
     """
-    found: Array = (force_n - parameters.damping_n_s_m * velocity_m_s) / parameters.mass_kg
-    return found
+    acceleration_m_s2: Array = (force_n - parameters.damping_n_s_m * velocity_m_s) / parameters.mass_kg
+    return acceleration_m_s2
 
 
 def avoiding_force(

@@ -150,8 +150,8 @@ def summary(reports: Sequence[Figures]) -> str:
     cells = rows(reports)
     widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
     lines = ["  ".join(map(str.rjust, row, widths)) for row in cells]
-    found = [(f"{run['scenario']} seed {run['seed']}", _words(run)) for run in reports]
-    notes = sorted({f"{name}: {'; '.join(words)}" for name, words in found if words})
+    words_of = [(f"{run['scenario']} seed {run['seed']}", _words(run)) for run in reports]
+    notes = sorted({f"{name}: {'; '.join(words)}" for name, words in words_of if words})
     left_off = [f"... and {len(notes) - SHOWN_NOTES} more"] if len(notes) > SHOWN_NOTES else []
     return "\n".join([*lines, *notes[:SHOWN_NOTES], *left_off])
 
@@ -164,8 +164,8 @@ def rows(reports: Sequence[Figures]) -> list[list[str]]:
     groups: dict[tuple[str, int], list[Figures]] = {}
     for figures in reports:
         groups.setdefault((str(figures["scenario"]), int(str(figures["vehicles"]))), []).append(figures)
-    found = {key: _numbers(reports, key) for key, *_ in COLUMNS}
-    shown = [each for each in COLUMNS if (any(found[each[0]]) if each[0] in IF_ANY else found[each[0]])]
+    numbers = {key: _numbers(reports, key) for key, *_ in COLUMNS}
+    shown = [each for each in COLUMNS if (any(numbers[each[0]]) if each[0] in IF_ANY else numbers[each[0]])]
     table = [["scenario", "N", "runs", *(title for _, title, _, _ in shown), "failed"]]
     for (name, vehicles), runs in groups.items():
         cells = [_cell(_numbers(runs, key), len(runs), worst, form) for key, _, worst, form in shown]

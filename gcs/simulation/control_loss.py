@@ -46,8 +46,8 @@ class ControlLoss:
 def control_loss(flight: Rehearsal) -> tuple[ControlLoss, ...]:
     """Return the prediction for each action; empty without drawn parts."""
     ticks = _sampled(flight)
-    found = [_clashes(flight, tick) for tick in ticks]
-    return tuple(_over_all(flight, action, ticks, found) for action in PREDICTED) if ticks else ()
+    clashes_of = [_clashes(flight, tick) for tick in ticks]
+    return tuple(_over_all(flight, action, ticks, clashes_of) for action in PREDICTED) if ticks else ()
 
 
 def _sampled(flight: Rehearsal) -> list[int]:
@@ -69,7 +69,7 @@ def _clashes(flight: Rehearsal, tick: int) -> dict[Action, list[Clash]]:
     before, after = max(tick - 1, 0), min(tick + 1, len(record.position_m) - 1)
     moved_m = record.position_m[after][rows].astype(np.float64) - record.position_m[before][rows]
     profiles = [AUTOPILOTS[world.autopilot_of(row)] for row in rows.tolist()]
-    found = clashes_in_motion(
+    pairs_of = clashes_in_motion(
         record.position_m[tick][rows].astype(np.float64),
         moved_m * (world.tick_rate_hz / (after - before)),
         flight.world.home_m[rows],
@@ -79,8 +79,8 @@ def _clashes(flight: Rehearsal, tick: int) -> dict[Action, list[Clash]]:
         return_height_m=flight.world.return_height_m[rows],
     )
     return {
-        action: [Clash(int(rows[one.first]), int(rows[one.second]), one.sideways_m) for one in pairs]
-        for action, pairs in found.items()
+        action: [Clash(int(rows[clash.first]), int(rows[clash.second]), clash.sideways_m) for clash in pairs]
+        for action, pairs in pairs_of.items()
     }
 
 
@@ -93,12 +93,12 @@ def _alone(profiles: Sequence[Autopilot]) -> list[WithoutSetpoints]:
 
 
 def _over_all(
-    flight: Rehearsal, action: Action, ticks: Sequence[int], found: Sequence[dict[Action, list[Clash]]]
+    flight: Rehearsal, action: Action, ticks: Sequence[int], clashes_of: Sequence[dict[Action, list[Clash]]]
 ) -> ControlLoss:
-    unsafe = [(at[action], tick) for at, tick in zip(found, ticks, strict=True) if at[action]]
+    unsafe = [(at[action], tick) for at, tick in zip(clashes_of, ticks, strict=True) if at[action]]
     if not unsafe:
         return ControlLoss(action, len(ticks), 0, 0)
-    worst, tick = min(unsafe, key=lambda one: one[0][0].sideways_m)
+    worst, tick = min(unsafe, key=lambda unsafe_at: unsafe_at[0][0].sideways_m)
     at_s = flight.show_s[tick]
     return ControlLoss(
         action,
@@ -115,17 +115,16 @@ def _over_all(
 def described(losses: Sequence[ControlLoss]) -> list[str]:
     """Return the prediction as lines of text."""
     lines = ["  if the station were lost in a drawn part, the autopilots' own action:"] if losses else []
-    for one in losses:
-        name = PREDICTED[one.action]
-        if one.closest is None:
-            lines.append(f"    {name}: all stay apart, at each of {one.moments} moments")
+    for loss in losses:
+        name = PREDICTED[loss.action]
+        if loss.closest is None:
+            lines.append(f"    {name}: all stay apart, at each of {loss.moments} moments")
             continue
-        first, second = one.closest
-        pairs = f"{one.pairs} pair{'s' if one.pairs > 1 else ''} below the floor"
-        closest = (
-            f"{first} and {second} {one.sideways_m:.2f} m, seen from above, at {one.at_s:.0f} s ('{one.cue}')"
-        )
-        lines.append(f"    {name}: {pairs}, at {one.unsafe} of {one.moments} moments; {closest}")
+        first, second = loss.closest
+        pairs = f"{loss.pairs} pair{'s' if loss.pairs > 1 else ''} below the floor"
+        away = f"{loss.sideways_m:.2f} m, seen from above"
+        closest = f"{first} and {second} {away}, at {loss.at_s:.0f} s ('{loss.cue}')"
+        lines.append(f"    {name}: {pairs}, at {loss.unsafe} of {loss.moments} moments; {closest}")
     return lines
 
 
@@ -186,15 +185,15 @@ def _while_stopping(position_m: Array, velocity_m_s: Array, drift_s: Array, floo
     part_m = begin_m + (velocity_m_s[first] - velocity_m_s[second]) * together_s[:, None]
     first_on_m = velocity_m_s[first] * (drift_s[first] - together_s + NOTICED_WITHIN_S)[:, None]
     second_on_m = velocity_m_s[second] * (drift_s[second] - together_s + NOTICED_WITHIN_S)[:, None]
-    found: list[Clash] = []
+    clashes: list[Clash] = []
     for path in ((begin_m, part_m, part_m + first_on_m), (part_m, part_m - second_on_m)):
         for from_m, to_m in pairwise(path):
             near_m = _nearest_m(from_m * floor.scale, to_m * floor.scale)
             inside = np.flatnonzero(np.linalg.norm(near_m, axis=1) < floor.horizontal_m)
             for at in inside.tolist():
                 sideways_m = float(np.hypot(near_m[at, 0], near_m[at, 1]))
-                found.append(Clash(int(first[at]), int(second[at]), sideways_m))
-    return found
+                clashes.append(Clash(int(first[at]), int(second[at]), sideways_m))
+    return clashes
 
 
 def _nearest_m(from_m: Array, to_m: Array) -> Array:

@@ -35,6 +35,6 @@ def drawn(flight: Rehearsal) -> DrawnShow:
         takeoff_s=np.zeros(count),
         landing_s=np.full(count, times_s[-1]),
         origin=show.origin.frame,
-        cues=tuple(DrawnCue(one.cue.cue, one.at_s + began_s) for one in timeline.played),
+        cues=tuple(DrawnCue(played.cue.cue, played.at_s + began_s) for played in timeline.played),
         claims=Claims(separation_min_m=round(float(np.min(record.closest_m)), 2)),
     )

@@ -103,7 +103,7 @@ class Losses:
     ) -> tuple[Array, NDArray[np.intp]]:
         """The same of silent vehicles, and only what they can reach soon."""
         of, keeps_m_s = self._kept.possible_m_s(rows, world.received_m_s)
-        segments_m, found = silent_segments_m(
+        segments_m, segment_of = silent_segments_m(
             fleet.position_m[of],
             keeps_m_s,
             world.home_m[of],
@@ -113,7 +113,7 @@ class Losses:
             noticed_s=self._operation.setpoint_loss_s,
             drift_s=self._drift_s,
         )
-        return segments_m, of[found]
+        return segments_m, of[segment_of]
 
     @property
     def _drift_s(self) -> float:

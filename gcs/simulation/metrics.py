@@ -176,7 +176,7 @@ def _matched(points: Array, target: Array, charge: Array) -> NDArray[np.intp]:
     row = np.repeat(np.arange(len(target)), beside.shape[1])
     own = _frames(points[0], points[nearest])
     turns = own @ _frames(target[row], target[beside.ravel()]).transpose(0, 2, 1)
-    least, found = np.inf, np.arange(len(points))
+    least, best = np.inf, np.arange(len(points))
     for k in np.argsort([costs(turn).min(axis=1).sum() for turn in turns])[:REFINED]:
         turn = turns[k]
         for _ in range(20):
@@ -187,8 +187,8 @@ def _matched(points: Array, target: Array, charge: Array) -> NDArray[np.intp]:
             turn = better
         error = _squared_error(points, target[order])
         if error < least:
-            least, found = error, order
-    return found
+            least, best = error, order
+    return best
 
 
 def separation(record: FlightRecord) -> dict[str, object]:

@@ -165,10 +165,13 @@ def _over_time(
 
 def _band(axes: Axes, time_s: ArrayLike, values_m: Array, title: str) -> None:
     """Draw the median and the extremes of (ticks, n) values, NaN where there is none."""
-    known = np.isfinite(values_m).any(axis=1)
+    measured = np.isfinite(values_m).any(axis=1)
     low, middle, high = np.full((3, len(values_m)), np.nan)
-    low[known], high[known] = np.nanmin(values_m[known], axis=1), np.nanmax(values_m[known], axis=1)
-    middle[known] = np.nanmedian(values_m[known], axis=1)
+    low[measured], high[measured] = (
+        np.nanmin(values_m[measured], axis=1),
+        np.nanmax(values_m[measured], axis=1),
+    )
+    middle[measured] = np.nanmedian(values_m[measured], axis=1)
     axes.fill_between(time_s, low, high, color="C0", alpha=0.25, label="all vehicles")
     _over_time(axes, time_s, [("median", middle, "C0")], title)
 
@@ -409,13 +412,13 @@ def _lights(axes: Axes, flight: Rehearsal) -> None:
 
 def _cues(axes: Axes, flight: Rehearsal, *, named: bool) -> None:
     played = flight.timeline.played
-    for one in played:
-        axes.axvline(one.at_s, color=GREY, linewidth=0.6, linestyle=":")
+    for cue in played:
+        axes.axvline(cue.at_s, color=GREY, linewidth=0.6, linestyle=":")
     axes.axvline(flight.timeline.duration_s, color=GREY, linewidth=0.6)
-    for one in played[:: max(1, -(-len(played) // NAMED_CUES))] if named else ():
+    for cue in played[:: max(1, -(-len(played) // NAMED_CUES))] if named else ():
         axes.annotate(
-            one.cue.cue,
-            (one.at_s, 0.04),
+            cue.cue.cue,
+            (cue.at_s, 0.04),
             xycoords=("data", "axes fraction"),
             rotation=90,
             fontsize=7,

@@ -242,17 +242,17 @@ class Rehearsal(SimulatedFlight):
         if self.run.is_over(self.time_s):
             self.ended_s = self.time_s
 
-    def _with_possible_obstacles(self, plan: Plan, one: Played) -> Plan:
+    def _with_possible_obstacles(self, plan: Plan, played: Played) -> Plan:
         """Refuse, as in flight, obstacles that would contain a vehicle or appear too close ahead of one."""
-        known = {box.id for box in self.plan.obstacles}
+        ids = {box.id for box in self.plan.obstacles}
         possible: list[Obstacle] = []
         for box in plan.obstacles:
-            if box.id not in known and box.id not in self._refused:
+            if box.id not in ids and box.id not in self._refused:
                 try:
                     self.check_box(box)
                 except RefusedError as error:
                     self._refused.add(box.id)
-                    self.flaws.append(Flaw(("timeline", one.index, "obstacles"), str(error)))
+                    self.flaws.append(Flaw(("timeline", played.index, "obstacles"), str(error)))
             if box.id not in self._refused:
                 possible.append(box)
         self._refused &= {box.id for box in plan.obstacles}

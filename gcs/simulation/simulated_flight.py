@@ -335,8 +335,8 @@ class SimulatedFlight:
                 rows = np.flatnonzero(self.present)
                 first, second = pairs_that_count(position_m[rows], in_air[rows], floor)
                 near = scaled_distance_m(position_m[rows], first, second, floor) < floor.horizontal_m
-                found = zip(rows[first[near]].tolist(), rows[second[near]].tolist(), strict=True)
-                self.record.violating.update(found)
+                violating = zip(rows[first[near]].tolist(), rows[second[near]].tolist(), strict=True)
+                self.record.violating.update(violating)
         return least_m
 
     def come_home(self, takeoff_height_m: float, *, begin: bool) -> None:

@@ -82,14 +82,14 @@ def lags(flight: Rehearsal) -> tuple[Lag, ...]:
     timeline, errors, drawing = flight.timeline, flight.errors, flight.loaded.drawing
     if drawing is None:
         return ()
-    off_m, found = np.nan_to_num(np.stack(flight.off_m), nan=0.0), []
+    off_m, lags_s = np.nan_to_num(np.stack(flight.off_m), nan=0.0), []
     flown = flight.trajectory_of >= 0
     for row in [row for row in np.argsort(-errors.max_m, kind="stable").tolist() if flown[row]]:
         at_s = flight.show_s[int(off_m[:, row].argmax())]
         name = drawing.vehicles[int(flight.trajectory_of[row])]
         sizes = _short(errors.rms_m[row]), _short(errors.max_m[row])
-        found.append(Lag(row + 1, name, *sizes, _short(at_s), timeline.cue_at(at_s).cue.cue))
-    return tuple(found)
+        lags_s.append(Lag(row + 1, name, *sizes, _short(at_s), timeline.cue_at(at_s).cue.cue))
+    return tuple(lags_s)
 
 
 def judge(flight: Rehearsal) -> Verdict:
@@ -123,8 +123,8 @@ class _Judge:
         self._reached()
         self._apart()
         entered = self._entered()
-        found = {(*flaw.loc, flaw.text): self._loaded.problem(flaw) for flaw in self._found}
-        problems = tuple(sorted(found.values(), key=lambda problem: problem.line))
+        problem_of = {(*flaw.loc, flaw.text): self._loaded.problem(flaw) for flaw in self._found}
+        problems = tuple(sorted(problem_of.values(), key=lambda problem: problem.line))
         return Verdict(
             show=self._loaded.name,
             file=self._loaded.file,
@@ -168,26 +168,28 @@ class _Judge:
             "control_loss": control_loss(self._flight),
         }
 
-    def _replaced(self, one: Replacement) -> Replaced:
+    def _replaced(self, replacement: Replacement) -> Replaced:
         """Return how a spare took the place of a lost vehicle, and how close it came to the others."""
-        tracked = np.flatnonzero(np.isfinite(np.stack(self._flight.off_m)[:, one.spare]))
+        tracked = np.flatnonzero(np.isfinite(np.stack(self._flight.off_m)[:, replacement.spare]))
         there = int(tracked[0]) if len(tracked) else None
         floor, nearest_m = self._flight.floor, np.inf
-        for tick in range(one.tick, len(self._time_s) if there is None else there + 1):
+        for tick in range(replacement.tick, len(self._time_s) if there is None else there + 1):
             others = np.array(self._record.in_air[tick])
-            others[one.spare] = False
-            away_m = (self._position_m[tick, others] - self._position_m[tick, one.spare]) * floor.scale
+            others[replacement.spare] = False
+            away_m = (
+                self._position_m[tick, others] - self._position_m[tick, replacement.spare]
+            ) * floor.scale
             nearest_m = min(nearest_m, float(np.linalg.norm(away_m, axis=1).min(initial=np.inf)))
         return Replaced(
-            one.lost + 1,
-            one.spare + 1,
-            _short(max(self._show_s[one.tick], 0.0)),
+            replacement.lost + 1,
+            replacement.spare + 1,
+            _short(max(self._show_s[replacement.tick], 0.0)),
             None if there is None else _short(self._show_s[there]),
             _short(nearest_m) if np.isfinite(nearest_m) else None,
         )
 
     def _not_replaced(self) -> tuple[int, ...]:
-        replaced = {one.lost for one in self._flight.replaced}
+        replaced = {replacement.lost for replacement in self._flight.replaced}
         rows = np.flatnonzero(self._lost).tolist() if self._flight.run.spares_most else []
         return tuple(row + 1 for row in rows if row not in replaced)
 
@@ -203,21 +205,21 @@ class _Judge:
     def _passages(self) -> list[tuple[Played, float, float]]:
         """Every cue as it was played, with start and end in show time."""
         played, end_s = self._loaded.timeline.played, self._loaded.timeline.duration_s
-        nexts = [one.at_s for one in played[1:]] + [end_s]
-        return [(one, one.at_s, to_s) for one, to_s in zip(played, nexts, strict=True)]
+        nexts = [cue_played.at_s for cue_played in played[1:]] + [end_s]
+        return [(cue_played, cue_played.at_s, to_s) for cue_played, to_s in zip(played, nexts, strict=True)]
 
     def _ticks(self, from_s: float, to_s: float) -> NDArray[np.intp]:
         flown = (self._time_s >= self._began_s) & (self._time_s < self._ended_s)
         return np.flatnonzero(flown & (self._show_s >= from_s - 1e-6) & (self._show_s < to_s - 1e-6))
 
-    def _cue(self, one: Played, from_s: float, to_s: float) -> CueFigures:
+    def _cue(self, played: Played, from_s: float, to_s: float) -> CueFigures:
         ticks = self._ticks(from_s, to_s)
-        plan, drawn = self._loaded.timeline.plan_at(to_s - 1e-3), one.cue.trajectories is not None
+        plan, drawn = self._loaded.timeline.plan_at(to_s - 1e-3), played.cue.trajectories is not None
         speed_m_s = np.hypot(*self._velocity_m_s[ticks][:, :, :2].transpose(2, 0, 1))
         return CueFigures(
-            cue=one.cue.cue if one.passage == 1 else f"{one.cue.cue} ({one.passage})",
-            line=self._loaded.source.line("timeline", one.index),
-            at_s=_short(one.at_s),
+            cue=played.cue.cue if played.passage == 1 else f"{played.cue.cue} ({played.passage})",
+            line=self._loaded.source.line("timeline", played.index),
+            at_s=_short(played.at_s),
             radius_m=0.0 if drawn else _short(plan.formation.radius_m),
             height_m=_short(-self._flown_m(ticks[-1])[:, 2].mean() if drawn else plan.formation.height_m),
             separation_m=_short(float(self._closest_m[ticks].min())),
@@ -290,18 +292,18 @@ class _Judge:
                     nearest[upper, lower] = sideways_m, tick
         return [
             VerticalOverlap(upper + 1, lower + 1, _short(sideways_m), self._place(tick)[1])
-            for (upper, lower), (sideways_m, tick) in sorted(nearest.items(), key=lambda found: found[1])
+            for (upper, lower), (sideways_m, tick) in sorted(nearest.items(), key=lambda column: column[1])
         ]
 
     def _reached(self) -> None:
         """Check that every orbit and every resting target is reached before the next one begins."""
         requested = [
-            (one, at)
-            for one, at, _ in self._passages()
-            if one.cue.orbit is not None or one.cue.target is not None
+            (played, at)
+            for played, at, _ in self._passages()
+            if played.cue.orbit is not None or played.cue.target is not None
         ]
         ends = [at for _, at in requested[1:]] + [self._loaded.timeline.duration_s]
-        for (one, at_s), to_s in zip(requested, ends[: len(requested)], strict=True):
+        for (played, at_s), to_s in zip(requested, ends[: len(requested)], strict=True):
             off_m = [
                 self._off_m(tick, self._loaded.timeline.plan_at(float(self._show_s[tick])))
                 for tick in self._ticks(at_s, to_s).tolist()
@@ -310,7 +312,7 @@ class _Judge:
             if off_m and min(off_m) > REACHED_M:
                 words = f"{off_m[-1]:.1f} m are left at {to_s:g} s of the show, when the next begins"
                 words = f"the formation never reaches its orbit or target: {words}"
-                self._found.append(Flaw(("timeline", one.index), words))
+                self._found.append(Flaw(("timeline", played.index), words))
 
     def _pairs_below(self) -> int:
         """Return how many pairs came below the floor, without those of two lost vehicles."""
@@ -336,8 +338,8 @@ class _Judge:
             return ("timeline", 0), "before the show"
         if time_s >= self._ended_s:
             return ("duration_s",), "on the way home"
-        one = self._loaded.timeline.cue_at(float(self._show_s[tick]))
-        return ("timeline", one.index), one.cue.cue
+        played = self._loaded.timeline.cue_at(float(self._show_s[tick]))
+        return ("timeline", played.index), played.cue.cue
 
 
 def _short(value: float) -> float:
@@ -353,10 +355,11 @@ def _adverse_lines(verdict: Verdict) -> list[str]:
     lines = []
     if verdict.lost:
         lines.append(f"  lost on purpose: {', '.join(map(str, verdict.lost))}")
-    for one in verdict.replaced:
-        there = "is never there" if one.there_s is None else f"is there at {one.there_s:.0f} s"
-        words = f"  {one.spare} takes the place of {one.lost}: takes off at {one.at_s:.0f} s, {there}"
-        near = one.separation_min_m
+    for replaced in verdict.replaced:
+        there = "is never there" if replaced.there_s is None else f"is there at {replaced.there_s:.0f} s"
+        off = f"takes off at {replaced.at_s:.0f} s, {there}"
+        words = f"  {replaced.spare} takes the place of {replaced.lost}: {off}"
+        near = replaced.separation_min_m
         lines.append(words if near is None else f"{words}, {near:.2f} m from the nearest on its way")
     if verdict.not_replaced:
         lines.append(f"  no spare takes the place of {', '.join(map(str, verdict.not_replaced))}")
@@ -407,18 +410,18 @@ def table(verdict: Verdict) -> str:
     cells = [("cue", "line", "at s", "radius", "height", "closest", "speed", "shape", "centre", "held")]
     cells += [
         (
-            one.cue,
-            str(one.line),
-            f"{one.at_s:g}",
-            f"{one.radius_m:g}",
-            f"{one.height_m:g}",
-            f"{one.separation_m:.2f}",
-            f"{one.speed_m_s:.1f}",
-            "-" if one.radius_error_m is None else f"{one.radius_error_m:.2f}",
-            "-" if one.center_off_m is None else f"{one.center_off_m:.2f}",
-            str(one.held_back),
+            cue.cue,
+            str(cue.line),
+            f"{cue.at_s:g}",
+            f"{cue.radius_m:g}",
+            f"{cue.height_m:g}",
+            f"{cue.separation_m:.2f}",
+            f"{cue.speed_m_s:.1f}",
+            "-" if cue.radius_error_m is None else f"{cue.radius_error_m:.2f}",
+            "-" if cue.center_off_m is None else f"{cue.center_off_m:.2f}",
+            str(cue.held_back),
         )
-        for one in verdict.cues
+        for cue in verdict.cues
     ]
     first, *others = [max(map(len, column)) for column in zip(*cells, strict=True)]
     lines += ["  " + "  ".join([row[0].ljust(first), *map(str.rjust, row[1:], others)]) for row in cells]

@@ -61,11 +61,11 @@ class ShowArrivals:
         if self._unpacking is not None:
             if not self._unpacking[1].done():
                 return
-            found, self._unpacking = self._unpacking[1].result(), None
-            if isinstance(found, ShowRun):
-                self._newest, self._read = found, None
+            outcome, self._unpacking = self._unpacking[1].result(), None
+            if isinstance(outcome, ShowRun):
+                self._newest, self._read = outcome, None
             else:
-                log.warning("show_unreadable", extra={"reason": found})
+                log.warning("show_unreadable", extra={"reason": outcome})
         if self._whole is not None:
             (show_hash, parts), self._whole = self._whole, None
             self._unpacking = show_hash, self._reading.submit(_read, parts, show_hash)
@@ -74,7 +74,9 @@ class ShowArrivals:
         """Whether the show of this hash has arrived, as far as its sender says until it is unpacked."""
         if self._newest is not None and self._newest.hash == show_hash:
             return True
-        return any(one is not None and one[0] == show_hash for one in (self._whole, self._unpacking))
+        return any(
+            arrived is not None and arrived[0] == show_hash for arrived in (self._whole, self._unpacking)
+        )
 
     def find(self, show_hash: str, now_s: float) -> ShowRun | None:
         """Return the show of this hash, ready to be flown; None: it has not arrived, or is being read.
@@ -92,12 +94,12 @@ class ShowArrivals:
             self._read = self._reading.submit(self._with_drawing, newest)
         if not self._read.done():
             return None
-        found = self._read.result()
-        if isinstance(found, ShowRun):
-            return found
+        outcome = self._read.result()
+        if isinstance(outcome, ShowRun):
+            return outcome
         if now_s >= self._again_s:
             self._read = None
-        raise RefusedError(found)
+        raise RefusedError(outcome)
 
     def _with_drawing(self, show_run: ShowRun) -> ShowRun | str:
         """Return the show with its drawing, or why that is not possible. Called by another thread."""

@@ -99,10 +99,10 @@ class FollowedBegin(LedBegin):
         clock_s = nan if show_run is None or not show_run.begun else show_run.clock.show_s(now_s)
         timecode.note_show(clock_s)
         timecode.note_frozen(False, self.unix_s())
-        theirs = None if led is None else led.timecode
-        if theirs is not None:
-            timecode.followed = theirs.followed  # kept where this station leads next
-        only_here = timecode.runs(now_s) and not (theirs is not None and theirs.runs)
+        of_lead = None if led is None else led.timecode
+        if of_lead is not None:
+            timecode.followed = of_lead.followed  # kept where this station leads next
+        only_here = timecode.runs(now_s) and not (of_lead is not None and of_lead.runs)
         name = self.member.site.lead.name
         timecode.expected = not only_here
         timecode.problem = f"not followed: station {name} leads"

@@ -79,7 +79,7 @@ class SiteCommands:
         for name in self.member.site.stations:
             expected = self.member.ids_of(name, *reached)
             if vehicles is not None:
-                expected = [one for one in away.get(name, ()) if one in expected]
+                expected = [vehicle_id for vehicle_id in away.get(name, ()) if vehicle_id in expected]
             request = ShowRequest(
                 record.id,
                 CALLER.get(),
@@ -177,7 +177,9 @@ class SiteStations:
         record = self.member.flight.book.open(TAKE_OVER, [], {})
         for name in standbys:
             flown = [
-                one for one in member.ids_of(name, Phase.HOLD) if one in member.roles.configured[station]
+                vehicle_id
+                for vehicle_id in member.ids_of(name, Phase.HOLD)
+                if vehicle_id in member.roles.configured[station]
             ]
             request = StandbyRequest(record.id, CALLER.get(), station)
             record = self.routing.ask(record, name, request, flown or member.roles.configured[station])
@@ -258,8 +260,8 @@ def split(
         elif name in owner or name in flight.vehicles:
             away.setdefault(owner.get(name) or NO_STATION, []).append(name)
         else:
-            known = ", ".join((*flight.vehicles, *site.ids))
-            raise UnknownError(f"there is no vehicle {name}; there are {known}")
+            names = ", ".join((*flight.vehicles, *site.ids))
+            raise UnknownError(f"there is no vehicle {name}; there are {names}")
     return here, away
 
 

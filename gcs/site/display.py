@@ -36,8 +36,8 @@ class SiteDisplay:
 
     def __init__(self, member: SiteMember, site_config: Config) -> None:
         self._member, ids = member, member.site.ids
-        system_ids = {one.id: one.system_id for one in site_config.fleet}
-        link_of = {one.id: link.name for link in site_config.links for one in link.fleet}
+        system_ids = {vehicle.id: vehicle.system_id for vehicle in site_config.fleet}
+        link_of = {vehicle.id: link.name for link in site_config.links for vehicle in link.fleet}
         autopilots = site_config.autopilots
         self._system_ids = [system_ids[name] for name in ids]  # (k,) of the others' vehicles
         self._links = [link_of[name] for name in ids]
@@ -53,12 +53,12 @@ class SiteDisplay:
         site, now_s = member.site, member.flight.newest.state.time_s
         here = set(member.present())
         owners = site.owners
-        found = []
+        views = []
         for number, name in enumerate(site.names):
             own = name == site.own
             station = None if own else site.stations[name]
             silent_s = 0.0 if station is None else now_s - station.arrived_s
-            found.append(
+            views.append(
                 StationView(
                     name,
                     own=own,
@@ -72,7 +72,7 @@ class SiteDisplay:
                     offers=member.sender.offers if own else member.texts[name].offers,
                 )
             )
-        return tuple(found)
+        return tuple(views)
 
     def whole(self, own: FleetView, result: Tick) -> FleetView:
         """The same view with the vehicles of all stations; those of silent ones keep their last values."""
@@ -114,9 +114,9 @@ class SiteDisplay:
         changed: dict[str, Any] = {"rows": table, "stations": self.stations(), "show": member.show}
         changed["bus"] = self._bus()
         changed["minimum_separation_m"] = finite(result.minimum_separation_m)
-        if (found := own.estimates) is not None:  # of the own vehicles only
-            low_s, empty_s = np.append(found.low_s, elsewhere), np.append(found.empty_s, elsewhere)
-            changed["estimates"] = replace(found, low_s=low_s, empty_s=empty_s)
+        if (estimates := own.estimates) is not None:  # of the own vehicles only
+            low_s, empty_s = np.append(estimates.low_s, elsewhere), np.append(estimates.empty_s, elsewhere)
+            changed["estimates"] = replace(estimates, low_s=low_s, empty_s=empty_s)
         return replace(own, **changed)
 
     def recorded(self) -> RecordedElsewhere:

@@ -113,7 +113,7 @@ class RequestExecutor:
     def _show_part(self, request: ShowRequest) -> Callable[[], CommandRecord]:
         """What executes a fleet-wide command with the own vehicles."""
         if request.action is ShowAction.RESUME and self.local.flight.show.phase in FORMED:
-            formed = [one.id for one in self.local.flight.vehicles.in_phase(Phase.FORMATION)]
+            formed = [vehicle.id for vehicle in self.local.flight.vehicles.in_phase(Phase.FORMATION)]
             return partial(self.local.flight.book.done, request.action, formed, {}, "flies already")
         if request.reason:
             return partial(self.local.execute_own_failsafe, request.action, request.reason)

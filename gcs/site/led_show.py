@@ -116,8 +116,8 @@ class ShowTraffic:
         rows, parts = [int(row) for row in read["rows"]], [int(part) for part in read["parts"]]
         if min(rows, default=0) < 0 or min(parts, default=0) < 0:
             raise ValueError("a row or a part below 0")
-        found = {self._ids[row]: part for row, part in zip(rows, parts, strict=True)}
-        self._parts = str(read["hash"])[:64], found
+        part_of = {self._ids[row]: part for row, part in zip(rows, parts, strict=True)}
+        self._parts = str(read["hash"])[:64], part_of
 
     def messages(self, now_s: float) -> Iterator[tuple[str, bytes]]:
         """Topics and payloads that the lead sends after its tick."""

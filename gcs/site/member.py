@@ -111,7 +111,7 @@ class SiteMember(Elsewhere):
                 elif sender not in site.stations or site.stations[sender].batch is None:
                     site.refused += 1  # no station of this site, as far as its batches have shown
                 elif topic == f"letters.{site.own}":
-                    self.received += [(sender, one) for one in self.letters[sender].take(payload, now_s)]
+                    self.received += [(sender, body) for body in self.letters[sender].take(payload, now_s)]
                 elif topic == "plan":
                     self._take_plan(sender, payload, message.time_s)
                 elif topic in {SHOW, PARTS}:
@@ -189,12 +189,12 @@ class SiteMember(Elsewhere):
     @property
     def lost(self) -> dict[str, str]:
         """Stations that are not received any more, with what is known of their vehicles."""
-        found = {}
+        texts = {}
         for name in self.site.lost(self.flight.newest.state.time_s):
             flying = len(self.ids_of(name, *AIRBORNE))
             vehicles = "vehicle of it" if flying == 1 else "vehicles of it"
-            found[name] = f"{flying} {vehicles} in the air" if flying else "none of its vehicles in the air"
-        return found
+            texts[name] = f"{flying} {vehicles} in the air" if flying else "none of its vehicles in the air"
+        return texts
 
     @property
     def shows_of_others_fly(self) -> bool:
@@ -222,8 +222,8 @@ class SiteMember(Elsewhere):
 
     def shared(self) -> FormationState | None:
         """The lead's formation at this tick; None: this station computes it."""
-        found = self.site.formation(self.flight.newest.state.time_s, self.lead_silent_s)
-        return None if found is None or found.center is None else found
+        formation = self.site.formation(self.flight.newest.state.time_s, self.lead_silent_s)
+        return None if formation is None or formation.center is None else formation
 
     @property
     def show(self) -> ShowPhase:
@@ -236,14 +236,14 @@ class SiteMember(Elsewhere):
 
     def show_of(self, station: str) -> ShowPhase:
         """Phase of that station's show, as last received."""
-        found = self.site.stations[station].batch
-        return ShowPhase.IDLE if found is None else found.show
+        batch = self.site.stations[station].batch
+        return ShowPhase.IDLE if batch is None else batch.show
 
     @property
     def all_up(self) -> bool:
         """Whether no vehicle of another station climbs, or waits for its turn."""
         batches = [self.site.stations[name].batch for name in self.present()]
-        return all(found.all_up for found in batches if found is not None)
+        return all(batch.all_up for batch in batches if batch is not None)
 
     def why_not_start(self) -> str:
         """Why the other stations could not start now; empty when they can."""
@@ -258,8 +258,8 @@ class SiteMember(Elsewhere):
 
     def ids_of(self, station: str, *phases: Phase) -> list[VehicleId]:
         """Vehicles that another station flies, in one of these phases; without phases all."""
-        found, owners = self._in_phase(phases or PHASES), self.site.owners
-        return [self.site.ids[row] for row in np.flatnonzero(found).tolist() if owners[row] == station]
+        in_phase, owners = self._in_phase(phases or PHASES), self.site.owners
+        return [self.site.ids[row] for row in np.flatnonzero(in_phase).tolist() if owners[row] == station]
 
     def excluded(self, station: str) -> Collection[VehicleId]:
         """Vehicles on the ground that operators of another station have taken out of the show."""

@@ -39,10 +39,10 @@ class SiteReturns(ReturnsElsewhere):
     """The part of the other stations' vehicles. Used on the event loop only."""
 
     def __init__(
-        self, site: Site, known: SiteKnowledge, sender: SiteSender, now_s: Callable[[], float]
+        self, site: Site, knowledge: SiteKnowledge, sender: SiteSender, now_s: Callable[[], float]
     ) -> None:
         """`now_s`: time of this tick."""
-        self._site, self._known, self._sender, self._now_s = site, known, sender, now_s
+        self._site, self._known, self._sender, self._now_s = site, knowledge, sender, now_s
         self._newest = 0  # number of the newest return that was received
         self._parts: dict[int, ReturnMessage] = {}  # its parts, by first row
 

@@ -17,20 +17,20 @@ def station_fleets(site: Config) -> dict[str, StationFleet]:
     fleets = {}
     for station in site.stations:
         own = [link.name for link in site.links if link.name in station.links]
-        mirrored = [one.link for one in station.standby]
-        vehicles = [one for name in (*own, *mirrored) for one in links[name].fleet]
+        mirrored = [standby.link for standby in station.standby]
+        vehicles = [vehicle for name in (*own, *mirrored) for vehicle in links[name].fleet]
         standby = sum(len(links[name].fleet) for name in mirrored)
-        ids, charge = tuple(one.id for one in vehicles), tuple(one.charge for one in vehicles)
+        ids, charge = tuple(vehicle.id for vehicle in vehicles), tuple(vehicle.charge for vehicle in vehicles)
         fleets[station.name] = StationFleet(ids, charge, standby)
     return fleets
 
 
 def without_setpoints(site: Config) -> dict[VehicleId, WithoutSetpoints]:
     """What each vehicle of a site does without setpoints, with the parameters that preflight requires."""
-    operation, known = site.operation, presumed_parameters(site)
+    operation, presumed = site.operation, presumed_parameters(site)
     action, loss_s = operation.setpoint_loss_action, operation.setpoint_loss_s
     return {
-        each.id: profile.without_setpoints(action, loss_s, known.get(each.id, {}))
+        each.id: profile.without_setpoints(action, loss_s, presumed.get(each.id, {}))
         for link in site.links
         for each, profile in zip(link.fleet, link.autopilots, strict=True)
     }
@@ -66,10 +66,10 @@ class SiteRoles:
         standbys_of: dict[str, tuple[str, ...]] = dict.fromkeys(fleets, ())
         stands_by_for: dict[str, tuple[VehicleId, ...]] = {}
         for each in site.stations:
-            for name in dict.fromkeys(owner[one.link] for one in each.standby):
+            for name in dict.fromkeys(owner[standby.link] for standby in each.standby):
                 standbys_of[name] += (each.name,)
-            for one in each.standby if each.name == station else ():
-                ids = tuple(vehicle.id for vehicle in links[one.link].fleet)
-                stands_by_for[owner[one.link]] = stands_by_for.get(owner[one.link], ()) + ids
+            for standby in each.standby if each.name == station else ():
+                ids = tuple(vehicle.id for vehicle in links[standby.link].fleet)
+                stands_by_for[owner[standby.link]] = stands_by_for.get(owner[standby.link], ()) + ids
         configured = {name: fleet.ids[: len(fleet.ids) - fleet.standby] for name, fleet in fleets.items()}
         return SiteRoles(configured, standbys_of, stands_by_for)

@@ -65,12 +65,14 @@ class SiteRouting:
             except LinkError as error:  # the own part and the other stations' are executed all the same
                 missing = f"station {station}: {error}"
         if missing:
-            return book.include(record.id, {one: VehicleOutcome(Outcome.FAILED, missing) for one in ids})
+            return book.include(
+                record.id, {vehicle_id: VehicleOutcome(Outcome.FAILED, missing) for vehicle_id in ids}
+            )
         asked = self._asked.setdefault(
             record.id, _Requested(record.id, self._member.flight.newest.state.time_s)
         )
         asked.open[station] = set(ids)
-        return book.include(record.id, {one: VehicleOutcome(Outcome.PENDING) for one in ids})
+        return book.include(record.id, {vehicle_id: VehicleOutcome(Outcome.PENDING) for vehicle_id in ids})
 
     def note_executed(self, record: CommandRecord, station: str, ref: str) -> None:
         """Report how this command goes on to the station that asked for it."""
@@ -98,17 +100,17 @@ class SiteRouting:
     def _report(self) -> None:
         """Send the outcomes that have changed."""
         going_on = []
-        for one in self._executed:
+        for executed in self._executed:
             try:
-                record = self._book.get(one.record.id)
+                record = self._book.get(executed.record.id)
             except UnknownError:
                 continue
-            if record.outcomes != one.reported or not record.outcomes:
-                one.reported = dict(record.outcomes)
-                found = {name: (each.outcome, each.reason[:200]) for name, each in record.outcomes.items()}
-                self.answer(one.station, Outcomes(one.ref, found))
+            if record.outcomes != executed.reported or not record.outcomes:
+                executed.reported = dict(record.outcomes)
+                outcomes = {name: (each.outcome, each.reason[:200]) for name, each in record.outcomes.items()}
+                self.answer(executed.station, Outcomes(executed.ref, outcomes))
             if record.outcome is Outcome.PENDING:
-                going_on.append(one)
+                going_on.append(executed)
         self._executed = going_on
 
     def take(self, sender: str, reported: Outcomes) -> None:
@@ -117,22 +119,28 @@ class SiteRouting:
             return
         asked.answered.add(sender)
         book, ids = self._book, set(self._member.site.ids)
-        found = {
+        parts = {
             name: VehicleOutcome(outcome, reason)
             for name, (outcome, reason) in reported.outcomes.items()
             if name in ids
         }
         part = asked.open[sender]
-        part |= found.keys()
-        over = bool(reported.refused) or all(one.outcome is not Outcome.PENDING for one in found.values())
+        part |= parts.keys()
+        over = bool(reported.refused) or all(
+            part_outcome.outcome is not Outcome.PENDING for part_outcome in parts.values()
+        )
         if over:
             del asked.open[sender]
             why = reported.refused or "it did not apply to it"
             outcome = Outcome.FAILED if reported.refused else Outcome.NOT_INCLUDED
             left = VehicleOutcome(outcome, f"station {sender}: {why}")
             pending = book.get(reported.ref).outcomes
-            found |= {one: left for one in part - found.keys() if pending[one].outcome is Outcome.PENDING}
-        book.include(reported.ref, found)
+            parts |= {
+                vehicle_id: left
+                for vehicle_id in part - parts.keys()
+                if pending[vehicle_id].outcome is Outcome.PENDING
+            }
+        book.include(reported.ref, parts)
         if not asked.open:
             del self._asked[reported.ref]
 
@@ -142,7 +150,11 @@ class SiteRouting:
         for asked in list(self._asked.values()):
             late = now_s - asked.asked_s > ANSWERED_WITHIN_S
             silent = asked.open.keys() - asked.answered
-            for name in [one for one in asked.open if late and (one not in here or one in silent)]:
+            for name in [
+                vehicle_id
+                for vehicle_id in asked.open
+                if late and (vehicle_id not in here or vehicle_id in silent)
+            ]:
                 part = asked.open.pop(name)
                 try:
                     outcomes = self._book.get(asked.record_id).outcomes
@@ -150,7 +162,9 @@ class SiteRouting:
                     continue
                 why = "does not answer" if name in here else "is not received"
                 lost = VehicleOutcome(Outcome.FAILED, f"station {name} {why}")
-                pending = [one for one in part if outcomes[one].outcome is Outcome.PENDING]
+                pending = [
+                    vehicle_id for vehicle_id in part if outcomes[vehicle_id].outcome is Outcome.PENDING
+                ]
                 self._book.include(asked.record_id, dict.fromkeys(pending, lost))
             if not asked.open:
                 self._asked.pop(asked.record_id, None)

@@ -118,7 +118,7 @@ class SiteSender:
         home_m = [vehicle.home_m for vehicle in self.flight.vehicles.values()]
         if self._homes is None or not all(map(is_, home_m, self._homes[0])):
             nowhere = np.full(3, nan)
-            encoded = encode_homes(np.array([nowhere if one is None else one for one in home_m]))
+            encoded = encode_homes(np.array([nowhere if pad_m is None else pad_m for pad_m in home_m]))
             self._homes = home_m, encoded
         return self._homes[1]
 
@@ -153,8 +153,8 @@ class SiteSender:
             self._send("plan", text.encode())
 
     def _info_now(self) -> bytes:
-        vehicles = [one for one in self.flight.vehicles.values() if one.phase in EXPLAINED]
-        reasons = {one.id: one.reason[:150] for one in vehicles[:TEXTS_MAX]}
+        vehicles = [vehicle for vehicle in self.flight.vehicles.values() if vehicle.phase in EXPLAINED]
+        reasons = {vehicle.id: vehicle.reason[:150] for vehicle in vehicles[:TEXTS_MAX]}
         excluded = list(self.flight.excluded.items())[: TEXTS_MAX - len(reasons)]
         reasons |= {name: str(exclusion)[:150] for name, exclusion in excluded if name not in reasons}
         why = self._why_not_ready[:WHY_LENGTH]
@@ -227,11 +227,11 @@ class SiteSender:
         for name, station in site.stations.items():
             of_station = {row: at for at, row in enumerate(station.rows.tolist())}
             mine = np.array([at for at, row in enumerate(rows.tolist()) if row in of_station], dtype=np.intp)
-            theirs = np.array([of_station[row] for row in rows[mine].tolist()], dtype=np.intp)
+            station_of = np.array([of_station[row] for row in rows[mine].tolist()], dtype=np.intp)
             at = mine + first
             whole = ReturnMessage(
                 number,
-                theirs,
+                station_of,
                 paths.drawn_m[at],
                 paths.path_m[at],
                 home_m[mine],

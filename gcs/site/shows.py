@@ -196,7 +196,9 @@ class SiteShows(ShowsElsewhere):
     def _starting(self, station: str) -> list[VehicleId]:
         """Vehicles of another station on the ground that its operators have not taken out of the show."""
         out = self.member.excluded(station)
-        return [one for one in self.member.ids_of(station, Phase.STANDBY) if one not in out]
+        return [
+            vehicle_id for vehicle_id in self.member.ids_of(station, Phase.STANDBY) if vehicle_id not in out
+        ]
 
     def check_named(self, vehicles: Sequence[VehicleId], led: Sequence[VehicleId]) -> None:
         """Check whether the selected show starts with these vehicles of all stations.
@@ -218,8 +220,8 @@ class SiteShows(ShowsElsewhere):
     def starting(self, chosen: Sequence[VehicleId]) -> Sequence[VehicleId]:
         member, flying = self.member, set(chosen)
         for name in member.present():
-            theirs = {*self._starting(name), *member.ids_of(name, *AIRBORNE)}
-            flying |= theirs if self.named is None else theirs & self.named
+            of_station = {*self._starting(name), *member.ids_of(name, *AIRBORNE)}
+            flying |= of_station if self.named is None else of_station & self.named
         return [name for name in member.all_ids if name in flying]
 
     def rows(self, vehicle_ids: Sequence[VehicleId]) -> Mapping[VehicleId, int]:

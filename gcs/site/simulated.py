@@ -93,7 +93,7 @@ class SimulatedStations:
     ) -> Decided:
         """One tick of every station, with what has arrived by then; the arguments are of the whole fleet."""
         now_s = fleet.time_s
-        took_s, limited, found, sent = [], 0, [], []
+        took_s, limited, decided, sent = [], 0, [], []
         for station in self._stations:
             own = (
                 _rows_of(fleet, station.rows),
@@ -110,12 +110,12 @@ class SimulatedStations:
             sent.append(self._messages(station, *own))
             took_s.append(time.thread_time() - began_s)
             limited += len(result.limited_by) - result.limited_by.count("")
-            found.append(result.setpoints)
+            decided.append(result.setpoints)
         for station, messages in zip(self._stations, sent, strict=True):
             receivers = [other.site.own for other in self._stations if other is not station]
             for topic, payload in messages:
                 self._bus.publish(station.site.own, receivers, topic, payload, now_s)
-        return Decided(_joined(fleet, found), self._of_all(), limited, tuple(took_s))
+        return Decided(_joined(fleet, decided), self._of_all(), limited, tuple(took_s))
 
     def _messages(
         self, station: _Station, fleet: FleetState, tasks: Tasks, traits: Traits
@@ -188,19 +188,19 @@ def _tasks_of(tasks: Tasks, rows: NDArray[np.intp]) -> Tasks:
     )
 
 
-def _joined(fleet: FleetState, found: Sequence[Setpoints]) -> Setpoints:
+def _joined(fleet: FleetState, parts: Sequence[Setpoints]) -> Setpoints:
     """The setpoints of all stations as one."""
-    ids = tuple(_all_ids(found))
+    ids = tuple(_all_ids(parts))
     if ids == fleet.ids:
         ids = fleet.ids
     return Setpoints(
         fleet.time_s,
         ids,
-        np.concatenate([one.velocity_m_s for one in found]),
-        np.concatenate([one.yaw_rad for one in found]),
+        np.concatenate([setpoints.velocity_m_s for setpoints in parts]),
+        np.concatenate([setpoints.yaw_rad for setpoints in parts]),
     )
 
 
-def _all_ids(found: Sequence[Setpoints]) -> Iterator[VehicleId]:
-    for one in found:
-        yield from one.ids
+def _all_ids(parts: Sequence[Setpoints]) -> Iterator[VehicleId]:
+    for setpoints in parts:
+        yield from setpoints.ids

@@ -90,8 +90,8 @@ class Standby:
     def _take(self, name: str, now_s: float) -> None:
         site = self.member.site
         ids = site.take_over(name)
-        for one in ids:
-            vehicle = self.vehicles[one]
+        for vehicle_id in ids:
+            vehicle = self.vehicles[vehicle_id]
             vehicle.home_m = site.known_home_m(vehicle.row)
             vehicle.reason = f"taken over from station {name}"
         if ids:
@@ -100,16 +100,20 @@ class Standby:
 
     def _give_back(self, name: str) -> None:
         """Leave the vehicles of a station that is there again to it, once all are on the ground."""
-        vehicles = [self.vehicles[one] for one in self.member.roles.stands_by_for[name]]
-        if all(one.phase in GROUNDED and not self.maneuvers.running(one) for one in vehicles):
+        vehicles = [self.vehicles[vehicle_id] for vehicle_id in self.member.roles.stands_by_for[name]]
+        if all(vehicle.phase in GROUNDED and not self.maneuvers.running(vehicle) for vehicle in vehicles):
             del self.taken[name]
-            ids = {one.id for one in vehicles}
+            ids = {vehicle.id for vehicle in vehicles}
             self._held, self._rejoined = self._held - ids, self._rejoined - ids
             self.member.site.give_back(ids)
             log.warning("station_given_back", extra={"other": name, "vehicles": len(ids)})
 
     def _of_taken(self) -> list[Vehicle]:
-        return [self.vehicles[one] for name in self.taken for one in self.member.roles.stands_by_for[name]]
+        return [
+            self.vehicles[vehicle_id]
+            for name in self.taken
+            for vehicle_id in self.member.roles.stands_by_for[name]
+        ]
 
     def _hold(self) -> None:
         """Have vehicles that were taken over hold, unless a person or their own failsafe has them."""
@@ -123,20 +127,24 @@ class Standby:
     def _rejoin_by_itself(self, now_s: float) -> None:
         for name, taken_s in self.taken.items():
             if now_s - taken_s > NO_SETPOINTS_S and not self._joining:
-                waiting = [one for one in self._holding(name) if one.id not in self._rejoined]
+                waiting = [vehicle for vehicle in self._holding(name) if vehicle.id not in self._rejoined]
                 if waiting:
-                    self._rejoined |= {one.id for one in waiting}
+                    self._rejoined |= {vehicle.id for vehicle in waiting}
                     self.join(waiting, None)
 
     def _holding(self, name: str) -> list[Vehicle]:
-        vehicles = [self.vehicles[one] for one in self.member.roles.stands_by_for[name]]
-        return [one for one in vehicles if one.phase is Phase.HOLD and not self.maneuvers.running(one)]
+        vehicles = [self.vehicles[vehicle_id] for vehicle_id in self.member.roles.stands_by_for[name]]
+        return [
+            vehicle
+            for vehicle in vehicles
+            if vehicle.phase is Phase.HOLD and not self.maneuvers.running(vehicle)
+        ]
 
     def go_on(self, name: str) -> CommandRecord:
         """Fly on with a lost station's vehicles, on an operator's command. Raises: RefusedError."""
         if name not in self.member.roles.stands_by_for:
-            known = ", ".join(self.member.roles.stands_by_for) or "none"
-            raise RefusedError(f"this station is no standby for {name}; it is for: {known}")
+            names = ", ".join(self.member.roles.stands_by_for) or "none"
+            raise RefusedError(f"this station is no standby for {name}; it is for: {names}")
         now_s = self.newest.state.time_s
         if name not in self.taken:
             raise RefusedError(f"station {name} is not lost: stop it there first")
@@ -146,7 +154,7 @@ class Standby:
         waiting = self._holding(name)
         if not waiting:
             raise RefusedError(f"no vehicle of station {name} holds here")
-        record = self.book.open(TAKE_OVER, [one.id for one in waiting], {})
+        record = self.book.open(TAKE_OVER, [vehicle.id for vehicle in waiting], {})
         self.join(waiting, record)
         return record
 
@@ -202,8 +210,8 @@ class Standby:
         if self._fenced:
             return
         self._fenced = True
-        flown = [one for one in self.vehicles.values() if one.phase in AIRBORNE - {Phase.HOLD, Phase.TAKEOFF}]
-        flown = [one for one in flown if not one.flags.handed_over]
+        flown = self.vehicles.in_phase(*(AIRBORNE - {Phase.HOLD, Phase.TAKEOFF}))
+        flown = [vehicle for vehicle in flown if not vehicle.flags.handed_over]
         log.error("standby_not_received", extra={"other": cut[0], "vehicles": len(flown)})
         for vehicle in flown:
             self.maneuvers.start(vehicle, self.maneuvers.hold, lambda _outcome, _reason: None)

@@ -83,11 +83,11 @@ class Letters:
             self._their_session, self._received = session, 0
             if items:  # the first that is not received: those before it have expired
                 self._received = items[0][0] - 1
-        found = []
+        bodies = []
         for number, body in items:
             if number > self._received:
                 self._received = number
-                found.append(body)
+                bodies.append(body)
         if items:
             self._answers, self._due_s = True, min(self._due_s, now_s)
-        return found
+        return bodies

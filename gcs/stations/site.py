@@ -106,14 +106,16 @@ class Site:
         self._led = _Led()
         others = {name: fleet for name, fleet in fleets.items() if name != own}
         charge = {
-            one: share
+            vehicle_id: share
             for fleet in others.values()
-            for one, share in zip(fleet.ids, fleet.charge, strict=True)
+            for vehicle_id, share in zip(fleet.ids, fleet.charge, strict=True)
         }
         self.ids: tuple[VehicleId, ...] = tuple(charge)
         row_of = {name: row for row, name in enumerate(self.ids)}
         self.stations = {
-            name: Station(names.index(name), np.array([row_of[one] for one in fleet.ids], dtype=np.intp))
+            name: Station(
+                names.index(name), np.array([row_of[vehicle_id] for vehicle_id in fleet.ids], dtype=np.intp)
+            )
             for name, fleet in others.items()
         }
         self._charge = np.array(list(charge.values()))
@@ -125,7 +127,9 @@ class Site:
         self._home_count = n - mine.standby
         self.owned = np.arange(n) < self._home_count
         self.epochs = self.owned.astype(np.uint8)
-        shared = [(row, row_of[one]) for row, one in enumerate(mine.ids) if one in row_of]
+        shared = [
+            (row, row_of[vehicle_id]) for row, vehicle_id in enumerate(mine.ids) if vehicle_id in row_of
+        ]
         self._own_rows = np.array([row for row, _ in shared], dtype=np.intp)  # that others know as well
         self._their_rows = np.array([row for _, row in shared], dtype=np.intp)  # the same vehicles
         self._all_rows = np.arange(n + k)
@@ -169,10 +173,10 @@ class Site:
                 self.delays.echoed(station.number, echo.sequence, echo.held_s, arrived_s)
         made_s = arrived_s - self.delays.one_way_s(station.number)
         station.batch, station.arrived_s, station.made_s = batch, arrived_s, made_s
-        known = self.known
-        take(known, station.rows, wire, station.number, made_s)
+        reported = self.known
+        take(reported, station.rows, wire, station.number, made_s)
         if len(self._own_rows):
-            lost = known.epochs[self._their_rows] > self.epochs[self._own_rows]
+            lost = reported.epochs[self._their_rows] > self.epochs[self._own_rows]
             self.owned[self._own_rows[lost]] = False
             self._take_back()
         self._uncontrolled.forget_seen(arrived_s)
@@ -195,11 +199,11 @@ class Site:
         if station.homes == (newest := (payload, owner.tobytes())):
             return  # they come again and again
         station.homes = newest
-        theirs = np.isin(owner, (NO_STATION, station.number)) & np.isfinite(home_m[:, 0])
-        theirs &= (self.home_m[station.rows] != home_m).any(axis=1)
-        rows = station.rows[theirs]
-        self.home_m[rows] = home_m[theirs]
-        for row, one_m in zip(rows.tolist(), home_m[theirs], strict=True):
+        changed = np.isin(owner, (NO_STATION, station.number)) & np.isfinite(home_m[:, 0])
+        changed &= (self.home_m[station.rows] != home_m).any(axis=1)
+        rows = station.rows[changed]
+        self.home_m[rows] = home_m[changed]
+        for row, one_m in zip(rows.tolist(), home_m[changed], strict=True):
             self.homes_m[row] = one_m
 
     def _take_formation(self, station: Station, message: FormationMessage, arrived_s: float) -> None:
@@ -247,7 +251,7 @@ class Site:
 
     def others(self, now_s: float) -> Others:
         """All vehicles of the other stations at `now_s`: once a tick."""
-        known, age_max_s = self.known, self._without_control.telemetry_age_max_s
+        reported, age_max_s = self.known, self._without_control.telemetry_age_max_s
         here = np.zeros(len(self.names) + 1, np.bool_)  # the last: no station flies it
         shares, pace = here.copy(), 1.0
         for name in self.present(now_s):
@@ -256,23 +260,23 @@ class Site:
             shares[station.number] = max(now_s - station.arrived_s, station.ours_age_s) <= SHARES_S
             if station.batch is not None:
                 pace = min(pace, station.batch.pace)
-        age_s = now_s - known.measured_s
-        self._uncontrolled.note(age_s, now_s, ~here[known.owner])
+        age_s = now_s - reported.measured_s
+        self._uncontrolled.note(age_s, now_s, ~here[reported.owner])
         position_m, uncertainty_m, unfiltered_m_s, filtered_m_s, airborne, formed, without = at_time(
-            known, self._mine, here, shares, now_s, age_max_s
+            reported, self._mine, here, shares, now_s, age_max_s
         )
         paths, owners, drift = self._uncontrolled.paths(np.flatnonzero(without), age_s)
         return Others(
             self.ids,
             position_m,
-            known.velocity_m_s.copy(),
+            reported.velocity_m_s.copy(),
             unfiltered_m_s,
             filtered_m_s,
             uncertainty_m,
             self._charge,
             airborne,
             formed,
-            known.slot_stays.copy(),
+            reported.slot_stays.copy(),
             paths,
             owners,
             drift,
@@ -331,9 +335,9 @@ class Site:
         for number, (made_s, slots) in self._led.place.items():
             name = self.names[number]
             rows = np.arange(n) if name == self.own else self.stations[name].rows + n
-            known = np.isfinite(slots[:, 0])
+            has_slot = np.isfinite(slots[:, 0])
             turn_rad = spin_rad_s * max(now_s - made_s, 0.0)
-            place[rows[known]] = turned(slots[known], turn_rad) if turn_rad else slots[known]
+            place[rows[has_slot]] = turned(slots[has_slot], turn_rad) if turn_rad else slots[has_slot]
         return place
 
     def plan_version(self) -> int | None:
@@ -368,13 +372,13 @@ class Site:
     @property
     def owners(self) -> list[str]:
         """(k,) Name of that station; empty: none is known."""
-        found: list[str] = self._owner_names[self.known.owner].tolist()
-        return found
+        names: list[str] = self._owner_names[self.known.owner].tolist()
+        return names
 
     def take_over(self, station: str) -> list[VehicleId]:
         """Own from now on the vehicles of that station that this one stands by for. Returns: them."""
-        theirs = np.isin(self.known.owner[self._their_rows], (NO_STATION, self.names.index(station)))
-        rows = self._own_rows[theirs & ~self.owned[self._own_rows]]
+        taken = np.isin(self.known.owner[self._their_rows], (NO_STATION, self.names.index(station)))
+        rows = self._own_rows[taken & ~self.owned[self._own_rows]]
         before = np.zeros(len(self.own_ids), np.uint8)
         before[self._own_rows] = self.known.epochs[self._their_rows]
         self.epochs[rows] = np.minimum(np.maximum(self.epochs[rows], before[rows]), EPOCH_MAX - 1) + 1
@@ -388,7 +392,9 @@ class Site:
 
     def give_back(self, ids: Collection[VehicleId]) -> None:
         """Own these no longer, although no other station claims them: their station owns them again."""
-        rows = np.array([row for row, one in enumerate(self.own_ids) if one in ids], dtype=np.intp)
+        rows = np.array(
+            [row for row, vehicle_id in enumerate(self.own_ids) if vehicle_id in ids], dtype=np.intp
+        )
         self.owned[rows] = False
 
     # sent

@@ -37,17 +37,17 @@ class SpaceWithoutControl:
     """Paths that the k vehicles of other stations may take without control, from where each was seen last."""
 
     def __init__(
-        self, ids: tuple[VehicleId, ...], known: ReportedVehicles, home_m: Array, settings: WithoutControl
+        self, ids: tuple[VehicleId, ...], reported: ReportedVehicles, home_m: Array, settings: WithoutControl
     ) -> None:
         """Nothing is known of any vehicle at first.
 
         Args:
             ids: (k,) vehicles.
-            known: what is reported of them, changed by others.
+            reported: what is reported of them, changed by others.
             home_m: (k, 3) where they took off, show frame, changed by others; NaN: not known.
             settings: what they do.
         """
-        self._ids, self._known, self._home_m, self._settings = ids, known, home_m, settings
+        self._ids, self._known, self._home_m, self._settings = ids, reported, home_m, settings
         self._alone = settings.of(ids)
         self._kept = KeptSetpoints(len(ids))
         self._swept: dict[int, Array] = {}  # by row, of paths that do not change any more
@@ -58,9 +58,9 @@ class SpaceWithoutControl:
 
     def forget_seen(self, now_s: float) -> None:
         """Forget the paths of vehicles that are commanded again."""
-        known = self._known
-        for row in [row for row in self._swept if known.phases[row] not in WITHOUT_LINK]:
-            if now_s - known.measured_s[row] <= self._settings.telemetry_age_max_s:
+        reported = self._known
+        for row in [row for row in self._swept if reported.phases[row] not in WITHOUT_LINK]:
+            if now_s - reported.measured_s[row] <= self._settings.telemetry_age_max_s:
                 del self._swept[row]
 
     def closed(self, rows: Rows) -> tuple[Array, Rows]:
@@ -97,7 +97,7 @@ class SpaceWithoutControl:
         """(m, 2, 3) paths that silent vehicles may take soon, and (m,) their rows."""
         alone = self._settings
         of, keeps_m_s = self._kept.possible_m_s(rows, self._known.velocity_m_s)
-        segments_m, found = silent_segments_m(
+        segments_m, segment_of = silent_segments_m(
             self._known.position_m[of],
             keeps_m_s,
             self._home_m[of],
@@ -107,7 +107,7 @@ class SpaceWithoutControl:
             noticed_s=self._alone.flies_on_s[of],
             drift_s=self._drift_s(of, keeps_m_s),
         )
-        return segments_m, of[found]
+        return segments_m, of[segment_of]
 
     def _swept_m(self, row: int) -> Array:
         """(m, 2, 3) paths that a lost vehicle may take; they stay as they are."""

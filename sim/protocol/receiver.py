@@ -79,13 +79,13 @@ class Receiver:
         self, batch: Sequence[tuple[int, bytes]], places: Sequence[int], valid: list[bool]
     ) -> set[int]:
         """Process the datagrams that contain only setpoints with one target each. Returns: their places."""
-        found = frames.setpoints(b"".join([batch[place][1] for place in places]))
-        if found is None:
+        setpoints = frames.setpoints(b"".join([batch[place][1] for place in places]))
+        if setpoints is None:
             places = [p for p in places if frames.setpoints(batch[p][1]) is not None]
-            found = frames.setpoints(b"".join([batch[place][1] for place in places]))
-            if found is None:
+            setpoints = frames.setpoints(b"".join([batch[place][1] for place in places]))
+            if setpoints is None:
                 return set()
-        messages, sender, good = found
+        messages, sender, good = setpoints
         counts = [len(batch[place][1]) // frames.SETPOINT_FRAME for place in places]
         owner = np.repeat(np.arange(len(places)), counts)
         plain = good & (messages["target_system"] != BROADCAST)

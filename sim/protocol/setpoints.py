@@ -22,9 +22,9 @@ def store_setpoints(state: State, rows: Rows, messages: NDArray[np.void]) -> Row
     Returns: the rows with a setpoint that commands nothing (item 10): they are unchanged.
     """
     frame = messages["coordinate_frame"]
-    known = (frame == LOCAL_NED) | (frame == BODY_NED)
-    if not known.all():
-        rows, messages, frame = rows[known], messages[known], frame[known]
+    supported = (frame == LOCAL_NED) | (frame == BODY_NED)
+    if not supported.all():
+        rows, messages, frame = rows[supported], messages[supported], frame[supported]
     messages_si = axes_given(messages)
     position_m, velocity_m_s, acceleration_m_s2 = messages_si
     mask = messages["type_mask"]

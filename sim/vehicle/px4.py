@@ -100,10 +100,10 @@ class Quirks:
 
         Raises: QuirkError for an unknown quirk.
         """
-        known = set(quirk_names())
+        names = set(quirk_names())
         desired = dict(changes)
         for name in desired:
-            if name not in known:
+            if name not in names:
                 raise QuirkError(f"{name}: no such quirk; there are {', '.join(quirk_names())}")
         return replace(self, **{name.replace("-", "_"): on for name, on in desired.items()})
 

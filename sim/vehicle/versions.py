@@ -62,8 +62,8 @@ def part_for(autopilot: str, text: str) -> str:
     parts = [part.strip() for part in text.split(",") if part.strip()]
     for part in parts:
         if not any(part in names(kind) for kind in TITLES):
-            known = "; ".join(f"{title}{', '.join(names(kind))}" for kind, title in TITLES.items())
-            raise VersionError(f"autopilot version {part!r} is not known; there are {known}")
+            offered = "; ".join(f"{title}{', '.join(names(kind))}" for kind, title in TITLES.items())
+            raise VersionError(f"autopilot version {part!r} is not known; there are {offered}")
     chosen = [part for part in parts if part in names(autopilot)]
     if len(chosen) > 1:
         raise VersionError(f"autopilot versions {text!r}: one of {TITLES[autopilot].strip(' v')} is possible")
@@ -73,8 +73,8 @@ def part_for(autopilot: str, text: str) -> str:
 def find(autopilot: str, name: str = RECORDED, *, as_delivered: bool = False) -> Version:
     """The version by its name, as in "1.16"; without one that was recorded. Raises: VersionError."""
     if name and name not in names(autopilot):
-        known = ", ".join(names(autopilot))
-        raise VersionError(f"{TITLES[autopilot]}{name} is not known; there are {known}")
+        offered = ", ".join(names(autopilot))
+        raise VersionError(f"{TITLES[autopilot]}{name} is not known; there are {offered}")
     return _version(autopilot, name, as_delivered)
 
 

@@ -26,7 +26,7 @@ def record_of(station: VirtualStation, folder: Path) -> Record:
     plan = {"time_s": 0.0}
     found = Interruption("before", station.unix(), ShowPhase.RUNNING, "", frame, vehicles, None, plan)
     links = {name: (one.system_id, "loop") for name, one in vehicles.items()}
-    return Record(folder, config.model_dump_json(), links, flight=False, found=found)
+    return Record(folder, config.model_dump_json(), links, flight=False, interruption=found)
 
 
 def test_any_station_brings_home_what_another_was_flying(tmp_path: Path) -> None:

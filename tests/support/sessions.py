@@ -96,7 +96,7 @@ class Vehicles:
             config.model_dump_json(),
             vehicles,
             flight=False,
-            found=interruption(root),
+            interruption=interruption(root),
             excluded=exclusions(root),
             lost_begin=lost_begin(root),
         )

@@ -236,7 +236,7 @@ def make_record(config: Config, site: Config | None = None) -> Record | None:
         config.model_dump_json(),
         vehicles,
         flight=config.record.flight,
-        found=found,
+        interruption=found,
         excluded=excluded,
         lost_begin=begin,
         elsewhere={} if site is None else _elsewhere(config, site),

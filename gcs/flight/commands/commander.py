@@ -45,11 +45,11 @@ class Commander(VehicleCommands):
         show_player: ShowPlayer,
         preflight_gate: PreflightGate,
         planning: Executor,
-        found: Interruption | None = None,
+        interruption: Interruption | None = None,
     ) -> None:
         """`planning` runs the planner of the collective return, outside the tick.
 
-        `found` is a flight that was interrupted before this service began.
+        `interruption` is a flight that was interrupted before this service began.
         """
         super().__init__(flight, refusals, places, maneuvers, find)
         self._planning = planning
@@ -80,7 +80,7 @@ class Commander(VehicleCommands):
             RestoredPlan(flight.in_force, show, newest, flight.unix_s, show_player),
             StallRecovery(newest, vehicles, show, frame, space, flight.unix_s, flight.inputs),
             AwaitedVehicles(newest, maneuvers, asyncio.get_running_loop().time),
-            found,
+            interruption,
             self._bring_home,
         )
 
@@ -159,11 +159,12 @@ class Commander(VehicleCommands):
                 that are being taken over already.
         """
         flight = self.flight
-        found = self.recovery.reclaim() if reclaim else []
+        reclaimable = self.recovery.reclaim() if reclaim else []
         return [
-            one
-            for one in flight.vehicles.in_phase(Phase.PILOT)
-            if one in found or (self.maneuvers.running(one) and not self.refusals.why_never(one))
+            vehicle
+            for vehicle in flight.vehicles.in_phase(Phase.PILOT)
+            if vehicle in reclaimable
+            or (self.maneuvers.running(vehicle) and not self.refusals.why_never(vehicle))
         ]
 
     def _bring_down(
@@ -304,9 +305,9 @@ class Commander(VehicleCommands):
         flight, maneuvers = self.flight, self.maneuvers
         advance_show(flight.show.phase, ShowEvent.PAUSE)
         taking_over = self.recovery.taking_over  # the take-over ends paused: the pause closes with it
-        back = [one for one in self._reclaimed(reclaim=reclaim) if one not in taking_over]
+        back = [vehicle for vehicle in self._reclaimed(reclaim=reclaim) if vehicle not in taking_over]
         waiting = self.maneuvers.waiting
-        later = [one for one in self._expected(reclaim=reclaim) if one not in taking_over]
+        later = [vehicle for vehicle in self._expected(reclaim=reclaim) if vehicle not in taking_over]
         self._stop_on_the_way()
         self._lead(ShowEvent.PAUSE, reason, flight.vehicles.airborne)
         stopped = flight.vehicles.in_phase(Phase.FORMATION)

@@ -46,8 +46,8 @@ class PlanEditor:
     def _to_fly(self) -> list[Vehicle]:
         """Vehicles that the formation must have room for: on the ground, those online and not excluded."""
         online = (vehicle for vehicle in self.vehicles.values() if vehicle.phase is not Phase.OFFLINE)
-        found = [vehicle for vehicle in online if vehicle.id not in self.excluded]
-        flying = found if self.show.phase in ON_THE_GROUND else self._taking_part()
+        included = [vehicle for vehicle in online if vehicle.id not in self.excluded]
+        flying = included if self.show.phase in ON_THE_GROUND else self._taking_part()
         return flying or list(self.vehicles.values())
 
     def set_formation(self, formation: Formation, fields: Sequence[str] = ()) -> None:
@@ -93,7 +93,7 @@ class PlanEditor:
 
     def add_obstacle(self, obstacle: Obstacle) -> None:
         self.show_player.need_own_obstacle(obstacle.id)
-        if any(known.id == obstacle.id for known in self.in_force.plan.obstacles):
+        if any(box.id == obstacle.id for box in self.in_force.plan.obstacles):
             raise RefusedError(f"there is an obstacle {obstacle.id} already; change or remove it")
         if len(self.in_force.plan.obstacles) + self.show_player.reserved >= MAX_OBSTACLES:
             raise RefusedError(f"there are {MAX_OBSTACLES} obstacles already, the most possible; remove one")
@@ -105,17 +105,17 @@ class PlanEditor:
 
     def remove_obstacle(self, obstacle_id: str) -> None:
         self._need_obstacle(obstacle_id)
-        self._set_obstacles([known for known in self.in_force.plan.obstacles if known.id != obstacle_id])
+        self._set_obstacles([box for box in self.in_force.plan.obstacles if box.id != obstacle_id])
 
     def _need_obstacle(self, obstacle_id: str) -> None:
         self.show_player.need_own_obstacle(obstacle_id)
-        known = [obstacle.id for obstacle in self.in_force.plan.obstacles]
-        if obstacle_id not in known:
-            raise UnknownError(f"there is no obstacle {obstacle_id}; there are {', '.join(known) or 'none'}")
+        ids = [obstacle.id for obstacle in self.in_force.plan.obstacles]
+        if obstacle_id not in ids:
+            raise UnknownError(f"there is no obstacle {obstacle_id}; there are {', '.join(ids) or 'none'}")
 
     def _place_obstacle(self, obstacle: Obstacle) -> None:
         """An obstacle that is there is a fact, whoever is near: it is never refused."""
-        others = [known for known in self.in_force.plan.obstacles if known.id != obstacle.id]
+        others = [box for box in self.in_force.plan.obstacles if box.id != obstacle.id]
         self._set_obstacles([*others, replace(obstacle, time_s=self.now_s())])
 
     def _set_obstacles(self, obstacles: Sequence[Obstacle]) -> None:
@@ -162,46 +162,46 @@ class RestoredPlan:
         """Forget the interruption: a later one is restored anew."""
         self._restored.clear()
 
-    def why_not(self, found: Interruption) -> str:
+    def why_not(self, interruption: Interruption) -> str:
         """Why no vehicle can return to the formation; empty when they can."""
-        if found.show not in TAKEN_OVER_FROM:
-            return f"take-over is not offered: the show was {found.show}"
+        if interruption.show not in TAKEN_OVER_FROM:
+            return f"take-over is not offered: the show was {interruption.show}"
         try:
-            if found.stalled_s is not None and found.plan is None:
+            if interruption.stalled_s is not None and interruption.plan is None:
                 return ""  # the plan that was flown still applies
-            if found.written is not None:
-                self.show_player.find(found.written.name, found.written.hash)
+            if interruption.written is not None:
+                self.show_player.find(interruption.written.name, interruption.written.hash)
             else:
-                self._checked(found)
+                self._checked(interruption)
         except GcsError as error:
             return f"take-over is not offered: {error}"
         return ""
 
-    def restore(self, found: Interruption, offer: Offer) -> None:
+    def restore(self, interruption: Interruption, offer: Offer) -> None:
         """Restore the whole plan to take over, or its obstacles to return the vehicles.
 
         Raises: RefusedError if a take-over cannot fly it; a return is never refused.
         """
-        if found.plan is None and found.stalled_s is not None:
+        if interruption.plan is None and interruption.stalled_s is not None:
             return  # the service has kept it
         if not self._restored.isdisjoint({offer, Offer.TAKE_OVER}):
             return
         if offer is Offer.BRING_HOME:
-            self._restore_obstacles(found)
+            self._restore_obstacles(interruption)
         else:
-            plan = self._checked(found)
-            if found.written is None:
+            plan = self._checked(interruption)
+            if interruption.written is None:
                 self.in_force.plan = plan
             elif self.show.run is None:
-                self.show_player.resume(found.written, plan)
+                self.show_player.resume(interruption.written, plan)
         self._restored.add(offer)
 
-    def _restore_obstacles(self, found: Interruption) -> None:
+    def _restore_obstacles(self, interruption: Interruption) -> None:
         """Restore as many obstacles as are allowed; an unreadable record has none."""
-        if found.plan is None or self.show.run is not None:
+        if interruption.plan is None or self.show.run is not None:
             return
         try:
-            recorded = self._recorded(found).obstacles
+            recorded = self._recorded(interruption).obstacles
         except RefusedError as error:
             log.warning("obstacles_not_restored", extra={"reason": str(error)})
             return
@@ -211,20 +211,20 @@ class RestoredPlan:
             log.warning("obstacles_not_restored", extra={"reason": reason})
         self.in_force.plan = replace(self.in_force.plan, obstacles=merged[-MAX_OBSTACLES:])
 
-    def _recorded(self, found: Interruption) -> Plan:
+    def _recorded(self, interruption: Interruption) -> Plan:
         """The recorded plan, with target and obstacles moved to now. Raises: RefusedError if unreadable."""
-        if found.plan is None:
+        if interruption.plan is None:
             raise RefusedError("what was flown is not in the record")
         now_s = self.newest.state.time_s
         try:
-            shift_s = now_s - (self.unix_s() - found.unix_s) - float(found.plan["time_s"])
-            return plan_of(found.plan, shift_s)
+            shift_s = now_s - (self.unix_s() - interruption.unix_s) - float(interruption.plan["time_s"])
+            return plan_of(interruption.plan, shift_s)
         except (GcsError, KeyError, TypeError, ValueError) as error:
             raise RefusedError(f"the plan of the record cannot be read: {error!r}") from None
 
-    def _merged(self, found: Interruption) -> Plan:
+    def _merged(self, interruption: Interruption) -> Plan:
         """The recorded plan with an operator's changes since the restart. Raises: RefusedError."""
-        recorded, configured, now = self._recorded(found), self._configured, self.in_force.plan
+        recorded, configured, now = self._recorded(interruption), self._configured, self.in_force.plan
         merged = merged_obstacles(recorded.obstacles, configured.obstacles, now.obstacles)
         if len(merged) > MAX_OBSTACLES:
             text = f"{len(merged)} obstacles, with those of the interrupted flight; at most {MAX_OBSTACLES}"
@@ -240,14 +240,14 @@ class RestoredPlan:
             yaw=recorded.yaw if now.yaw == configured.yaw else now.yaw,
         )
 
-    def _checked(self, found: Interruption) -> Plan:
+    def _checked(self, interruption: Interruption) -> Plan:
         """The merged plan, if it may be flown. Raises: RefusedError."""
-        plan, control = self._merged(found), self.in_force.control
-        if found.written is not None:
+        plan, control = self._merged(interruption), self.in_force.control
+        if interruption.written is not None:
             return plan  # checked as a whole, under its own limits
         try:
             # As configured, not as reported: a worse accuracy must not leave flying vehicles uncontrolled.
-            check_formation(plan.formation, max(1, len(found.vehicles)), control.safety)
+            check_formation(plan.formation, max(1, len(interruption.vehicles)), control.safety)
             check_orbit(plan.orbit, control.law)
             target = followed(plan, self.newest.state.time_s, control.safety.fence)
             check_target(target, plan.orbit, plan.formation, control)

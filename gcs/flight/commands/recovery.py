@@ -79,12 +79,12 @@ class FlightRecovery:
         if self.found is not None:
             self._restore_pads(self.found)
 
-    def _restore_pads(self, found: Interruption) -> None:
+    def _restore_pads(self, interruption: Interruption) -> None:
         vehicles = self.vehicles
         ids = {name: vehicle.system_id for name, vehicle in vehicles.items()}
-        self._wrong = tuple(mismatches(found, self.stalls.show_frame.model_dump(), ids))
+        self._wrong = tuple(mismatches(interruption, self.stalls.show_frame.model_dump(), ids))
         if not self._wrong:
-            for name, before in found.vehicles.items():
+            for name, before in interruption.vehicles.items():
                 if before.pad_m is not None:
                     vehicles[name].home_m = np.array(before.pad_m)
             self.review()
@@ -96,14 +96,14 @@ class FlightRecovery:
 
     def log_found(self) -> None:
         """Log the flight that was interrupted before this service began, if there is one."""
-        if (found := self.found) is not None:
-            reported = {"of_session": found.session, "was": found.show.value, "mismatches": list(self._wrong)}
-            log.warning("found_interrupted", extra=reported)
+        if (interruption := self.found) is not None:
+            about = {"of_session": interruption.session, "was": interruption.show.value}
+            log.warning("found_interrupted", extra={**about, "mismatches": list(self._wrong)})
 
     def _explain(self, stall: Stall) -> None:
         """Add the vehicles that the stall took out of control to the interruption."""
-        known = set() if self.found is None else self.found.vehicles.keys() - self._regained
-        fallen = self.stalls.fallen(known)
+        interrupted = set() if self.found is None else self.found.vehicles.keys() - self._regained
+        fallen = self.stalls.fallen(interrupted)
         if not fallen:
             return
         self._regained -= fallen.keys()
@@ -137,8 +137,8 @@ class FlightRecovery:
         """Airborne vehicles that the stall or restart took out of control; a command may take it first."""
         shown = self.view()
         left = {} if shown is None or self._wrong else shown.vehicles
-        vehicles = [self.vehicles[name] for name, one in left.items() if one.waits]
-        return [one for one in vehicles if one.phase is Phase.PILOT and not self.why_not(one)]
+        vehicles = [self.vehicles[name] for name, vehicle in left.items() if vehicle.waits]
+        return [vehicle for vehicle in vehicles if vehicle.phase is Phase.PILOT and not self.why_not(vehicle)]
 
     def reclaim(self) -> list[Vehicle]:
         """Return `reclaimable` for a command that reaches them now, and restore that flight's obstacles."""
@@ -160,17 +160,19 @@ class FlightRecovery:
         if self.found is None or self._wrong:
             return []
         vehicles = [self.vehicles[name] for name in self.found.vehicles]
-        return [one for one in vehicles if one.phase is Phase.OFFLINE]
+        return [vehicle for vehicle in vehicles if vehicle.phase is Phase.OFFLINE]
 
     def _receive(self) -> None:
         shown = self.view()
-        texts = {} if shown is None else {name: one.text for name, one in shown.vehicles.items()}
+        texts = (
+            {} if shown is None else {name: reclaimable.text for name, reclaimable in shown.vehicles.items()}
+        )
 
         def why_missed(vehicle: Vehicle) -> str:
             why = self.why_not(vehicle) if vehicle.phase is Phase.PILOT else ""
             return why or texts.get(vehicle.id, vehicle.reason)
 
-        self.awaited.receive({one.id for one in self.reclaimable}, why_missed)
+        self.awaited.receive({reclaimable.id for reclaimable in self.reclaimable}, why_missed)
 
     # once a tick
 
@@ -180,24 +182,24 @@ class FlightRecovery:
         if stall is not None:
             self._explain(stall)
         self.stalls.expire()
-        found, batch = self.found, self._batch
-        if found is not None:
-            self._keep_true(found)
+        interruption, batch = self.found, self._batch
+        if interruption is not None:
+            self._keep_true(interruption)
         if self.awaited.any:
             self._receive()
         if batch is not None and not batch.awaited:
             self._batch = None
             self._go_on(batch)
-        if found is None:
+        if interruption is None:
             return
-        if self.show.phase in BEGUN_ANEW or (found.vehicles and self._all_settled(found)):
-            log.info("interruption_over", extra={"of_session": found.session})
+        if self.show.phase in BEGUN_ANEW or (interruption.vehicles and self._all_settled(interruption)):
+            log.info("interruption_over", extra={"of_session": interruption.session})
             self.found, self._regained = None, set()
             self.plans.forget()
 
-    def _keep_true(self, found: Interruption) -> None:
+    def _keep_true(self, interruption: Interruption) -> None:
         """Remember which vehicles came under control again, and report why the others are not."""
-        for name, before in found.vehicles.items():
+        for name, before in interruption.vehicles.items():
             vehicle = self.vehicles.get(name)
             if vehicle is None:
                 continue
@@ -207,42 +209,42 @@ class FlightRecovery:
                 shown = self._remaining(name, before)
                 if shown.waits:
                     alone, mode = vehicle.without_setpoints, self.newest.mode(vehicle)
-                    vehicle.reason = left_by(found.cause, mode, changes_mode=alone.changes_mode)
-                elif vehicle.reason.startswith(found.cause):
+                    vehicle.reason = left_by(interruption.cause, mode, changes_mode=alone.changes_mode)
+                elif vehicle.reason.startswith(interruption.cause):
                     vehicle.reason = shown.text
 
-    def _all_settled(self, found: Interruption) -> bool:
+    def _all_settled(self, interruption: Interruption) -> bool:
         """Whether no vehicle is unreceived, waits for a command, or is handed back but not sent on."""
         if self._batch is not None or self.awaited.any:
             return False
         open_phases = {Phase.OFFLINE, Phase.PILOT, Phase.HOLD}
-        left = [one for name in found.vehicles if (one := self.vehicles.get(name)) is not None]
-        return all(one.id in self._sent_on or one.phase not in open_phases for one in left)
+        left = [vehicle for name in interruption.vehicles if (vehicle := self.vehicles.get(name)) is not None]
+        return all(vehicle.id in self._sent_on or vehicle.phase not in open_phases for vehicle in left)
 
     def view(self) -> InterruptedFlight | None:
-        found = self.found
-        if found is None:
+        interruption = self.found
+        if interruption is None:
             return None
-        vehicles = {name: self._remaining(name, before) for name, before in found.vehicles.items()}
-        problems = [*self._wrong, *([self._no_plan] if self._no_plan and found.vehicles else [])]
+        vehicles = {name: self._remaining(name, before) for name, before in interruption.vehicles.items()}
+        problems = [*self._wrong, *([self._no_plan] if self._no_plan and interruption.vehicles else [])]
         offers = []
-        if not self._wrong and any(one.waits for one in vehicles.values()):
+        if not self._wrong and any(left.waits for left in vehicles.values()):
             if not self._no_plan:
                 offers.append(Offer.TAKE_OVER)
-            if any(one.waits and one.pad_known for one in vehicles.values()):
+            if any(left.waits and left.pad_known for left in vehicles.values()):
                 offers.append(Offer.BRING_HOME)
             else:
                 problems.append("bring-home is not offered: where they took off is not known")
         return InterruptedFlight(
-            found.session,
-            found.unix_s,
-            found.show,
-            found.written,
+            interruption.session,
+            interruption.unix_s,
+            interruption.show,
+            interruption.written,
             vehicles,
             tuple(offers),
             tuple(problems),
-            found.cause,
-            stalled=found.stalled_s is not None,
+            interruption.cause,
+            stalled=interruption.stalled_s is not None,
         )
 
     def _remaining(self, name: VehicleId, before: Before) -> Remaining:
@@ -257,13 +259,13 @@ class FlightRecovery:
 
     @with_alternative
     def settle(self, offer: Offer) -> CommandRecord:
-        found, shown = self.found, self.view()
-        if found is None or shown is None:
+        interruption, shown = self.found, self.view()
+        if interruption is None or shown is None:
             raise RefusedError("no flight was cut off, or all of it is settled")
         if offer not in shown.offers:
             raise RefusedError(f"{offer} is not offered: {shown.notice}")
-        self.plans.restore(found, offer)
-        waiting = {name for name, one in shown.vehicles.items() if one.waits}
+        self.plans.restore(interruption, offer)
+        waiting = {name for name, left in shown.vehicles.items() if left.waits}
         refused = {
             name: why
             for name in waiting
@@ -275,7 +277,7 @@ class FlightRecovery:
         chosen = [vehicle for name, vehicle in self.vehicles.items() if name in waiting]
         unreceived = self.unreceived
         meant = [vehicle.id for vehicle in (*chosen, *unreceived)]
-        left_out = {name: one.text for name, one in shown.vehicles.items() if name not in meant} | refused
+        left_out = {name: left.text for name, left in shown.vehicles.items() if name not in meant} | refused
         record = self.book.open(offer.value, meant, left_out)
         if self._batch is not None:  # not all of its vehicles hold yet
             for vehicle in self._batch.handed:
@@ -304,8 +306,8 @@ class FlightRecovery:
         """Vehicles of a take-over that it has not sent on yet."""
         if self._batch is None:
             return []
-        handed = {one.id for one in self._batch.handed}
-        return [one for one in self.vehicles.values() if one.id in self._batch.awaited | handed]
+        handed = {vehicle.id for vehicle in self._batch.handed}
+        return [vehicle for vehicle in self.vehicles.values() if vehicle.id in self._batch.awaited | handed]
 
     def go_along(self, record: CommandRecord) -> None:
         """Close the parts of `record` together with those of the running take-over."""
@@ -321,9 +323,9 @@ class FlightRecovery:
 
     def _go_on(self, batch: _Batch) -> None:
         """Send all vehicles of a batch on together once they hold; a newer command counts."""
-        holding = [one for one in batch.handed if one.phase is Phase.HOLD]
+        holding = [held for held in batch.handed if held.phase is Phase.HOLD]
         comes_down = self.show.phase in COMES_DOWN
-        ours = [one for one in holding if not (comes_down or self.maneuvers.running(one))]
+        ours = [held for held in holding if not (comes_down or self.maneuvers.running(held))]
         for vehicle in batch.handed:
             if vehicle not in ours:
                 changed = f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}"
@@ -337,9 +339,9 @@ class FlightRecovery:
                 self._end_part(batch, vehicle, Outcome.DONE, "holds, as before")
 
     def _rejoins(self, vehicle: Vehicle) -> bool:
-        found = self.found
-        before = None if found is None else found.vehicles.get(vehicle.id)
-        if found is None or before is None or vehicle.phase is not Phase.HOLD:
+        interruption = self.found
+        before = None if interruption is None else interruption.vehicles.get(vehicle.id)
+        if interruption is None or before is None or vehicle.phase is not Phase.HOLD:
             return False
-        on_its_way = before.phase is Phase.HOLD and found.show is ShowPhase.ARMING
+        on_its_way = before.phase is Phase.HOLD and interruption.show is ShowPhase.ARMING
         return on_its_way or before.phase in {Phase.FORMATION, Phase.TAKEOFF, Phase.LOST}

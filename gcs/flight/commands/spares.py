@@ -100,7 +100,7 @@ class Spares:
         self.show.left_behind.pop(vehicle.id, None)
         vehicle.home_m = self.newest.position_m(vehicle).copy()
         record = self.book.open("spare", [vehicle.id], {})
-        maneuver = self.maneuvers.take_off(0.0, lambda one: self.preflight_gate.need_alone(one.id))
+        maneuver = self.maneuvers.take_off(0.0, lambda waiting: self.preflight_gate.need_alone(waiting.id))
         self.maneuvers.start(vehicle, maneuver, self._closer(record.id, vehicle.id, lost))
 
     def _closer(self, record: str, name: VehicleId, lost: VehicleId) -> Callable[[Outcome, str], None]:

@@ -117,15 +117,15 @@ class StallRecovery:
         if self.stall is not None and self.newest.state.time_s > self.stall.until_s:
             self.stall = None
 
-    def fallen(self, known: Collection[VehicleId]) -> dict[VehicleId, Before]:
-        """Return vehicles that the stall took out of control, without those already `known`."""
+    def fallen(self, interrupted: Collection[VehicleId]) -> dict[VehicleId, Before]:
+        """Return vehicles that the stall took out of control, without those `interrupted` already."""
         stall = self.stall
         if stall is None:
             return {}
         fallen: dict[VehicleId, Before] = {}
         for name, before in stall.flown.vehicles.items():
             vehicle = self.vehicles[name]
-            if vehicle.phase is not Phase.PILOT or name in known or vehicle.cause in OTHER_FAILSAFES:
+            if vehicle.phase is not Phase.PILOT or name in interrupted or vehicle.cause in OTHER_FAILSAFES:
                 continue
             facts, alone = self.inputs(vehicle), vehicle.without_setpoints
             explained = is_left_alone(

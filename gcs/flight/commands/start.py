@@ -120,7 +120,9 @@ class Starting:
             vehicle = self.vehicles[name]
             vehicle.home_m = self.newest.position_m(vehicle).copy()
             delay_s = turn * self.stagger_s
-            maneuver = self.maneuvers.take_off(delay_s, lambda one: self.preflight_gate.need_alone(one.id))
+            maneuver = self.maneuvers.take_off(
+                delay_s, lambda waiting: self.preflight_gate.need_alone(waiting.id)
+            )
             self.maneuvers.start(vehicle, maneuver, self._closer(record, name))
 
     def _closer(self, record: CommandRecord, name: VehicleId) -> Callable[[Outcome, str], None]:

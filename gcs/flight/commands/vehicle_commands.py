@@ -171,7 +171,7 @@ class VehicleCommands:
     def kill(self, vehicle_ids: Sequence[VehicleId]) -> CommandRecord:
         """Stop motors. The phases change at once: nothing else is sent from then on."""
         named = [self.flight.vehicles.named(name) for name in dict.fromkeys(vehicle_ids)]
-        left_out = {one.id: f"offline: {one.reason}" for one in named if (one.phase, Event.KILL) not in NEXT}
+        left_out = {v.id: f"offline: {v.reason}" for v in named if (v.phase, Event.KILL) not in NEXT}
         chosen = [vehicle for vehicle in named if vehicle.id not in left_out]
         if not chosen:
             reported = "; ".join(f"{name} is {why}" for name, why in left_out.items())

@@ -215,18 +215,18 @@ class CollectiveReturn:
 
     def _begin(self) -> None:
         ready = [vehicle for vehicle in self._stopping.values() if vehicle.phase is Phase.RETURN]
-        known = [vehicle for vehicle in ready if np.isfinite(self._newest.position_m(vehicle)).all()]
-        homing = [vehicle for vehicle in known if vehicle.home_m is not None]
-        theirs = self._others.returning() if self._others.plans_returns else Returning.none()
+        located = [vehicle for vehicle in ready if np.isfinite(self._newest.position_m(vehicle)).all()]
+        homing = [vehicle for vehicle in located if vehicle.home_m is not None]
+        returning = self._others.returning() if self._others.plans_returns else Returning.none()
         if self._exchanges_pads:
-            theirs = self._exchange_pads(homing, theirs)
+            returning = self._exchange_pads(homing, returning)
         self._places = rows = [vehicle.row for vehicle in homing]
         operation, uncertainty_m = self._landing_places.operation, self._newest.traits.uncertainty_m
         start_m, own_m = self._newest.state.position_m[rows], uncertainty_m[rows]
-        places_m = self._landing_places.homes_of(homing, theirs)
-        self._elsewhere = theirs.rows
-        start_m = np.concatenate([start_m, theirs.position_m])
-        own_m = np.concatenate([own_m, theirs.uncertainty_m])
+        places_m = self._landing_places.homes_of(homing, returning)
+        self._elsewhere = returning.rows
+        start_m = np.concatenate([start_m, returning.position_m])
+        own_m = np.concatenate([own_m, returning.uncertainty_m])
         if not len(start_m) or len(start_m) > TOGETHER_MAX:
             self._is_off = True
             return
@@ -255,24 +255,24 @@ class CollectiveReturn:
     def _exchanges_pads(self) -> bool:
         return self._show.run is not None and self._show.run.exchanges_pads
 
-    def _exchange_pads(self, homing: Sequence[Vehicle], theirs: Returning) -> Returning:
+    def _exchange_pads(self, homing: Sequence[Vehicle], returning: Returning) -> Returning:
         """Assign the pads of all returning vehicles anew; from then on they are their own.
 
-        Returns: `theirs` with their new pads.
+        Returns: `returning` with their new pads.
         """
         count = len(homing)
         home_m = np.array([vehicle.home_m for vehicle in homing]).reshape(-1, 3)
         start_m = np.array([self._newest.position_m(vehicle) for vehicle in homing]).reshape(-1, 3)
-        home_m = np.concatenate([home_m, theirs.home_m])
-        start_m = np.concatenate([start_m, theirs.position_m])
+        home_m = np.concatenate([home_m, returning.home_m])
+        start_m = np.concatenate([start_m, returning.position_m])
         if not len(home_m):
-            return theirs
+            return returning
         pads = assigned(start_m, home_m)
         for vehicle, pad in zip(homing, pads[:count].tolist(), strict=True):
             vehicle.home_m = home_m[pad].copy()
         moved = int(np.count_nonzero(pads != np.arange(len(pads))))
         log.info("pads_exchanged", extra={"count": moved})
-        return theirs._replace(home_m=home_m[pads[count:]])
+        return returning._replace(home_m=home_m[pads[count:]])
 
     def _plan(
         self, places_m: Callable[[], Array], planner_for: Callable[[Array], Planner]

@@ -62,10 +62,10 @@ class LandingPlaces:
         """
         rows = [vehicle.row for vehicle in vehicles]
         home_m = np.array([vehicle.home_m for vehicle in vehicles]).reshape(-1, 3)
-        theirs = elsewhere or Returning.none()
-        taken_m = self._taken_m(vehicles, frozenset({Phase.LANDING, Phase.RETURN}), theirs)
-        home_m = np.concatenate([home_m, theirs.home_m])
-        own_m = np.concatenate([self.newest.traits.uncertainty_m[rows], theirs.uncertainty_m])
+        returning = elsewhere or Returning.none()
+        taken_m = self._taken_m(vehicles, frozenset({Phase.LANDING, Phase.RETURN}), returning)
+        home_m = np.concatenate([home_m, returning.home_m])
+        own_m = np.concatenate([self.newest.traits.uncertainty_m[rows], returning.uncertainty_m])
         operation = self.operation
         return partial(
             return_places_m,

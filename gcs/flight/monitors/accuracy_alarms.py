@@ -159,12 +159,12 @@ class AccuracyAlarms:
 
     def of_heights(self) -> Iterator[Condition]:
         """Yield vehicles with heights that differ from their receivers', or from the ground under them."""
-        found = self.heights.found
-        for row in np.flatnonzero(found.named).tolist() if found.named.any() else ():
+        biases = self.heights.found
+        for row in np.flatnonzero(biases.named).tolist() if biases.named.any() else ():
             vehicle = self.vehicles.rows[row]
             if vehicle.phase in FLIES:
                 consequence = "Others keep so much farther above and below [it|them]."
-                yield Condition(AlarmCause.HEIGHT_DIFFERS, found.in_words(row), (vehicle.id,), consequence)
+                yield Condition(AlarmCause.HEIGHT_DIFFERS, biases.in_words(row), (vehicle.id,), consequence)
         height_m = self._reported_on_pads_m()
         self._off_ground = beyond(self._off_ground, np.abs(height_m), OFF_GROUND_M)
         for row in np.flatnonzero(self._off_ground).tolist():

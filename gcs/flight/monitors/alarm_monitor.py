@@ -165,9 +165,9 @@ class AlarmMonitor:
             _log_change(change)
 
     def acknowledge(self, alarm_id: str) -> Alarm:
-        known = {alarm.id: alarm.acknowledged_by for alarm in self.alarms}
+        acknowledged = {alarm.id: alarm.acknowledged_by for alarm in self.alarms}
         alarm = self._alarm_book.acknowledge(alarm_id, CALLER.get(), self.flight.unix_s())
-        if known[alarm_id] is None:
+        if acknowledged[alarm_id] is None:
             reported = {"alarm": alarm.id, "by": alarm.acknowledged_by, "text": alarm.text}
             log.info("alarm_acknowledged", extra=reported)
         return alarm
@@ -297,14 +297,14 @@ def _of_the_service(findings: Findings) -> Iterator[Condition]:
         yield Condition(AlarmCause.SERVICE_NOTE, note, about=note)
 
 
-def _of_the_interruption(found: InterruptedFlight) -> Condition:
-    what = "" if found.written is None else f" {found.written.name!r} (cue {found.written.cue!r})"
-    absent = [f"{name}: {one.text}." for name, one in found.vehicles.items() if not one.waits]
-    consequence = " ".join([*absent, *(f"{problem}." for problem in found.problems)])
-    because, offers = f"{found.cause} while the show{what} was", " or ".join(found.offers)
-    if found.show is not ShowPhase.COUNTDOWN:
+def _of_the_interruption(flight: InterruptedFlight) -> Condition:
+    what = "" if flight.written is None else f" {flight.written.name!r} (cue {flight.written.cue!r})"
+    absent = [f"{name}: {vehicle.text}." for name, vehicle in flight.vehicles.items() if not vehicle.waits]
+    consequence = " ".join([*absent, *(f"{problem}." for problem in flight.problems)])
+    because, offers = f"{flight.cause} while the show{what} was", " or ".join(flight.offers)
+    if flight.show is not ShowPhase.COUNTDOWN:
         advice = f"Command {offers}." if offers else ""
-        return Condition(AlarmCause.INTERRUPTED, f"{because} {found.show}", (), consequence, advice)
+        return Condition(AlarmCause.INTERRUPTED, f"{because} {flight.show}", (), consequence, advice)
     consequence = f"It does not start by itself. {consequence}".strip()
     because, advice = f"{because} counted down", "Start it again when all is clear."
     return Condition(AlarmCause.INTERRUPTED, because, (), consequence, advice, AlarmSeverity.CAUTION)

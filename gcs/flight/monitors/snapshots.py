@@ -98,7 +98,7 @@ def measured(newest: Newest, link_quality: LinkQuality) -> dict[str, Array]:
 
 def _rows(flight: Flight, tick: Tick) -> VehicleTable:
     fleet, telemetry, show_run = flight.newest.state, flight.newest.telemetry, flight.show.run
-    vehicles, known = flight.vehicles.values(), flight.known  # only those with all data can be ready
+    vehicles, complete = flight.vehicles.values(), flight.known  # only those with all data can be ready
     setpoint_m_s = np.full((len(fleet.ids), 3), np.nan)
     if tick.setpoints.ids:
         row_of = {name: row for row, name in enumerate(fleet.ids)}
@@ -116,7 +116,9 @@ def _rows(flight: Flight, tick: Tick) -> VehicleTable:
         modes=telemetry.mode,
         armed=telemetry.armed,
         landed=telemetry.landed,
-        ready=[is_ready and name in known for name, is_ready in zip(fleet.ids, telemetry.ready, strict=True)],
+        ready=[
+            is_ready and name in complete for name, is_ready in zip(fleet.ids, telemetry.ready, strict=True)
+        ],
         position_m=fleet.position_m,
         velocity_m_s=fleet.velocity_m_s,
         setpoint_m_s=setpoint_m_s,
@@ -173,8 +175,8 @@ class Estimating:
         flying = self._in(FLIES) & received
         self._history.note(remaining, flying, now_s)
         below = self._config.failsafes.low_battery.below
-        known = time_estimates.batteries(self._history, remaining, flying, received, below, now_s)
-        self.newest = replace(known, assembled_s=self._assembled_s(waiting), home_s=self._home_s(left_s))
+        estimates = time_estimates.batteries(self._history, remaining, flying, received, below, now_s)
+        self.newest = replace(estimates, assembled_s=self._assembled_s(waiting), home_s=self._home_s(left_s))
 
     def _in(self, phases: frozenset[Phase]) -> Mask:
         return np.array([phase in phases for phase in self._phases], dtype=np.bool_)
@@ -189,11 +191,11 @@ class Estimating:
         place = memory.place[: len(position_m)]
         formed = self._in(frozenset({Phase.FORMATION})) & np.isfinite(place[:, 0])
         coming = self._in(frozenset({Phase.TAKEOFF, Phase.HOLD, Phase.FORMATION})) & ~formed
-        known = position_m[np.isfinite(position_m).all(axis=1)]
+        located_m = position_m[np.isfinite(position_m).all(axis=1)]
         if memory.center is not None:
             center_m = memory.center.position_m
-        elif len(known):
-            center_m = np.array([*known[:, :2].mean(axis=0), -formation.height_m])  # it begins above them
+        elif len(located_m):
+            center_m = np.array([*located_m[:, :2].mean(axis=0), -formation.height_m])  # it begins above them
         else:
             return None
         slot_m = center_m + formation.radius_m * place[formed]
@@ -225,10 +227,10 @@ class Estimating:
             return None
         position_m = self._newest.state.position_m[[vehicle.row for vehicle in ours]]
         aborting = self._show.phase is ShowPhase.ABORTING
-        goals_m = [one.goal_m if aborting and one.goal_m is not None else pad_m for one, pad_m in homes]
+        goals_m = [v.goal_m if aborting and v.goal_m is not None else pad_m for v, pad_m in homes]
         home_m = np.array(goals_m)
         home_m[:, 2] = [pad_m[2] for _, pad_m in homes]
-        stands = [self._newest.telemetry.landed[one.row] is Landed.ON_GROUND for one in ours]
+        stands = [self._newest.telemetry.landed[vehicle.row] is Landed.ON_GROUND for vehicle in ours]
         position_m[stands, 2] = home_m[stands, 2]  # whatever its height says
         heights_m = operation.takeoff_height_m, operation.handover_height_m
         standing, speeds = self._show.phase in COMES_DOWN, speeds_of(self._in_force.control)

@@ -46,9 +46,9 @@ class ClosePairs:
             airborne: (n,) a pair counts if at least one is airborne and not both are below the pad height.
             floor: the minimum-separation ellipsoid.
         """
-        known: Mask = np.asarray(np.isfinite(position_m).all(axis=1))
+        located: Mask = np.asarray(np.isfinite(position_m).all(axis=1))
         reach_m = np.full(len(position_m), CLOSE.off * floor.horizontal_m / 2.0)
-        first, second = np.sort(near_pairs(known, position_m * floor.scale, known, reach_m), axis=0)
+        first, second = np.sort(near_pairs(located, position_m * floor.scale, located, reach_m), axis=0)
         is_low: Mask = np.asarray(-position_m[:, 2] < floor.pad_height_m)
         counts = (airborne[first] | airborne[second]) & ~(is_low[first] & is_low[second])
         first, second = first[counts], second[counts]

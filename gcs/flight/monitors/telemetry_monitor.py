@@ -218,17 +218,17 @@ class TelemetryMonitor:
             self._by_itself(vehicle, self.come_back)
 
     def _note_heartbeats(self, vehicle: Vehicle, lacks: str) -> None:
-        known = self.newest.without_heartbeat
-        if lacks and vehicle.phase in AIRBORNE and vehicle.id not in known:
-            known[vehicle.id] = lacks
+        lacking_since = self.newest.without_heartbeat
+        if lacks and vehicle.phase in AIRBORNE and vehicle.id not in lacking_since:
+            lacking_since[vehicle.id] = lacks
             log.warning("heartbeats_lack", extra={"vehicle": vehicle.id, "reason": lacks})
 
     def _forget_heartbeats(self, fresh: Mask) -> None:
-        known = self.newest.without_heartbeat
-        for name in list(known):
+        lacking_since = self.newest.without_heartbeat
+        for name in list(lacking_since):
             vehicle = self.vehicles[name]
             if fresh[vehicle.row] or vehicle.phase not in AIRBORNE:
-                del known[name]
+                del lacking_since[name]
                 log.info(
                     "heartbeats_again" if fresh[vehicle.row] else "heartbeats_over", extra={"vehicle": name}
                 )

@@ -106,7 +106,9 @@ class ParameterReader:
 
     def _needed(self, vehicle_id: VehicleId) -> Mapping[str, Requirement]:
         """What is required, by name, alternatives included."""
-        return {each.name: each for one in self._required(vehicle_id) for each in one.alternatives}
+        return {
+            each.name: each for requirement in self._required(vehicle_id) for each in requirement.alternatives
+        }
 
     def watch(self, received: Telemetry) -> None:
         """Start the reads that are due; called once a tick."""
@@ -159,13 +161,13 @@ class ParameterReader:
     ) -> None:
         """Store a value that another station has set; warn if it breaks what preflight requires."""
         name = requirement.name
-        known = self._parameters.get(vehicle.id)
-        before = None if known is None else known.get(name)
-        if before == value or (known is None and not armed):  # on the ground all of them are being read
+        read = self._parameters.get(vehicle.id)
+        before = None if read is None else read.get(name)
+        if before == value or (read is None and not armed):  # on the ground all of them are being read
             return
-        if known is not None:
-            self._note_parameters(vehicle, {**known, name: value})
-        if requirement.risk or requirement.is_met({**(known or {}), name: value}):
+        if read is not None:
+            self._note_parameters(vehicle, {**read, name: value})
+        if requirement.risk or requirement.is_met({**(read or {}), name: value}):
             self._settle(vehicle, {name: value})
             return
         was = "" if before is None else f" from {before:g}"
@@ -177,7 +179,9 @@ class ParameterReader:
 
     def _settle(self, vehicle: Vehicle, values: Mapping[str, ParameterValue]) -> None:
         changed, needed = self._changed.get(vehicle.id, {}), self._needed(vehicle.id)
-        right = [name for name, one in needed.items() if one.holds(values.get(name, math.nan))]
+        right = [
+            name for name, requirement in needed.items() if requirement.holds(values.get(name, math.nan))
+        ]
         for name in [name for name in changed if name in right or name not in needed]:
             del changed[name]
             log.info("parameter_right_again", extra={"vehicle": vehicle.id, "reason": name})
@@ -192,16 +196,16 @@ class ParameterReader:
         needed = self._required(vehicle_id)
         versions, version = self._requirements.profiles[vehicle_id].versions, self._versions.get(vehicle_id)
         read, problem = self._parameters.get(vehicle_id), self._problems.get(vehicle_id)
-        found = version_checks(versions, version)
+        checks = version_checks(versions, version)
         if not versions.is_too_old(version):
-            found += parameter_checks(needed, read, problem, missing_to_do(versions, version))
-        if not all(check.passes for check in found):
+            checks += parameter_checks(needed, read, problem, missing_to_do(versions, version))
+        if not all(check.passes for check in checks):
             self._due[self._vehicles[vehicle_id].row] = True
-        return found
+        return checks
 
     def risks(self) -> list[str]:
         """Return what remains unsafe on the versions of some autopilots, with the vehicles, in words."""
-        found: dict[str, list[VehicleId]] = {}
+        vehicles_of: dict[str, list[VehicleId]] = {}
         for vehicle_id, profile in self._requirements.profiles.items():
             read = self._parameters.get(vehicle_id)
             if read is None:
@@ -209,8 +213,8 @@ class ParameterReader:
             version = self._versions.get(vehicle_id)
             risks = remaining_risks(self._required(vehicle_id), read)
             for text in [*risks, *version_risks(profile.versions, version)]:
-                found.setdefault(text, []).append(vehicle_id)
-        return [f"{', '.join(names)}: {text}" for text, names in found.items()]
+                vehicles_of.setdefault(text, []).append(vehicle_id)
+        return [f"{', '.join(names)}: {text}" for text, names in vehicles_of.items()]
 
     def _forget(self, vehicle: Vehicle) -> None:
         self._parameters.pop(vehicle.id, None)

@@ -145,8 +145,8 @@ class PreflightGate:
         chosen, _ = cleared = self._choose(desired)
         self._need_show(chosen, show_hash, desired)
         looked = self._look(chosen)
-        found = [(name, check) for name in chosen for check in looked.of[name]]
-        if text := describe([*found, *((None, check) for check in looked.fleet)]):
+        checks = [(name, check) for name in chosen for check in looked.of[name]]
+        if text := describe([*checks, *((None, check) for check in looked.fleet)]):
             raise RefusedError(text)
         fleet = [_all_vehicles(chosen)]
         if show_hash is not None:
@@ -219,7 +219,7 @@ class PreflightGate:
     def _inputs(self) -> PreflightInputs:
         flight, operation = self.flight, self.flight.config.operation
         show = flight.show.run
-        found = None if show is None else show.figures
+        figures = None if show is None else show.figures
         return PreflightInputs(
             fleet=flight.newest.state,
             rows={name: vehicle.row for name, vehicle in flight.vehicles.items()},
@@ -237,8 +237,8 @@ class PreflightGate:
             settings=flight.config.preflight,
             passed=self._passed,
             pads_within_m=operation.pads_within_m if operation.require_parameters else np.inf,
-            battery_need=0.0 if show is None else None if found is None else found.battery_need,
-            speed_need_m_s=0.0 if found is None else found.speed_max_m_s,
+            battery_need=0.0 if show is None else None if figures is None else figures.battery_need,
+            speed_need_m_s=0.0 if figures is None else figures.speed_max_m_s,
             speed_max_m_s=flight.newest.traits.speed_max_m_s,
             heights=flight.heights.found,
             others=flight.elsewhere.placed(),
@@ -330,9 +330,9 @@ class PreflightGate:
         pairs = () if show_run is None or show_run.figures is None else show_run.figures.columns
         ids = flight.elsewhere.shows.starting(chosen)
         rehearsed = [
-            f"{ids[one.upper - 1]} above {ids[one.lower - 1]} at '{one.cue}'"
-            for one in pairs
-            if max(one.upper, one.lower) <= len(ids)  # fewer may be named than were rehearsed
+            f"{ids[pair.upper - 1]} above {ids[pair.lower - 1]} at '{pair.cue}'"
+            for pair in pairs
+            if max(pair.upper, pair.lower) <= len(ids)  # fewer may be named than were rehearsed
         ]
         words = ""
         if plan is not None and len(chosen) <= PREDICTED_MAX:

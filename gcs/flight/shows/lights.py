@@ -98,10 +98,10 @@ class Lights(Feature):
         grounded: Mask = np.array([vehicle.phase in GROUNDED for vehicle in self._vehicles.values()])
         colour[grounded] = OFF
         if self._config.lights.battery:
-            known = battery_colours(
+            of_battery = battery_colours(
                 self._newest.telemetry.battery_remaining, self._config.preflight.battery_min
             )
-            colour[grounded] = known[grounded]
+            colour[grounded] = of_battery[grounded]
         for name, until_s in self._blinks_until_s.items():
             row = self._vehicles[name].row
             if grounded[row] and now_s < until_s:

@@ -74,8 +74,8 @@ class Corrections(Feature):
             return [Check("corrections", State.PASS, age_s, "s", limit)]
         why = self.why_stopped(at.time_s) or "none since the service began"
         problem, to_do = f"no corrections for RTK: {why}", "check the base, its antenna and the network"
-        known = age_s if np.isfinite(age_s) else None
-        return [Check("corrections", State.FAIL, known, "s", limit, problem, to_do)]
+        measured_s = age_s if np.isfinite(age_s) else None
+        return [Check("corrections", State.FAIL, measured_s, "s", limit, problem, to_do)]
 
     def conditions(self, at: Instant) -> Iterator[Condition]:
         if why := self.why_stopped(at.time_s):

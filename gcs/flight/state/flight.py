@@ -162,7 +162,9 @@ class Flight:
         self.newest = Newest()
         self.elsewhere = Elsewhere(len(self.vehicles))  # of a flight alone
         self.parameters: dict[VehicleId, Mapping[str, ParameterValue]] = {}  # as last read on the ground
-        self._fall_on_ground = [one for one in self.vehicles.values() if one.autopilot.falls_on_ground]
+        self._fall_on_ground = [
+            vehicle for vehicle in self.vehicles.values() if vehicle.autopilot.falls_on_ground
+        ]
         self._presumed = presumed_parameters(config)
         for vehicle in self.vehicles.values():
             vehicle.without_setpoints = self._without_setpoints(vehicle)
@@ -220,9 +222,14 @@ class Flight:
         autopilots = [profile for link in self.config.links for profile in link.autopilots]
         return FlightVehicles(
             Vehicle(
-                one.id, row, one.system_id, self.link_of[one.id].name, one.charge, autopilot=autopilots[row]
+                settings.id,
+                row,
+                settings.system_id,
+                self.link_of[settings.id].name,
+                settings.charge,
+                autopilot=autopilots[row],
             )
-            for row, one in enumerate(self.config.fleet)
+            for row, settings in enumerate(self.config.fleet)
         )
 
     def _made_table(self) -> Table:
@@ -258,8 +265,8 @@ class Flight:
         least = floor.uncertainty_m, floor.vertical_uncertainty
         reported = telemetry.horizontal_accuracy_m, telemetry.vertical_accuracy_m, telemetry.fix_type
         wide_m = uncertainty_m(*least, *reported, self.config.positioning)
-        if (found := self.heights.found).named.any():
-            wide_m = wide_m + found.widening_m(floor.deviations, floor.vertical_uncertainty)
+        if (biases := self.heights.found).named.any():
+            wide_m = wide_m + biases.widening_m(floor.deviations, floor.vertical_uncertainty)
         return wide_m
 
     def note_links(self) -> None:
@@ -297,7 +304,9 @@ class Flight:
     def _response(self) -> FleetResponse:
         """How the vehicles answer setpoints, by their profiles and their parameters as read."""
         vehicles = self.vehicles.values()
-        return FleetResponse.of([one.autopilot.response(self._known_parameters(one)) for one in vehicles])
+        return FleetResponse.of(
+            [vehicle.autopilot.response(self._known_parameters(vehicle)) for vehicle in vehicles]
+        )
 
     def _known_parameters(self, vehicle: Vehicle) -> Mapping[str, ParameterValue]:
         """Those that were read, and until then those that are demanded."""
@@ -333,10 +342,10 @@ class Flight:
     def seen(self) -> FleetState:
         """The state; of silent vehicles the last known positions and velocities."""
         position_m, velocity_m_s = self.newest.state.position_m, self.newest.state.velocity_m_s
-        known, moves = np.isfinite(position_m[:, :1]), np.isfinite(velocity_m_s[:, :1])
-        if known.all() and moves.all():
+        located, moves = np.isfinite(position_m[:, :1]), np.isfinite(velocity_m_s[:, :1])
+        if located.all() and moves.all():
             return self.newest.state
-        position_m = np.where(known, position_m, self.uncontrolled.seen_m)
+        position_m = np.where(located, position_m, self.uncontrolled.seen_m)
         velocity_m_s = np.where(moves, velocity_m_s, self.uncontrolled.seen_m_s)
         return replace(self.newest.state, position_m=position_m, velocity_m_s=velocity_m_s)
 
@@ -356,8 +365,8 @@ class Flight:
         values = self._once[1]
         if name not in values:
             values[name] = compute()
-        found: T = values[name]
-        return found
+        value: T = values[name]
+        return value
 
     async def ticked(self) -> None:
         await self._ticked.wait()
@@ -429,7 +438,7 @@ class Flight:
 
     def _without_falling(self, telemetry: Telemetry) -> Telemetry:
         """Telemetry in which no killed vehicle that may still fall is on the ground."""
-        falling = [one.row for one in self._fall_on_ground if self._may_fall(one)]
+        falling = [vehicle.row for vehicle in self._fall_on_ground if self._may_fall(vehicle)]
         if not falling:
             return telemetry
         landed = list(telemetry.landed)
@@ -451,9 +460,9 @@ class Flight:
         return not self.once("lowest beside", self._lowest_beside_m) > self.newest.position_m(vehicle)[2]
 
     def _lowest_beside_m(self) -> float:
-        landing = [one for one in self.vehicles.in_phase(Phase.LANDING) if one.goal_m is not None]
-        here_m = self.newest.state.position_m[[one.row for one in landing]]
-        goal_m = np.array([one.goal_m for one in landing], dtype=float).reshape(-1, 3)
+        landing = [vehicle for vehicle in self.vehicles.in_phase(Phase.LANDING) if vehicle.goal_m is not None]
+        here_m = self.newest.state.position_m[[vehicle.row for vehicle in landing]]
+        goal_m = np.array([vehicle.goal_m for vehicle in landing], dtype=float).reshape(-1, 3)
         return lowest_beside_m(here_m, goal_m)
 
     def assembled(self) -> bool:

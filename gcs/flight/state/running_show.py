@@ -66,7 +66,7 @@ class ShowRun:
     cue_times: tuple[CueMark, ...] = field(init=False)  # of every cue as played
 
     def __post_init__(self) -> None:
-        self.cue_times = tuple(CueMark(one.cue.cue, one.at_s) for one in self.timeline.played)
+        self.cue_times = tuple(CueMark(played.cue.cue, played.at_s) for played in self.timeline.played)
 
     @property
     def hash(self) -> str:
@@ -118,7 +118,7 @@ class ShowRun:
         if named is None or named.spares is None:
             return False
         cue = named.spares.before_cue
-        begins_s = min(one.at_s for one in self.timeline.played if one.cue.cue == cue)
+        begins_s = min(played.at_s for played in self.timeline.played if played.cue.cue == cue)
         return self.show_s(now_s) < begins_s
 
     def replace(self, lost: VehicleId, spare: VehicleId) -> None:
@@ -279,7 +279,7 @@ class ShowRun:
             name=self.name,
             hash=self.hash,
             cue=self.cue(now_s),
-            cues=tuple(dict.fromkeys(one.cue.cue for one in self.timeline.played)),
+            cues=tuple(dict.fromkeys(played.cue.cue for played in self.timeline.played)),
             clock_s=self.show_s(now_s),
             duration_s=self.timeline.duration_s,
             runs=self.clock.runs,

@@ -74,7 +74,7 @@ class UncontrolledSpace:
             home_m[silent] = np.concatenate([_NOWHERE if each is None else each for each in homes]).reshape(
                 -1, 3
             )
-        segments_m, found = silent_segments_m(
+        segments_m, rows = silent_segments_m(
             self.seen_m[of],
             keeps_m_s,
             home_m[of],
@@ -84,7 +84,7 @@ class UncontrolledSpace:
             noticed_s=self.without_setpoints.flies_on_s[of],
             drift_s=self._drift_s(of, keeps_m_s),
         )
-        return segments_m, of[found]
+        return segments_m, of[rows]
 
     def swept(self, age_s: Array) -> tuple[Array, Rows]:
         """(m, 2, 3) paths that lost vehicles may take, and (m,) the row of each.
@@ -135,9 +135,9 @@ class UncontrolledSpace:
         drift_s = self._drift_s(np.full(len(keeps_m_s), row), keeps_m_s)
         places = self.seen_m[row], keeps_m_s, home_m, drift_s, self._returns_at_m[row]
         action = "land" if comes_down else vehicle.without_setpoints.action
-        known = b"".join((*(each.tobytes() for each in places), bytes([killed, comes_down]), action.encode()))
+        key = b"".join((*(each.tobytes() for each in places), bytes([killed, comes_down]), action.encode()))
         before = self._swept.get(row)
-        if before is not None and before[0] == known:
+        if before is not None and before[0] == key:
             return before[1]
         paths_m = [
             swept_segments_m(
@@ -151,5 +151,5 @@ class UncontrolledSpace:
             )
             for each_m_s, each_s in zip(keeps_m_s, drift_s.tolist(), strict=True)
         ]
-        self._swept[row] = known, np.concatenate(paths_m)
+        self._swept[row] = key, np.concatenate(paths_m)
         return self._swept[row][1]

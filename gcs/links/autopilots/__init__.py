@@ -21,8 +21,8 @@ AUTOPILOTS: Final[Mapping[str, Autopilot]] = MappingProxyType(
 
 def title_of(number: int) -> str:
     """The name of the autopilot with this MAV_AUTOPILOT, for texts."""
-    known = {each.number: each.title for each in AUTOPILOTS.values()}
-    return known.get(number, f"an autopilot of MAV_AUTOPILOT {number}")
+    titles = {each.number: each.title for each in AUTOPILOTS.values()}
+    return titles.get(number, f"an autopilot of MAV_AUTOPILOT {number}")
 
 
 __all__ = ["AUTOPILOTS", "DEFAULT", "Autopilot", "CommandLong", "SetParameter", "Step", "title_of"]

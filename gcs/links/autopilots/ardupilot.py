@@ -104,8 +104,8 @@ late: it integrates velocity and position errors itself (decision 0049).
 def _acceleration_m_s2(parameters: Mapping[str, ParameterValue], *names: str) -> float:
     """The least of those that were read; without any the least default of all versions."""
     read = [VERSIONS.read(name, parameters) for name in names]
-    known = [value for value in read if value is not None]
-    return min(known) if known else min(map(VERSIONS.least_default, names))
+    values = [value for value in read if value is not None]
+    return min(values) if values else min(map(VERSIONS.least_default, names))
 
 
 class ArduPilot:
@@ -192,8 +192,8 @@ class ArduPilot:
         )
 
     def streams_hz(self, desired_hz: Mapping[int, float]) -> Mapping[int, float]:
-        known = {message: rate_hz for message, rate_hz in desired_hz.items() if message not in _NOT_KNOWN}
-        return {**known, EKF_STATUS_REPORT: _ESTIMATOR_HZ}
+        offered = {message: rate_hz for message, rate_hz in desired_hz.items() if message not in _NOT_KNOWN}
+        return {**offered, EKF_STATUS_REPORT: _ESTIMATOR_HZ}
 
     def encoded(self, value: ParameterValue) -> tuple[Single, int]:
         """The number itself; it converts to the type that the parameter has."""

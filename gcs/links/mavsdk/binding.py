@@ -190,7 +190,7 @@ class MavsdkBinding:
 
     def discover(self, desired: Collection[int]) -> dict[int, MavsdkVehicle]:
         """Those of the desired systems that MAVSDK has discovered, with new plugins."""
-        found: dict[int, MavsdkVehicle] = {}
+        discovered: dict[int, MavsdkVehicle] = {}
         with self._lock:
             for system in () if self._destroyed else self._mavsdk.get_systems():
                 system_id: int = system.get_system_id()
@@ -198,12 +198,12 @@ class MavsdkBinding:
                     system.destroy()
                     continue
                 try:
-                    found[system_id] = MavsdkVehicle(system)
-                    self._vehicles.append(found[system_id])
+                    discovered[system_id] = MavsdkVehicle(system)
+                    self._vehicles.append(discovered[system_id])
                 except RuntimeError as error:  # a plugin could not be created; it is tried again soon
                     log.warning("vehicle_not_discovered", extra={"system_id": system_id, "cause": str(error)})
                     system.destroy()
-        return found
+        return discovered
 
     def destroy(self) -> None:
         """End its threads; its plugins may not be used afterwards."""
@@ -301,12 +301,12 @@ class MavsdkInstances:
             frames.clear()
 
     def discover(self, desired: Collection[int]) -> dict[int, MavsdkVehicle]:
-        found: dict[int, MavsdkVehicle] = {}
+        discovered: dict[int, MavsdkVehicle] = {}
         for fleet, ids in zip(self._fleets, self._ids, strict=True):
             missing = ids.intersection(desired)
             if missing:
-                found |= fleet.discover(missing)
-        return found
+                discovered |= fleet.discover(missing)
+        return discovered
 
     def close(self) -> None:
         """End all instances; their plugins may not be used afterwards."""

@@ -322,14 +322,14 @@ class MavsdkLink(Link):
         while True:
             missing = self._system_ids[self._undiscovered()].tolist()
             if missing:
-                found = await asyncio.to_thread(fleet.discover, missing)
-                if found:
+                new = await asyncio.to_thread(fleet.discover, missing)
+                if new:
                     self._discovered = {
                         **self._discovered,
-                        **{rows[system_id]: each for system_id, each in found.items()},
+                        **{rows[system_id]: each for system_id, each in new.items()},
                     }
                     self._is_discovered[list(self._discovered)] = True
                     log.info(
-                        "vehicles_discovered", extra={"link": self.name, "system_ids": tuple(sorted(found))}
+                        "vehicles_discovered", extra={"link": self.name, "system_ids": tuple(sorted(new))}
                     )
             await asyncio.sleep(_DISCOVER_S)

@@ -60,19 +60,19 @@ class WaysRound:
         away_m = np.linalg.norm(outlines.center_m - one_m, axis=1)
         there_s = np.minimum(away_m / self.speed_m_s, AHEAD_S)
         center_m = np.array(outlines.center_m)
-        lowest_z_m, own_z_m, found = float(above_m[2]), float(min(start_m[2], above_m[2])), list[Array]()
+        lowest_z_m, own_z_m, ways_m = float(above_m[2]), float(min(start_m[2], above_m[2])), list[Array]()
         for spare_m, later in SPARES:
             semi_m = outlines.semi_m + self.clear_m + spare_m
             moved_m = center_m + later * there_s[:, None] * outlines.velocity_m_s
             level_m, _ = way_round(one_m, other_m, moved_m, semi_m, self.within_m)
             for share in HEIGHTS:
                 z_m = np.full(len(level_m) + 1, lowest_z_m + share * (own_z_m - lowest_z_m))
-                found.append(np.column_stack([np.vstack([level_m, other_m]), z_m]))
+                ways_m.append(np.column_stack([np.vstack([level_m, other_m]), z_m]))
         grown_m = outlines.semi_m + self.clear_m
         met = [not passes(one_m, other_m, center_m[at], grown_m[at]) for at in range(len(outlines))]
         top_m = float(outlines.top_height_m[met].max(initial=-own_z_m))
         for more_m in OVER_M:
             over_z_m = min(own_z_m, -min(top_m + more_m, self.highest_m))
-            found.append(np.array([[*one_m, over_z_m], [*other_m, over_z_m]]))
-        longest = max(map(len, found))
-        return np.stack([np.vstack([np.tile(start_m, (longest - len(way), 1)), way]) for way in found])
+            ways_m.append(np.array([[*one_m, over_z_m], [*other_m, over_z_m]]))
+        longest = max(map(len, ways_m))
+        return np.stack([np.vstack([np.tile(start_m, (longest - len(way), 1)), way]) for way in ways_m])

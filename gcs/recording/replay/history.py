@@ -105,14 +105,14 @@ def _idle(
     if not phases:
         return ()
     shown = ((span.from_s, span.until_s) for span in phases if span.phase not in ON_THE_GROUND)
-    found, at_s = [], 0.0
+    idle, at_s = [], 0.0
     for from_s, until_s in [*sorted([*shown, *flying]), (duration_s, duration_s)]:
         begins_s = at_s + KEPT_S if at_s > 0.0 else 0.0
         ends_s = from_s - (KEPT_S if from_s < duration_s else 0.0)
         if ends_s - begins_s >= IDLE_LEAST_S:
-            found.append(IdleSpan(begins_s, ends_s))
+            idle.append(IdleSpan(begins_s, ends_s))
         at_s = max(at_s, until_s)
-    return tuple(found)
+    return tuple(idle)
 
 
 class EventHistory:
@@ -143,9 +143,9 @@ class EventHistory:
         if not file.is_file():
             return EventHistory(())
         try:
-            found = rows(file, EVENTS, session)
+            event_rows = rows(file, EVENTS, session)
             return EventHistory(
-                [RecordedEvent(**{**dict(row), "detail": json.loads(row["detail"])}) for row in found]
+                [RecordedEvent(**{**dict(row), "detail": json.loads(row["detail"])}) for row in event_rows]
             )
         except (KeyError, TypeError, ValueError) as error:
             raise GcsError(f"{file}: its events are none: {error!r}") from None

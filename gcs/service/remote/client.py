@@ -217,11 +217,11 @@ def _value(answer: Answer) -> Any:
 class _Role:
     """One role of the port: every method and property of its protocol asks control."""
 
-    def __init__(self, line: Line, role: str, **known: Any) -> None:
-        """`known`: properties that never change."""
+    def __init__(self, line: Line, role: str, **properties: Any) -> None:
+        """`properties`: those that never change."""
         self._line = line
         self._role = role
-        vars(self).update(known)
+        vars(self).update(properties)
 
     def __getattr__(self, name: str) -> Any:
         method = METHODS.get(f"{self._role}.{name}")

@@ -80,12 +80,12 @@ class Method:
     def unpacked(self, text: bytes) -> inspect.BoundArguments:
         """Raises: InvalidError if they do not fit."""
         try:
-            found = self.arguments.model_validate_json(text, strict=True)
+            arguments = self.arguments.model_validate_json(text, strict=True)
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             field = ".".join(map(str, first["loc"])) or self.name
             raise InvalidError(field, first["input"], first["msg"]) from None
-        given = {name: getattr(found, name) for name in found.model_fields_set}
+        given = {name: getattr(arguments, name) for name in arguments.model_fields_set}
         return self.signature.bind(**given)
 
 

@@ -42,10 +42,10 @@ class LightPrograms:
         """Lay out the programs of all vehicles, at least one."""
         if not programs:
             raise ShapeError("a light program is needed")
-        index = PieceIndex.of([one.times_s[:-1] for one in programs])
-        durations_s = np.concatenate([np.diff(one.times_s) for one in programs])
-        before = np.concatenate([one.before for one in programs])
-        after = np.concatenate([one.after for one in programs])
+        index = PieceIndex.of([program.times_s[:-1] for program in programs])
+        durations_s = np.concatenate([np.diff(program.times_s) for program in programs])
+        before = np.concatenate([program.before for program in programs])
+        after = np.concatenate([program.after for program in programs])
         return LightPrograms(index, durations_s, before, after)
 
     def __len__(self) -> int:

@@ -101,19 +101,19 @@ class Trajectories:
         """Lay out the trajectories of all vehicles, at least one."""
         if not trajectories:
             raise ShapeError("a trajectory is needed")
-        terms = max(one.coefficients_m.shape[1] for one in trajectories)
-        count = sum(len(one.coefficients_m) for one in trajectories)
+        terms = max(trajectory.coefficients_m.shape[1] for trajectory in trajectories)
+        count = sum(len(trajectory.coefficients_m) for trajectory in trajectories)
         coefficients_m, durations_s = np.zeros((count, terms, 3)), np.ones(count)
         at = 0
-        for one in trajectories:
-            pieces, own_terms = one.coefficients_m.shape[:2]
-            coefficients_m[at : at + pieces, :own_terms] = one.coefficients_m
-            if len(one.times_s) > 1:
-                durations_s[at : at + pieces] = np.diff(one.times_s)
+        for trajectory in trajectories:
+            pieces, own_terms = trajectory.coefficients_m.shape[:2]
+            coefficients_m[at : at + pieces, :own_terms] = trajectory.coefficients_m
+            if len(trajectory.times_s) > 1:
+                durations_s[at : at + pieces] = np.diff(trajectory.times_s)
             at += pieces
-        starts_s = [one.times_s[: len(one.coefficients_m)] for one in trajectories]
-        begin_s = np.array([one.times_s[0] for one in trajectories])
-        end_s = np.array([one.times_s[-1] for one in trajectories])
+        starts_s = [trajectory.times_s[: len(trajectory.coefficients_m)] for trajectory in trajectories]
+        begin_s = np.array([trajectory.times_s[0] for trajectory in trajectories])
+        end_s = np.array([trajectory.times_s[-1] for trajectory in trajectories])
         for array in (coefficients_m, durations_s, begin_s, end_s):
             array.setflags(write=False)
         return Trajectories(PieceIndex.of(starts_s), durations_s, coefficients_m, begin_s, end_s)

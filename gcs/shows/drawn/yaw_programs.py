@@ -39,8 +39,8 @@ class YawPrograms:
         """Lay out the set points of all vehicles, at least one vehicle."""
         if not programs:
             raise ShapeError("a yaw program is needed")
-        starts_s = [one.times_s if len(one.times_s) else np.zeros(1) for one in programs]
-        yaws_rad = [one.yaw_rad if len(one.yaw_rad) else np.full(1, np.nan) for one in programs]
+        starts_s = [program.times_s if len(program.times_s) else np.zeros(1) for program in programs]
+        yaws_rad = [program.yaw_rad if len(program.yaw_rad) else np.full(1, np.nan) for program in programs]
         rates_rad_s = [
             np.append(np.diff(yaw_rad) / np.diff(times_s), 0.0)
             for times_s, yaw_rad in zip(starts_s, yaws_rad, strict=True)

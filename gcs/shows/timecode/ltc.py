@@ -66,17 +66,17 @@ class LinearTimecode:
             return []
         peak = float(np.abs(sound).max())
         self._level = peak if peak > self._level else self._level + _FORGETS * (peak - self._level)
-        found: list[tuple[float, Reading]] = []
+        readings: list[tuple[float, Reading]] = []
         if self._level > _LEAST_LEVEL:
-            self._changes(sound, found)
+            self._changes(sound, readings)
         self._sample += len(sound)
         self._before = float(sound[-1])
         return [
-            Reading(one.time_s, one.rate, age_s=(self._sample - at) / self.sample_rate_hz)
-            for at, one in found
+            Reading(reading.time_s, reading.rate, age_s=(self._sample - at) / self.sample_rate_hz)
+            for at, reading in readings
         ]
 
-    def _changes(self, sound: NDArray[np.float64], found: list[tuple[float, Reading]]) -> None:
+    def _changes(self, sound: NDArray[np.float64], readings: list[tuple[float, Reading]]) -> None:
         """Take the changes of sign: of more than timecode can have, none."""
         far = np.flatnonzero(np.abs(sound) > _HYSTERESIS * self._level)
         high = sound[far] > 0.0
@@ -97,9 +97,9 @@ class LinearTimecode:
                 place -= 1
             before, after = float(whole[place - 1]), float(whole[place])
             share = before / (before - after) if before != after else 0.0
-            self._change(self._sample + place - 2 + min(max(share, 0.0), 1.0), found)
+            self._change(self._sample + place - 2 + min(max(share, 0.0), 1.0), readings)
 
-    def _change(self, edge: float, found: list[tuple[float, Reading]]) -> None:
+    def _change(self, edge: float, readings: list[tuple[float, Reading]]) -> None:
         """Take one change of sign."""
         length, self._edge = edge - self._edge, edge
         fastest, slowest = self.sample_rate_hz / _FASTEST_PER_S, self.sample_rate_hz / _SLOWEST_PER_S
@@ -114,18 +114,18 @@ class LinearTimecode:
                 self._lengths.append(length)
                 return
             self._lengths[-1] += length
-            self._bit(1, edge, found)
+            self._bit(1, edge, readings)
         elif self._half:  # a half without its other half: the bits were cut wrongly
             self._lose()
         else:
             self._lengths.append(length)
-            self._bit(0, edge, found)
+            self._bit(0, edge, readings)
 
     def _lose(self) -> None:
         self._half, self._count = False, 0
         self._lengths.clear()
 
-    def _bit(self, bit: int, edge: float, found: list[tuple[float, Reading]]) -> None:
+    def _bit(self, bit: int, edge: float, readings: list[tuple[float, Reading]]) -> None:
         self._bits = self._bits >> 1 | bit << BITS - 1
         self._count += 1
         if self._count >= BITS and self._bits >> BITS - 16 == SYNC:
@@ -133,7 +133,7 @@ class LinearTimecode:
             if reading is None:
                 self.garbage += 1
             else:
-                found.append((edge, reading))
+                readings.append((edge, reading))
 
     def _frame(self, samples: float) -> Reading | None:
         """The frame of the newest 80 bits, which took so many samples; None: there is none of this name."""
@@ -147,7 +147,7 @@ class LinearTimecode:
             return None
         label = Label(*(10 * ten + unit for ten, unit in zip(tens, units, strict=True)))
         per_s = self.sample_rate_hz / samples
-        rate = min(_RATES, key=lambda one: abs(one.per_s - per_s))
+        rate = min(_RATES, key=lambda known_rate: abs(known_rate.per_s - per_s))
         if field_of(10, 1):
             rate = Rate.FPS_29_97_DROP
         if not label.exists(rate):

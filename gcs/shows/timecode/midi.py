@@ -37,28 +37,28 @@ class MidiTimecode:
 
     def take(self, data: bytes) -> list[Reading]:
         """The readings that `data` completes. Never raises, and keeps at most one message that is not."""
-        found: list[Reading] = []
+        readings: list[Reading] = []
         for byte in data:
             if byte >= _REAL_TIME:
                 continue  # may come between the bytes of any message
             if byte & 0x80:
                 if byte == SYSEX_END and self._status == SYSEX:
-                    self._full_frame(found)
+                    self._full_frame(readings)
                 self._status, self._data = (byte if byte == SYSEX or byte in _DATA else 0), []
             elif self._status:
-                self._byte(byte, found)
-        return found
+                self._byte(byte, readings)
+        return readings
 
-    def _byte(self, byte: int, found: list[Reading]) -> None:
+    def _byte(self, byte: int, readings: list[Reading]) -> None:
         if len(self._data) < SYSEX_MAX:
             self._data.append(byte)
         if self._status == SYSEX or len(self._data) < _DATA[self._status]:
             return
         if self._status == QUARTER_FRAME:
-            self._quarter_frame(byte, found)
+            self._quarter_frame(byte, readings)
         self._status = 0
 
-    def _quarter_frame(self, byte: int, found: list[Reading]) -> None:
+    def _quarter_frame(self, byte: int, readings: list[Reading]) -> None:
         piece, value = byte >> 4, byte & 0x0F
         if piece != len(self._pieces) % PIECES:
             self.garbage += bool(self._pieces)  # one was lost, or it runs backwards
@@ -71,7 +71,7 @@ class MidiTimecode:
         if self._begins is not None:
             label, rate = self._begins
             behind = BEHIND_FRAMES + piece / 4
-            found.append(Reading(label.time_s(rate) + behind / rate.per_s, rate))
+            readings.append(Reading(label.time_s(rate) + behind / rate.per_s, rate))
         if piece == PIECES - 1:
             self._label()
 
@@ -84,7 +84,7 @@ class MidiTimecode:
         self._begins = (label, rate) if label.exists(rate) else None
         self.garbage += self._begins is None
 
-    def _full_frame(self, found: list[Reading]) -> None:
+    def _full_frame(self, readings: list[Reading]) -> None:
         """Take F0 7F device 01 01 hours minutes seconds frames F7: where the source was brought to."""
         data = self._data
         if len(data) != 8 or data[0] != 0x7F or data[2:4] != [1, 1]:
@@ -92,7 +92,7 @@ class MidiTimecode:
         label, rate = Label(data[4] & 0x1F, *data[5:8]), Rate(data[4] >> 5 & 3)
         self._pieces, self._begins = [], None
         if label.exists(rate):
-            found.append(Reading(label.time_s(rate), rate, runs=False))
+            readings.append(Reading(label.time_s(rate), rate, runs=False))
         else:
             self.garbage += 1
 

@@ -63,7 +63,7 @@ def bound_of(settings: TimecodeSettings | None) -> Bound:
 
 async def keep_receiving(settings: TimecodeSettings, sink: Sink, intake: Intake) -> None:
     """Receive without end; a source that fails is opened again."""
-    known = ""
+    logged = ""
     while True:
         try:
             if settings.scheme == "rtp-midi":
@@ -74,9 +74,9 @@ async def keep_receiving(settings: TimecodeSettings, sink: Sink, intake: Intake)
                 await _receive_file(settings, sink, intake)
         except (OSError, LinkError) as error:
             why = str(error)
-        if why != known:
+        if why != logged:
             log.warning("timecode_interrupted", extra={"source": settings.source, "cause": why})
-        known = why
+        logged = why
         sink.failed(why)
         await asyncio.sleep(RETRY_S)
 
@@ -107,8 +107,8 @@ async def _receive_rtp(host: str, port: int, sink: Sink, intake: Intake) -> None
     def take(through: socket.socket, arrived: list[Arrived], now_s: float) -> None:
         readings: list[Reading] = []
         for data, sender in intake.admit(arrived, now_s):
-            found, answer = session.take(data, now_s)
-            readings += midi.take(found)
+            midi_bytes, answer = session.take(data, now_s)
+            readings += midi.take(midi_bytes)
             if answer:
                 with suppress(OSError):  # no room, no route: the other side asks again
                     through.sendto(answer, sender)
@@ -116,7 +116,7 @@ async def _receive_rtp(host: str, port: int, sink: Sink, intake: Intake) -> None
         sink.count(midi.garbage + session.refused)
 
     with _bound(host, port) as commands, _bound(host, port + 1) as messages:
-        await _read([_reader(one, partial(take, one)) for one in (commands, messages)])
+        await _read([_reader(end, partial(take, end)) for end in (commands, messages)])
 
 
 def _bound(host: str, port: int) -> socket.socket:

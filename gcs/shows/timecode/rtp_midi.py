@@ -83,9 +83,9 @@ def _commands(payload: bytes) -> bytes | None:
     data = payload[at : at + size]
     if len(data) < size:
         return None
-    found, at, status = bytearray(), 0, 0
+    midi, at, status = bytearray(), 0, 0
     while at < len(data):
-        if found or has_delta:
+        if midi or has_delta:
             at = _after_delta(data, at)
         if at >= len(data):
             break  # a time without a command ends a list
@@ -94,10 +94,10 @@ def _commands(payload: bytes) -> bytes | None:
         length = _data_bytes(status, data, at)
         if length is None or at + length > len(data):
             return None
-        found.append(status)
-        found += data[at : at + length]
+        midi.append(status)
+        midi += data[at : at + length]
         at += length
-    return bytes(found)
+    return bytes(midi)
 
 
 def _after_delta(data: bytes, at: int) -> int:

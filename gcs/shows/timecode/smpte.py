@@ -93,8 +93,8 @@ def label_at(time_s: float, rate: Rate) -> Label:
 
 def parse_label(text: str) -> Label:
     """Read HH:MM:SS or HH:MM:SS:FF. Raises: InvalidError."""
-    found = _LABEL.match(text)
-    label = None if found is None else Label(*(int(part or 0) for part in found.groups()))
+    matched = _LABEL.match(text)
+    label = None if matched is None else Label(*(int(part or 0) for part in matched.groups()))
     if label is None or not label.exists(Rate.FPS_30):
         raise InvalidError("timecode", text, "HH:MM:SS:FF")
     return label

@@ -65,9 +65,9 @@ class Commander:
         state, row = self.state, self.row
         if state.armed[row]:
             return Result.ACCEPTED
-        found = self.reasons()
-        if prearm.STARTING in found if force else found:
-            self.send_reasons(found)
+        reasons = self.reasons()
+        if prearm.STARTING in reasons if force else reasons:
+            self.send_reasons(reasons)
             return Result.FAILED
         self.send_text(INFO, "Arming motors")
         state.armed[row], state.armed_s[row] = True, state.now_s
@@ -76,9 +76,9 @@ class Commander:
         self.set_home()
         return Result.ACCEPTED
 
-    def send_reasons(self, found: list[str]) -> None:
+    def send_reasons(self, reasons: list[str]) -> None:
         """Send the texts "PreArm: ..."."""
-        for text in found:
+        for text in reasons:
             self.send_text(CRITICAL, f"PreArm: {text}")
 
     def disarm(self, *, force: bool = False) -> Result:

@@ -271,10 +271,10 @@ class Transitions:
             if state.armed[row]:
                 state.prearm_ok[row] = True
                 continue
-            found = self.commanders[row].reasons()
-            state.prearm_ok[row] = not set(found) - {NOT_ARMABLE}
+            reasons = self.commanders[row].reasons()
+            state.prearm_ok[row] = not set(reasons) - {NOT_ARMABLE}
             if speaks[row]:
-                self.commanders[row].send_reasons([text for text in found if text != NOT_ARMABLE])
+                self.commanders[row].send_reasons([text for text in reasons if text != NOT_ARMABLE])
 
 
 def descends(demand_m_s: Array) -> Mask:

@@ -33,8 +33,8 @@ class Fence:
         p = self.parameters
         far = np.hypot(from_home_m[:, 0], from_home_m[:, 1]) > p["FENCE_RADIUS"]
         high = -from_home_m[:, 2] > p["FENCE_ALT_MAX"]
-        found: Numbers = CIRCLE * (far & self.enabled(CIRCLE)) + HEIGHT * (high & self.enabled(HEIGHT))
-        return found
+        breached: Numbers = CIRCLE * (far & self.enabled(CIRCLE)) + HEIGHT * (high & self.enabled(HEIGHT))
+        return breached
 
     def bent(self, rows: Rows, velocity_m_s: Array, from_home_m: Array, limit_m_s2: Array) -> Array:
         """(k, 3): the velocities (k, 3) of these rows, slowed so that they stop at the fence's margin.

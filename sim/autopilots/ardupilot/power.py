@@ -78,9 +78,9 @@ class Batteries:
 
     def reasons(self, row: int) -> list[str]:
         """Why it would not arm; each text is sent twice, as recorded."""
-        level, found = int(self.level()[row]), []
+        level, problems = int(self.level()[row]), []
         if level and self.parameters[LEVELS[level - 1][1]][row] > 0:
-            found.append(f"Battery 1 {LEVELS[level - 1][2]} voltage failsafe")
+            problems.append(f"Battery 1 {LEVELS[level - 1][2]} voltage failsafe")
         if self.voltage_v()[row] < self.parameters["BATT_ARM_VOLT"][row]:
-            found.append("Battery 1 below minimum arming voltage")
-        return [text for text in found for _ in range(2)]
+            problems.append("Battery 1 below minimum arming voltage")
+        return [text for text in problems for _ in range(2)]

@@ -36,23 +36,23 @@ def _of_start(state: ArduState, row: int) -> list[str]:
 
 def _of_parameters(p: Parameters) -> list[str]:
     """Reasons that follow from the parameters alone."""
-    found = []
+    problems = []
     if not p["FRAME_CLASS"]:
-        found.append("Check firmware or FRAME_CLASS")
+        problems.append("Check firmware or FRAME_CLASS")
     if not 1000 <= p["ANGLE_MAX"] <= 8000:
-        found.append("Check ANGLE_MAX")
+        problems.append("Check ANGLE_MAX")
     if not any(p[f"COMPASS_OFS_{axis}"] for axis in "XYZ"):
-        found += 2 * ["Compass not calibrated"]
+        problems += 2 * ["Compass not calibrated"]
     if not any(p[f"INS_ACCOFFS_{axis}"] for axis in "XYZ"):
-        found.append("3D Accel calibration needed")
+        problems.append("3D Accel calibration needed")
     if p["FENCE_ENABLE"] and p["FENCE_MARGIN"] > p["FENCE_RADIUS"]:
-        found.append("FENCE_MARGIN is less than FENCE_RADIUS")
+        problems.append("FENCE_MARGIN is less than FENCE_RADIUS")
     throttle_min = p["RC3_MIN"] - FS_THR_BELOW_MIN
     if p["FS_THR_ENABLE"] and not FS_THR_LOW <= p["FS_THR_VALUE"] <= throttle_min:
-        found.append("Check FS_THR_VALUE")
+        problems.append("Check FS_THR_VALUE")
     if p["FS_THR_ENABLE"] and p["FS_THR_VALUE"] > p["RC3_MIN"]:
-        found.append("Throttle below Failsafe")
-    return found
+        problems.append("Throttle below Failsafe")
+    return problems
 
 
 def reasons(state: ArduState, row: int, parameters: Parameters, batteries: Batteries) -> list[str]:
@@ -60,21 +60,21 @@ def reasons(state: ArduState, row: int, parameters: Parameters, batteries: Batte
 
     ARMING_CHECK 0 lifts all but those of the start, the position and the failsafes.
     """
-    found = _of_start(state, row)
+    problems = _of_start(state, row)
     if Mode(int(state.mode[row])) not in ARMABLE:
-        found.append(NOT_ARMABLE)
+        problems.append(NOT_ARMABLE)
     if NEEDS_POSITION[state.mode[row]] and not state.position_ok[row]:
-        found.append(NO_POSITION)
+        problems.append(NO_POSITION)
     if parameters["ARMING_CHECK"]:
-        found += _of_parameters(parameters) + batteries.reasons(row)
+        problems += _of_parameters(parameters) + batteries.reasons(row)
         if state.position_ok[row] and parameters["GPS_HDOP_GOOD"] < HDOP_SCALE * state.hdop[row]:
-            found.append("High GPS HDOP")
+            problems.append("High GPS HDOP")
         unhealthy = int(state.unhealthy_sensors[row])
-        found += [f"{name} not healthy" for bit, name in SENSOR_NAMES.items() if unhealthy & bit]
+        problems += [f"{name} not healthy" for bit, name in SENSOR_NAMES.items() if unhealthy & bit]
         if state.breach[row]:
-            found.append("vehicle outside fence")
+            problems.append("vehicle outside fence")
     if state.radio_failsafe[row] or radio_is_lost(state, row, parameters):
-        found.append("Radio failsafe on")
+        problems.append("Radio failsafe on")
     if state.battery_failsafe[row]:
-        found.append("Battery failsafe")
-    return found
+        problems.append("Battery failsafe")
+    return problems

@@ -274,11 +274,11 @@ class ArduPilot(BaseAutopilot):
     def _get_interval(self, params: Params) -> Result:
         """MESSAGE_INTERVAL answers in any case; 0 for an unknown message (habit 5)."""
         number = _message_id(params) or 0
-        known = _message_id(params) in reports.ALL
-        interval_s = self._shared.schedule.interval_s(self.row, number) if known else None
-        interval_us = round(1e6 * interval_s) if interval_s is not None else -1 if known else 0
+        is_sent = _message_id(params) in reports.ALL
+        interval_s = self._shared.schedule.interval_s(self.row, number) if is_sent else None
+        interval_us = round(1e6 * interval_s) if interval_s is not None else -1 if is_sent else 0
         self.reply(common.MAVLink_message_interval_message(number % 65536, interval_us))
-        return Result.ACCEPTED if known else Result.FAILED
+        return Result.ACCEPTED if is_sent else Result.FAILED
 
     def _request(self, params: Params) -> Result:
         """Accepted for each known message, also where there is nothing to send yet (habit 7)."""

@@ -115,12 +115,12 @@ class Versions(_Entry):
 
         A development build has some of what its version changes. A newer one is taken for the newest.
         """
-        known = tuple(self.versions)
+        releases = tuple(self.versions)
         if version is None:
-            return known
-        at = min(sum(release < version.release for release in known), len(known) - 1)
+            return releases
+        at = min(sum(release < version.release for release in releases), len(releases) - 1)
         first = at if version.is_released or self.is_newer(version) else max(at - 1, 0)
-        return known[first : at + 1]
+        return releases[first : at + 1]
 
     def form(self, name: str, release: Release) -> Form:
         """Name and unit of the parameter in one version, whether it counts there or not."""
