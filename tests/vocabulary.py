@@ -1,8 +1,9 @@
 """Reports identifiers and words that the glossary has retired, and names of tests that are too long.
 
 `vocabulary.json` holds the table: `words` are retired as parts of identifiers, `names` as whole ones, `prose`
-as words of every text. Names of test functions are judged by `prose` and their length alone. Of documents,
-`words` and `names` judge only code spans.
+as words of every text. No variable of a function in gcs is called by one of `pronouns`, but `one` beside
+`other`. Names of test functions are judged by `prose` and their length alone. Of documents, `words` and
+`names` judge only code spans.
 `python -m tests.vocabulary` prints each place and exits with 1.
 """
 
@@ -24,6 +25,9 @@ TEST_NAME_MAX = 60
 LONG_TEST_NAME = re.compile(rf"\bdef (test_\w{{{TEST_NAME_MAX - 4},}})")
 NO_CODE = re.compile(r"//[^\n]*|/\*.*?\*/|(?<=[\"'`])[^\"'`\n]* [^\"'`\n]*(?=[\"'`])", re.DOTALL)
 JUDGED = (".py", ".ts", ".css", ".md")
+NOT_RENAMED = ("gcs/cli/", "gcs/preflight/", "gcs/shows/formats/", "gcs/testing/")
+"""Packages whose variables still may be called by pronouns."""
+
 HISTORY = (
     "CHANGELOG.md",
     "docs/decisions/history/",
@@ -66,6 +70,22 @@ def python_names(source: str) -> Iterator[tuple[int, str]]:
             yield from ((node.lineno, part) for part in WORD.findall(node.value))
 
 
+def pronouns(source: str) -> Iterator[tuple[int, str]]:
+    """Variables and parameters of functions that say nothing, each with its line."""
+    for function in ast.walk(ast.parse(source)):
+        if not isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef):
+            continue
+        lines: dict[str, int] = {}
+        for node in ast.walk(function):
+            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+                lines.setdefault(node.id, node.lineno)
+            elif isinstance(node, ast.arg):
+                lines.setdefault(node.arg, node.lineno)
+        for name in lines.keys() & TABLE["pronouns"].keys():
+            if name != "one" or "other" not in lines:
+                yield lines[name], name
+
+
 def words_of(text: str) -> Iterator[tuple[int, str]]:
     """Every word of a text with its line."""
     for number, line in enumerate(text.split("\n"), start=1):
@@ -94,6 +114,11 @@ def findings(path: str, source: str) -> list[str]:
     ]
     if not path.endswith(".py"):
         return old
+    if path.startswith("gcs/") and not path.startswith(NOT_RENAMED):
+        old += [
+            f"{path}:{line}: {name} says nothing: say {TABLE['pronouns'][name]}"
+            for line, name in sorted(set(pronouns(source)))
+        ]
     return old + [
         f"{path}:{source.count(chr(10), 0, name.start()) + 1}: {name[1]} has {len(name[1])} characters, "
         f"at most {TEST_NAME_MAX} are allowed: put the sentence into the docstring"

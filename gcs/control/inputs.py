@@ -186,15 +186,15 @@ class TickInputs:
             lost_m = uncertainty_m[tasks.segments_of]
         upright = (tasks.segments_m[:, 0, :2] == tasks.segments_m[:, 1, :2]).all(axis=1)
         upright[len(upright) - tasks.silent_segments :] = False
-        columns_m, found = tasks.segments_m[upright], {}
+        columns_m, ellipses = tasks.segments_m[upright], {}
         reserves_m = floor.reserve_m(own_m, lost_m[upright]).tolist()
         tops_m = columns_m[:, :, 2].min(axis=1).tolist()
         for (x_m, y_m), reserve_m, z_m in zip(columns_m[:, 0, :2].tolist(), reserves_m, tops_m, strict=True):
             wide_m, tall_m = floor.kept_m(reserve_m)
-            found[f"lost at {x_m:.1f}, {y_m:.1f}"] = Ellipse(
+            ellipses[f"lost at {x_m:.1f}, {y_m:.1f}"] = Ellipse(
                 x_m, y_m, wide_m, wide_m, tall_m - z_m, beside_slots=True
             )
-        return found
+        return ellipses
 
     @property
     def acceleration_max_m_s2(self) -> Array:

@@ -121,9 +121,9 @@ def find_corners(
         size[axis] = at[axis] + 1 + int(np.floor((high_m[axis] - start_m[axis]) / cell_m))
     origin_m = start_m - at * cell_m
     cost, came = np.full(size.prod(), np.inf), np.full(size.prod(), -1, np.int64)
-    known, done = np.zeros(size.prod(), np.bool_), np.zeros(size.prod(), np.bool_)
+    reached, done = np.zeros(size.prod(), np.bool_), np.zeros(size.prod(), np.bool_)
     nearest = (at[0] * size[1] + at[1]) * size[2] + at[2]
-    cost[nearest], known[nearest], heap = 0.0, True, [(0.0, nearest)]
+    cost[nearest], reached[nearest], heap = 0.0, True, [(0.0, nearest)]
     place_m, nearest_m, tried, reaches = np.empty(3), np.inf, 0, False
     while len(heap) > 0 and tried < SEARCHED_MAX and not reaches:
         node = heappop(heap)[1]
@@ -143,9 +143,9 @@ def find_corners(
             if min(u, v, w) < 0 or u >= size[0] or v >= size[1] or w >= size[2] or done[other]:
                 continue
             _go_to(other, size, origin_m, cell_m, place_m)
-            if not known[other]:
+            if not reached[other]:
                 far = np.hypot(place_m[0], place_m[1]) > far_m
-                known[other], done[other] = True, far or not _is_clear(place_m, path_m, kept_m)
+                reached[other], done[other] = True, far or not _is_clear(place_m, path_m, kept_m)
             spent = cost[node] + cell_m * np.sqrt(dx * dx + dy * dy + (climb_cost * dz) ** 2)
             if spent < cost[other] and not done[other]:
                 cost[other], came[other] = spent, node

@@ -220,6 +220,6 @@ def _towards(here_m: Array, corner_m: Array, goal_m: Array) -> Array:
 def warm_up() -> None:
     """Compile or load the kernels, so that nothing is compiled in flight."""
     place_m, at_m = np.zeros((1, 3)), (np.array([[5.0, 0.0]]), np.zeros((1, 2)))
-    one, top_m = np.ones((1, 2)), np.full(1, 50.0)
-    _aims(place_m, place_m + 10.0, at_m, one, top_m, 5.0, (100.0, 100.0), True)
-    _ways_out(place_m, place_m + 10.0, (*at_m, one), top_m, 5.0, 100.0)
+    box_m, top_m = np.ones((1, 2)), np.full(1, 50.0)
+    _aims(place_m, place_m + 10.0, at_m, box_m, top_m, 5.0, (100.0, 100.0), True)
+    _ways_out(place_m, place_m + 10.0, (*at_m, box_m), top_m, 5.0, 100.0)

@@ -52,8 +52,8 @@ def laid(now: TickInputs, memory: Memory, formed: Formed, radius_m: float, share
     if formed.spin_rad_s:
         places, changes = (turned(each, formed.spin_rad_s * now.dt_s) for each in (places, changes))
     if shared is not None:
-        theirs = now.of_sphere(shared)
-        places, changes = np.where(np.isnan(theirs), places, theirs), np.zeros_like(changes)
+        shared_places = now.of_sphere(shared)
+        places, changes = np.where(np.isnan(shared_places), places, shared_places), np.zeros_like(changes)
     joining = np.isnan(places[:, 0]).nonzero()[0]
     if len(joining):
         rows = now.sphere[joining]
@@ -115,8 +115,8 @@ The others stay where they are until it is their turn: the filter keeps their ve
 def _lost_paths(now: TickInputs, center: Center) -> tuple[Array, Array, Array, Array] | None:
     """The paths of lost vehicles as `_move_out` needs them, from `centers_m` on; None: there is none."""
     tasks, floor = now.tasks, now.settings.safety.floor
-    known = len(tasks.segments_m) - tasks.silent_segments
-    if known == 0:
+    lost = len(tasks.segments_m) - tasks.silent_segments
+    if lost == 0:
         return None
     uncertainty_m = np.array(now.traits.uncertainty_m)
     own_m = float(np.max(uncertainty_m, where=now.formed, initial=0.0))
@@ -124,8 +124,8 @@ def _lost_paths(now: TickInputs, center: Center) -> tuple[Array, Array, Array, A
     kept_m = floor.horizontal_m + floor.margin_m + floor.reserve_m(own_m, lost_m) + SLOT_SPARE_M
     return (
         center.position_m + AHEAD_S[:, None] * center.velocity_m_s,
-        np.ascontiguousarray(tasks.segments_m[:known] * floor.scale),
-        np.broadcast_to(kept_m, len(tasks.segments_m))[:known].copy(),
+        np.ascontiguousarray(tasks.segments_m[:lost] * floor.scale),
+        np.broadcast_to(kept_m, len(tasks.segments_m))[:lost].copy(),
         floor.scale,
     )
 
@@ -153,7 +153,7 @@ def _move_out(
 
     Returns: whether one was not clear of it.
     """
-    found, searches, largest = np.empty(3), 0, scale.max()
+    open_m, searches, largest = np.empty(3), 0, scale.max()
     near, low_m, high_m = np.empty(len(segments_m), np.int64), np.empty(3), np.empty(3)
     lowest_m, highest_m = np.empty(3), np.empty(3)
     for axis in range(3):
@@ -172,7 +172,7 @@ def _move_out(
         searches += 1
         count = _close_by(near, low_m, high_m, LOOK_M * largest, segments_m, kept_m)
         beside_m, beside_kept_m = segments_m[near[:count]], kept_m[near[:count]]
-        best_m, found[:] = LOOK_M, places[i]
+        best_m, open_m[:] = LOOK_M, places[i]
         level = max(np.hypot(places[i, 0], places[i, 1]), TINY)
         sideways = np.array([-places[i, 1] / level, places[i, 0] / level, 0.0])
         upwards = np.cross(places[i], sideways)
@@ -184,10 +184,10 @@ def _move_out(
                 there = np.cos(gone_m / radius_m) * places[i] + np.sin(gone_m / radius_m) * along
                 lack_m = _lack_m(there, radius_m, centers_m, beside_m, beside_kept_m, scale)
                 if lack_m <= 0.0:
-                    best_m, found[:] = gone_m, there
+                    best_m, open_m[:] = gone_m, there
                 else:  # nearer than that it cannot be clear
                     gone_m += LOOK_STEP_M * max(1.0, np.floor(lack_m / largest / LOOK_STEP_M))
-        places[i] = found
+        places[i] = open_m
     return searches > 0
 
 

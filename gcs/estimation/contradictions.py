@@ -91,7 +91,7 @@ def _compare(
     dt_s: float,
     reported: tuple[Array, Array, Array, Mask, Array],
     asked_m_s: Array,
-    known: tuple[Array, Array, Array, NDArray[np.int64], Array, Array, Array, Array],
+    before: tuple[Array, Array, Array, NDArray[np.int64], Array, Array, Array, Array],
     doubts: Doubts,
 ) -> None:
     """As `Contradictions.look`.
@@ -101,11 +101,11 @@ def _compare(
         reported: positions and velocities (n, 3), times of arrival (n,), which are armed (n,), and how late
             positions are (n,).
         asked_m_s: (n, 3) setpoints, NaN: not commanded.
-        known: columns of `Contradictions`; written, as is `doubts`.
+        before: columns of `Contradictions`; written, as is `doubts`.
         doubts: (n,).
     """
     position_m, velocity_m_s, time_s, armed, late_s = reported
-    last_m, last_m_s, last_s, repeats, held_s, travel_m, owed_m, strayed_m = known
+    last_m, last_m_s, last_s, repeats, held_s, travel_m, owed_m, strayed_m = before
     for i in range(len(time_s)):
         if np.isfinite(asked_m_s[i]).all():
             owed_m[i] += dt_s * asked_m_s[i]
@@ -125,8 +125,8 @@ def _compare(
             last_m[i], last_m_s[i], last_s[i] = position_m[i], velocity_m_s[i], time_s[i]
         held_for_s = last_s[i] - held_s[i]
         leads_m = travel_m[i], owed_m[i], strayed_m[i]
-        found = _doubt(doubts[i], repeats[i], held_for_s, leads_m, late_s[i])
-        doubts[i] = found if armed[i] else Doubt.NONE
+        doubt = _doubt(doubts[i], repeats[i], held_for_s, leads_m, late_s[i])
+        doubts[i] = doubt if armed[i] else Doubt.NONE
         if doubts[i] == Doubt.LATE:
             held_s[i] = last_s[i] - late_s[i]
 
@@ -160,5 +160,5 @@ class Contradictions:
         dt_s = 0.0 if np.isnan(self._now_s) else max(now_s - self._now_s, 0.0)
         self._now_s = now_s
         self.doubts, self.held_s = self.doubts.copy(), self.held_s.copy()  # holders of the old ones keep them
-        known = (*self._last, self._repeats, self.held_s, *self._moved)
-        _compare(dt_s, reported, np.array(asked_m_s), known, self.doubts)
+        before = (*self._last, self._repeats, self.held_s, *self._moved)
+        _compare(dt_s, reported, np.array(asked_m_s), before, self.doubts)

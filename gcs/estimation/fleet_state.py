@@ -362,27 +362,28 @@ class Table:
             for part, before in zip_longest(telemetry, self._links[: len(telemetry)])
         ]
         doubtful, late_s = np.zeros(n, np.bool_), np.zeros(n)
-        for part, known in zip(telemetry, self._links, strict=True):
-            doubtful[known.rows] = part.fix_type < FIX_3D  # False for NaN
-            late_s[known.rows] = part.position_late_s
+        for part, link in zip(telemetry, self._links, strict=True):
+            doubtful[link.rows] = part.fix_type < FIX_3D  # False for NaN
+            late_s[link.rows] = part.position_late_s
             into_frame(
-                known.rows,
+                link.rows,
                 (part.latitude_deg, part.longitude_deg, part.altitude_amsl_m, part.yaw_deg),
                 part.velocity_ned_m_s,
                 part.position_time_s,
-                (known.is_armed, known.reset_count),
+                (link.is_armed, link.reset_count),
                 self._origin,
                 (position_m, velocity_m_s, yaw_rad, time_s, exists, armed, resets),
             )
-        found = self._contradictions
+        contradictions = self._contradictions
         asked_m_s = self._not_asked if asked_m_s is None else asked_m_s
-        found.look(now_s, (position_m, velocity_m_s, time_s, armed, late_s), asked_m_s)
+        contradictions.look(now_s, (position_m, velocity_m_s, time_s, armed, late_s), asked_m_s)
         self.reset_time_s = self.reset_time_s.copy()  # holders of the old arrays keep them unchanged
         self.jumped_m = self.jumped_m.copy()
         new = (position_m, time_s, velocity_m_s, exists, armed, resets)
         counted = self._resets, self._counted_s, self._stepped_s, self._stepped_m
         jumps = self.reset_time_s, self.jumped_m
-        judge(now_s, *(*new, *self._reported, *self._believed, *counted, *jumps, found.doubts, found.held_s))
+        doubted = contradictions.doubts, contradictions.held_s
+        judge(now_s, *(*new, *self._reported, *self._believed, *counted, *jumps, *doubted))
         here_m, moves_m_s, age_s = brought_forward(now_s, *self._believed, self._flies_on_s, self._brakes_s)
         return FleetState(now_s, self.ids, here_m, moves_m_s, yaw_rad, age_s, doubtful)
 

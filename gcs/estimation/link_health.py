@@ -34,9 +34,9 @@ class LinkQuality:
             return
         elapsed_s = now_s - before_s
         weight = -np.expm1(-elapsed_s / QUALITY_OVER_S)
-        known = arrival_s > -np.inf
+        has_arrived = arrival_s > -np.inf
         self._rate_hz = self._rate_hz + weight * (arrived / elapsed_s - self._rate_hz)
-        self._weight = self._weight + weight * (known - self._weight)
+        self._weight = self._weight + weight * (has_arrived - self._weight)
 
     @property
     def share(self) -> Array:
@@ -160,8 +160,8 @@ def signs_of_life(
     beats, fresh = np.empty(n, np.bool_), np.empty(n, np.bool_)
     for i in range(n):
         known_s, next_s = np.inf if absent[i] else judged_s, beat_s[i] + may_lack_s[i]
-        known = np.isfinite(position_m[i, 0] + position_m[i, 1] + position_m[i, 2])
-        seen[i] = known and not is_silent(now_s, life_s[i], next_s, position_s[i], silence_s, np.inf)
+        located = np.isfinite(position_m[i, 0] + position_m[i, 1] + position_m[i, 2])
+        seen[i] = located and not is_silent(now_s, life_s[i], next_s, position_s[i], silence_s, np.inf)
         silent[i] = is_silent(now_s, life_s[i], next_s, position_s[i], silence_s, known_s)
         beats[i] = now_s - beat_s[i] <= silence_s
         fresh[i] = not silent[i] and np.minimum(now_s - beat_s[i], known_s) <= silence_s

@@ -75,8 +75,8 @@ class Positioning(Settings):
         """
         keys, configured, least_m = list(LEAST_M), self._configured, []
         for at, (key, usual_m) in enumerate(LEAST_M.items()):
-            better_m = max((configured[one] for one in keys[:at] if one in configured), default=0.0)
-            worse_m = min((configured[one] for one in keys[at:] if one in configured), default=np.inf)
+            better_m = max((configured[name] for name in keys[:at] if name in configured), default=0.0)
+            worse_m = min((configured[name] for name in keys[at:] if name in configured), default=np.inf)
             least_m.append(configured.get(key, min(max(usual_m, better_m), worse_m)))
         fixed_m, float_m, dgps_m, fix_3d_m = least_m
         return np.array([np.inf, np.inf, np.inf, fix_3d_m, dgps_m, float_m, fixed_m, float_m, float_m])
@@ -92,8 +92,8 @@ class Positioning(Settings):
         """
         if self.share is not None:
             return self.share
-        known = fix_type[np.isfinite(fix_type)]
-        return SHARE_3D if len(known) and not (known > FIX_3D).any() else 1.0
+        reported = fix_type[np.isfinite(fix_type)]
+        return SHARE_3D if len(reported) and not (reported > FIX_3D).any() else 1.0
 
     def after_jumps_m(self, usual_m: Array, since_s: Array, jumped_m: Array, deviations: float) -> Array:
         """(n,) standard deviations sideways after jumps: a vehicle may be where it was before.

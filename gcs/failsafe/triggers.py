@@ -172,18 +172,18 @@ class FailsafeRequest:
         return SEVERITY[self.action]
 
 
-def look(seen: Seen, known: Known, settings: FailsafePolicy) -> tuple[Known, Mask, Weather]:
+def look(seen: Seen, memory: Known, settings: FailsafePolicy) -> tuple[Known, Mask, Weather]:
     """Evaluate the conditions that follow from telemetry; cheap, once a tick.
 
     Returns: updated averages; (7, n) conditions of each vehicle if it flies (see OF_VEHICLES); and conditions
     of the fleet as a whole.
     """
-    dt_s = max(seen.time_s - known.time_s, 0.0)
+    dt_s = max(seen.time_s - memory.time_s, 0.0)
     share = min(1.0, dt_s / SMOOTH_S)
     late_s = min(seen.late_s, LATENESS_COUNTS * settings.service_late.late_s)
-    late_s = known.late_s + share * (late_s - known.late_s)
-    jumped = seen.reset_time_s > known.jumps_s[-1]
-    jumps_s = known.jumps_s
+    late_s = memory.late_s + share * (late_s - memory.late_s)
+    jumped = seen.reset_time_s > memory.jumps_s[-1]
+    jumps_s = memory.jumps_s
     if jumped.any():
         jumps_s = np.where(jumped, np.vstack([jumps_s[1:], seen.reset_time_s]), jumps_s)
     wind, links, position = settings.wind, settings.links_late, settings.bad_position
@@ -194,8 +194,8 @@ def look(seen: Seen, known: Known, settings: FailsafePolicy) -> tuple[Known, Mas
         (np.array(seen.battery), np.array(seen.horizontal_m), np.array(seen.vertical_m)),
         (np.array(seen.link_late_s), np.array(seen.link_share), jumps_s[0]),
         (np.array(seen.unbelieved), np.array(seen.silent)),
-        known.vehicles.active,
-        known.error_m_s,
+        memory.vehicles.active,
+        memory.error_m_s,
         (seen.time_s, share, wind.speed_error_m_s, links.late_s, links.arrive_min),
         (battery.below, battery.critical_below),
         (position.horizontal_max_m, position.vertical_max_m, position.jumps_within_s),
@@ -207,12 +207,12 @@ def look(seen: Seen, known: Known, settings: FailsafePolicy) -> tuple[Known, Mas
     by_links = 2 * poor_strays > strays
     many_poor = bool(poor and poor >= links.share * commanded)
     weather = Weather(windy=too_windy and not by_links, late=many_poor or (too_windy and by_links))
-    doubts = known.doubts
+    doubts = memory.doubts
     if doubts.any() or seen.doubts.any():  # kept while the failsafe lasts: it is doubted until it moves only
-        kept = np.where(known.vehicles.active[SUDDEN], doubts, Doubt.NONE)
+        kept = np.where(memory.vehicles.active[SUDDEN], doubts, Doubt.NONE)
         doubts = np.where(seen.unbelieved & (seen.doubts != Doubt.NONE), seen.doubts, kept)
     averages = replace(
-        known, time_s=seen.time_s, error_m_s=error_m_s, late_s=late_s, jumps_s=jumps_s, doubts=doubts
+        memory, time_s=seen.time_s, error_m_s=error_m_s, late_s=late_s, jumps_s=jumps_s, doubts=doubts
     )
     return averages, on, weather
 
@@ -299,19 +299,19 @@ def warm_up() -> None:
     look(seen, Known.nothing(1, 0.0, settings), settings)
 
 
-def is_calm(on: Mask, known: Known, seen: Seen, settings: FailsafePolicy, weather: Weather) -> bool:
+def is_calm(on: Mask, memory: Known, seen: Seen, settings: FailsafePolicy, weather: Weather) -> bool:
     """Whether no condition holds or is active: then `advance` would change nothing."""
-    happens = bool(on.any()) or weather.windy or weather.late or known.late_s > settings.service_late.late_s
+    happens = bool(on.any()) or weather.windy or weather.late or memory.late_s > settings.service_late.late_s
     stale = seen.target_age_s > settings.target_stale.after_s  # False for NaN
-    return known.vehicles.is_idle and known.show.is_idle and not (happens or stale)
+    return memory.vehicles.is_idle and memory.show.is_idle and not (happens or stale)
 
 
 def advance(
-    on: Mask, roles: Roles, seen: Seen, known: Known, settings: FailsafePolicy, weather: Weather
+    on: Mask, roles: Roles, seen: Seen, memory: Known, settings: FailsafePolicy, weather: Weather
 ) -> tuple[Known, tuple[FailsafeRequest, ...]]:
     """Return the state for the next tick, and every failsafe whose cause lasts, most severe first.
 
-    `on` (7, n), `known` and `weather` are from `look`.
+    `on` (7, n), `memory` and `weather` are from `look`.
     """
     now_s, flies = seen.time_s, roles.flying
     befalls = on & flies
@@ -321,7 +321,7 @@ def advance(
     sudden_s = min(position.for_s, AT_ONCE_S)
     fence_s = settings.fence.for_s
     for_s = np.array([0.0, battery.for_s, battery.for_s, position.for_s, sudden_s, fence_s, fence_s])
-    vehicles = known.vehicles.next(befalls, now_s, for_s[:, None], settings.clear_s)
+    vehicles = memory.vehicles.next(befalls, now_s, for_s[:, None], settings.clear_s)
     gone = ~flies & ~roles.lost  # landed, under pilot control, or not received yet: no failsafe applies
     if gone.any():
         vehicles = replace(vehicles, since_s=np.where(gone, np.nan, vehicles.since_s))
@@ -329,14 +329,14 @@ def advance(
     many = settings.vehicles_lost
     many_lost = lost >= many.count and lost >= many.share * all_count
     stale = seen.target_age_s > settings.target_stale.after_s
-    late = known.late_s > settings.service_late.late_s
+    late = memory.late_s > settings.service_late.late_s
     shows = np.array([weather.windy, many_lost, stale, late, weather.late], dtype=np.bool_) & flies.any()
     for_each_s = settings.wind.for_s, 0.0, 0.0, settings.service_late.for_s, settings.links_late.for_s
     show_for_s = np.array(for_each_s)[:, None]
-    show = known.show.next(shows[:, None], now_s, show_for_s, settings.clear_s)
+    show = memory.show.next(shows[:, None], now_s, show_for_s, settings.clear_s)
     if not flies.any():
         show = Latch.idle(len(OF_THE_SHOW), 1)
-    after = replace(known, vehicles=vehicles, show=show)
+    after = replace(memory, vehicles=vehicles, show=show)
     if not (vehicles.active.any() or show.active.any()):
         return after, ()
     losses = f"{lost} of {all_count} are lost"
@@ -349,7 +349,7 @@ def advance(
 
 
 def _of_vehicles(
-    latch: Latch, holds: Mask, seen: Seen, known: Known, settings: FailsafePolicy
+    latch: Latch, holds: Mask, seen: Seen, memory: Known, settings: FailsafePolicy
 ) -> list[FailsafeRequest]:
     """Return one request for each cause and action, with the vehicles concerned."""
     battery, position, fence = settings.low_battery, settings.bad_position, settings.fence
@@ -359,7 +359,7 @@ def _of_vehicles(
         LOST: (settings.vehicle_lost.action, "silent, or killed: the others go on without"),
         LOW: (battery.action, f"battery at {low:.0%}, below {battery.below:.0%}"),
         CRITICAL: (battery.critical_action, f"battery at {critical:.0%}, below {battery.critical_below:.0%}"),
-        SUDDEN: (position.action, _sudden(seen, known, latch.active[SUDDEN], settings)),
+        SUDDEN: (position.action, _sudden(seen, memory, latch.active[SUDDEN], settings)),
         POOR: (position.action, _poor(seen, latch.active[POOR], settings)),
         OUT: (fence.action, f"outside {soon}"),
         BELOW: (fence.action, f"below {soon}"),
@@ -382,11 +382,11 @@ def _of_vehicles(
     return requests
 
 
-def _sudden(seen: Seen, known: Known, rows: Mask, settings: FailsafePolicy) -> str:
+def _sudden(seen: Seen, memory: Known, rows: Mask, settings: FailsafePolicy) -> str:
     position = settings.bad_position
-    if (seen.time_s - known.jumps_s[0][rows] <= position.jumps_within_s).any():
+    if (seen.time_s - memory.jumps_s[0][rows] <= position.jumps_within_s).any():
         return f"its position jumped {position.jumps} times within {position.jumps_within_s:g} s"
-    return " or ".join(IN_WORDS[Doubt(kind)] for kind in np.unique(known.doubts[rows]).tolist())
+    return " or ".join(IN_WORDS[Doubt(kind)] for kind in np.unique(memory.doubts[rows]).tolist())
 
 
 def _poor(seen: Seen, rows: Mask, settings: FailsafePolicy) -> str:
@@ -400,16 +400,16 @@ def _poor(seen: Seen, rows: Mask, settings: FailsafePolicy) -> str:
 
 
 def _of_the_show(
-    latch: Latch, holds: Mask, seen: Seen, known: Known, roles: Roles, settings: FailsafePolicy, losses: str
+    latch: Latch, holds: Mask, seen: Seen, memory: Known, roles: Roles, settings: FailsafePolicy, losses: str
 ) -> list[FailsafeRequest]:
     wind, links = settings.wind, settings.links_late
     target, late = settings.target_stale, settings.service_late
-    error_m_s = np.hypot(known.error_m_s[:, 0], known.error_m_s[:, 1])
+    error_m_s = np.hypot(memory.error_m_s[:, 0], memory.error_m_s[:, 1])
     strays = int((error_m_s > wind.speed_error_m_s).sum())
     rows = {Cause.VEHICLES_LOST: tuple(np.flatnonzero(roles.lost).tolist())}
     off = f"{strays} vehicles fly up to {error_m_s.max(initial=0.0):.1f} m/s off their setpoints"
     stale = f"no new position of it for more than {target.after_s:g} s"
-    slow = f"ticks are {known.late_s * 1e3:.0f} ms late on average, {late.late_s * 1e3:.0f} ms is allowed"
+    slow = f"ticks are {memory.late_s * 1e3:.0f} ms late on average, {late.late_s * 1e3:.0f} ms is allowed"
     cases = {
         Cause.WIND: (wind.action, wind.then_return_after_s, off),
         Cause.LINKS_LATE: (links.action, links.then_return_after_s, _late_links(seen, roles, links)),

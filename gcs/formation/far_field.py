@@ -50,13 +50,13 @@ def pushes_by_cells(direction: Array, charge: Array) -> Array:
     first = _first_cells(number)
     blocks = _as_one(place, own, start[first])
     pushing = np.empty((3, n + len(number)), np.float32), np.empty(n + len(number), np.float32)
-    push, found = np.empty((n, 3)), np.empty(3, np.float32)
+    push, pushed = np.empty((n, 3)), np.empty(3, np.float32)
     for c in range(len(number)):
         count = _gather(c, across, vehicles, cells, blocks, start, first, pushing)
         for a in range(start[c], start[c + 1]):
-            _push_on(place[:, a], pushing[0], pushing[1], count, found)
+            _push_on(place[:, a], pushing[0], pushing[1], count, pushed)
             for k in range(3):
-                push[rows[a], k] = own[a] * found[k]
+                push[rows[a], k] = own[a] * pushed[k]
     return push
 
 
@@ -168,15 +168,15 @@ def _sorted_into_cells(direction: Array, across: int) -> tuple[Rows, Rows, Rows]
 
 
 @kernel_in_any_order
-def _push_on(place: Flat, there: Flat, theirs: Flat, count: int, found: Flat) -> None:
-    """Write to `found` (3,) the push of the first `count` charges `there` (3, ...) on one at `place` (3,)."""
+def _push_on(place: Flat, there: Flat, charge: Flat, count: int, pushed: Flat) -> None:
+    """Write to `pushed` (3,) the push of the first `count` charges `there` (3, ...) at `place` (3,)."""
     x, y, z = place[0], place[1], place[2]
     push_x, push_y, push_z = np.float32(0.0), np.float32(0.0), np.float32(0.0)
     for j in range(count):
         dx, dy, dz = x - there[0, j], y - there[1, j], z - there[2, j]
         square = dx * dx + dy * dy + dz * dz + COINCIDENT
-        strength = theirs[j] / (square * np.sqrt(square))
+        strength = charge[j] / (square * np.sqrt(square))
         push_x += strength * dx
         push_y += strength * dy
         push_z += strength * dz
-    found[0], found[1], found[2] = push_x, push_y, push_z
+    pushed[0], pushed[1], pushed[2] = push_x, push_y, push_z

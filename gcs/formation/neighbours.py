@@ -80,13 +80,13 @@ def agree(
 
     Source: Xiao, Boyd, Lall 2005, "A scheme for robust distributed sensor fusion based on average consensus".
     """
-    known: Mask = np.asarray(np.isfinite(received.center_m).all(axis=2))
-    degree = known.sum(axis=1)
-    weight = np.where(known, 1.0 / (1.0 + np.maximum(degree[:, None], received.degree)), 0.0)
+    received_center: Mask = np.asarray(np.isfinite(received.center_m).all(axis=2))
+    degree = received_center.sum(axis=1)
+    weight = np.where(received_center, 1.0 / (1.0 + np.maximum(degree[:, None], received.degree)), 0.0)
     lean = 1.0 - np.exp(-sighting_rate_per_s * dt_s)
 
     def mixed(own: Array, others: Array, seen: Array) -> Array:
-        others = np.where(known[:, :, None], others, 0.0)
+        others = np.where(received_center[:, :, None], others, 0.0)
         mean = others.sum(axis=1) / np.maximum(degree, TINY)[:, None]
         first = np.where(degree[:, None] > 0, mean, np.nan)
         begun = np.where(np.isfinite(own), own, np.where(np.isfinite(seen), seen, first))
@@ -159,16 +159,16 @@ def _in_range(position_m: Array, range_m: float) -> NDArray[np.intp]:
         if not counting:
             columns = np.full((n, most), -1)
         for i in range(n):
-            found = 0
+            count = 0
             for j in range(n):
                 dx = position_m[i, 0] - position_m[j, 0]
                 dy = position_m[i, 1] - position_m[j, 1]
                 dz = position_m[i, 2] - position_m[j, 2]
                 if j != i and dx * dx + dy * dy + dz * dz < square:
                     if not counting:
-                        columns[i, found] = j
-                    found += 1
-            most = max(most, found)
+                        columns[i, count] = j
+                    count += 1
+            most = max(most, count)
     return columns
 
 
@@ -197,9 +197,9 @@ def sight_of(
     near = columns >= 0
 
     def of_neighbours(values: Array) -> Array:
-        found: Array = values[columns]
-        found[~near] = np.nan
-        return found
+        near_values: Array = values[columns]
+        near_values[~near] = np.nan
+        return near_values
 
     went = Belief(belief.center_m + dt_s * belief.velocity_m_s, belief.velocity_m_s)
     degree = near.sum(axis=1).astype(np.float64)
@@ -302,5 +302,5 @@ def neighbours_velocity(
     push_m_s = no_faster(settings.spreading_rate_per_s * radius_m * aside, speed_max_m_s)
     outward, _ = outward_of(position_m - belief.center_m)
     later_m_s = virtual_velocity(momentum_m_s, push_m_s, outward, dt_s, settings)
-    known = np.isfinite(belief.center_m).all(axis=1, keepdims=True)
-    return np.where(known, pull_m_s + push_m_s + later_m_s, 0.0), np.where(known, later_m_s, 0.0)
+    has_center = np.isfinite(belief.center_m).all(axis=1, keepdims=True)
+    return np.where(has_center, pull_m_s + push_m_s + later_m_s, 0.0), np.where(has_center, later_m_s, 0.0)

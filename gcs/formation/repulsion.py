@@ -110,14 +110,14 @@ def _push_mutually(place: Flat, charge: Flat, j: int, push: Flat) -> None:
         dx, dy, dz = place[0, i] - x, place[1, i] - y, place[2, i] - z
         square = dx * dx + dy * dy + dz * dz + COINCIDENT
         inverse = np.float32(1.0) / (square * np.sqrt(square))
-        theirs, ours = q * inverse, charge[i] * inverse
+        their_part, ours = q * inverse, charge[i] * inverse
         next_dx, next_dy, next_dz = place[0, i] - next_x, place[1, i] - next_y, place[2, i] - next_z
         square = next_dx * next_dx + next_dy * next_dy + next_dz * next_dz + COINCIDENT
         inverse = np.float32(1.0) / (square * np.sqrt(square))
         next_theirs, next_ours = next_q * inverse, charge[i] * inverse
-        push[0, i] += theirs * dx + next_theirs * next_dx
-        push[1, i] += theirs * dy + next_theirs * next_dy
-        push[2, i] += theirs * dz + next_theirs * next_dz
+        push[0, i] += their_part * dx + next_theirs * next_dx
+        push[1, i] += their_part * dy + next_theirs * next_dy
+        push[2, i] += their_part * dz + next_theirs * next_dz
         own_x, own_y, own_z = own_x + ours * dx, own_y + ours * dy, own_z + ours * dz
         other_x += next_ours * next_dx
         other_y += next_ours * next_dy
@@ -234,13 +234,13 @@ def best_configuration(count: int, *, starts: int = 20, seed: int = 0) -> Array:
         )
         return _normalised(result.x.reshape(count, 3))
     rng = np.random.default_rng(seed)
-    found = [
+    results = [
         scipy.optimize.minimize(
             _descent, rng.normal(size=3 * count), jac=True, method="L-BFGS-B", options={"ftol": 1e-14}
         )
         for _ in range(starts)
     ]
-    return _normalised(min(found, key=lambda result: float(result.fun)).x.reshape(count, 3))
+    return _normalised(min(results, key=lambda result: float(result.fun)).x.reshape(count, 3))
 
 
 def _normalised(points: Array) -> Array:

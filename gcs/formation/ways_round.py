@@ -97,7 +97,7 @@ def way_round(
 @kernel
 def _corners(center_m: Array, semi_m: Array, counted: Mask, within_m: float) -> Array:
     """(k, 2) corners about the ellipses that count; none lies within another, or beyond the fence."""
-    found, count = np.empty((POINTS * counted.sum(), 2)), 0
+    corners_m, count = np.empty((POINTS * counted.sum(), 2)), 0
     for k in np.flatnonzero(counted):
         for point in range(POINTS):
             turn_rad = 2.0 * np.pi * point / POINTS
@@ -107,9 +107,9 @@ def _corners(center_m: Array, semi_m: Array, counted: Mask, within_m: float) -> 
                 (y_m - center_m[:, 1]) / semi_m[:, 1]
             ) ** 2
             if np.hypot(x_m, y_m) <= within_m and inside.min() >= 1.0:
-                found[count, 0], found[count, 1] = x_m, y_m
+                corners_m[count, 0], corners_m[count, 1] = x_m, y_m
                 count += 1
-    return found[:count]
+    return corners_m[:count]
 
 
 @kernel

@@ -24,34 +24,34 @@ def fair_shares(source: Whole, cost: Whole, vehicles_at: Whole, budget: float) -
     count = len(source)
     order = np.argsort(source)
     sender, senders = np.empty(count, np.int64), np.empty(count, np.int64)
-    found = 0
+    sender_count = 0
     for at in range(count):
         if at == 0 or source[order[at]] != source[order[at - 1]]:
-            senders[found] = source[order[at]]
-            found += 1
-        sender[order[at]] = found - 1
-    need, weight, lost = np.zeros(found), np.zeros(found), np.zeros(found)
+            senders[sender_count] = source[order[at]]
+            sender_count += 1
+        sender[order[at]] = sender_count - 1
+    need, weight, lost = np.zeros(sender_count), np.zeros(sender_count), np.zeros(sender_count)
     for at in range(count):
         need[sender[at]] += cost[at]
     strangers = 0
-    for one in range(found):
-        weight[one] = np.sum(vehicles_at == senders[one])
-        strangers += weight[one] == 0
-    for one in range(found):
-        if weight[one] == 0:
-            weight[one] = 1.0 / strangers
-    share, weights = np.zeros(found), weight.sum()
-    for one in np.argsort(need / weight):  # those that need least leave the rest to the others
-        share[one] = min(need[one], budget * weight[one] / weights)
-        budget -= share[one]
-        weights -= weight[one]
+    for number in range(sender_count):
+        weight[number] = np.sum(vehicles_at == senders[number])
+        strangers += weight[number] == 0
+    for number in range(sender_count):
+        if weight[number] == 0:
+            weight[number] = 1.0 / strangers
+    share, weights = np.zeros(sender_count), weight.sum()
+    for number in np.argsort(need / weight):  # those that need least leave the rest to the others
+        share[number] = min(need[number], budget * weight[number] / weights)
+        budget -= share[number]
+        weights -= weight[number]
     fits = np.ones(count, np.bool_)
     for at in range(count - 1, -1, -1):
-        one = sender[at]
-        if share[one] >= cost[at]:
-            share[one] -= cost[at]
+        number = sender[at]
+        if share[number] >= cost[at]:
+            share[number] -= cost[at]
         else:
-            share[one] = -1.0  # nothing older either
+            share[number] = -1.0  # nothing older either
             fits[at] = False
-            lost[one] += cost[at]
+            lost[number] += cost[at]
     return fits, senders[np.argmax(lost)]

@@ -193,12 +193,12 @@ class Outbox:
     def broadcast(self, message_id: int, messages: Records, now_s: float) -> None:
         """Send messages (m,) to all systems: once to each known address, and to far ends still silent."""
         rows, many = self.addresses.one_per_source(), len(messages)
-        known = self.addresses.source[rows]
-        silent = np.setdiff1d(np.array([*self.ports.standing()], np.int64), known)
+        sources = self.addresses.source[rows]
+        silent = np.setdiff1d(np.array([*self.ports.standing()], np.int64), sources)
         sequence = np.zeros((many, len(rows) + len(silent)), np.uint8)  # silent ones are not numbered
         sequence[:, : len(rows)] = self._sequence[rows] + np.arange(many, dtype=np.uint8)[:, np.newaxis]
         self._sequence[rows] += np.uint8(many)
-        destination = np.tile(np.concatenate([known, silent]), many)
+        destination = np.tile(np.concatenate([sources, silent]), many)
         repeated = messages.repeat(sequence.shape[1])
         frames = encode(message_id, repeated, sequence.ravel(), system_id=self.station_id)
         self._send(frames, destination, None, now_s, inf)

@@ -65,7 +65,7 @@ def known_sources(
     source: Whole,
     time_s: Array,
     row_of: Whole,
-    known: Whole,
+    source_of: Whole,
     senders: Senders,
 ) -> tuple[Whole, Mask, Whole, Array]:
     """Frames that came from the known sources of their systems.
@@ -80,7 +80,7 @@ def known_sources(
         source: (m,) of each datagram.
         time_s: (m,) of its arrival.
         row_of: (256,) the row of each system id, or NOWHERE.
-        known: (n,) the source of each row, or NOWHERE.
+        source_of: (n,) the source of each row, or NOWHERE.
         senders: of each row, written.
 
     Returns: (k,) the row of each; (k,) whether it is accepted; (j, 3) place, sequence number and boot clock
@@ -95,7 +95,7 @@ def known_sources(
         frame, datagram = frames[k], frames[k, DATAGRAM]
         row, message, now_s = row_of[frame[SYSTEM]], frame[MESSAGE], time_s[datagram]
         rows[k], arrived_s[k] = row, now_s
-        taken[k] = row != NOWHERE and known[row] == source[datagram]
+        taken[k] = row != NOWHERE and source_of[row] == source[datagram]
         is_beat, is_radio = False, message in (RADIO_STATUS, RADIO)
         if message == HEARTBEAT:
             at = frame[PAYLOAD] + _AUTOPILOT_AT

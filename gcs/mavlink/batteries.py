@@ -63,16 +63,16 @@ def note_percent(
     into.percent[row, pack] = min(percent, np.int64(100)) if percent >= 0 else NO_PERCENT
     into.at_s[row, pack] = now_s
     least, gone_least, gone = np.int64(NO_PERCENT), np.int64(NO_PERCENT), np.int64(-1)
-    for one in range(PACKS + 1):
-        known = np.int64(into.percent[row, one])
-        if known == NO_PERCENT:
+    for slot in range(PACKS + 1):
+        remaining = np.int64(into.percent[row, slot])
+        if remaining == NO_PERCENT:
             continue
-        if one < PACKS and not armed and now_s - into.at_s[row, one] > FORGOTTEN_AFTER_S:
-            into.percent[row, one] = NO_PERCENT
-            if known < gone_least:
-                gone_least, gone = known, np.int64(one)
+        if slot < PACKS and not armed and now_s - into.at_s[row, slot] > FORGOTTEN_AFTER_S:
+            into.percent[row, slot] = NO_PERCENT
+            if remaining < gone_least:
+                gone_least, gone = remaining, np.int64(slot)
         else:
-            least = min(least, known)
+            least = min(least, remaining)
     if gone_least < least:
         into.forgotten[row] = gone
     into.remaining[row] = np.nan if least == NO_PERCENT else least / 100.0

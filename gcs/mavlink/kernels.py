@@ -149,8 +149,8 @@ def _behind(
         return -reach
     last = start + 12 + np.int64(data[start + 1]) if data[start] == MAGIC_2 else reach
     reported = np.int64(data[last - 2]) | np.int64(data[last - 1]) << 8
-    found = _checksum_within(data, begin, end, start + 1, last - 2, extra, sums)
-    return reach if found == reported else np.int64(0)
+    computed = _checksum_within(data, begin, end, start + 1, last - 2, extra, sums)
+    return reach if computed == reported else np.int64(0)
 
 
 @kernel
@@ -177,7 +177,7 @@ def find_frames(
 
     Returns: (k, FRAME_COLUMNS); bytes of garbage; bytes of messages that cannot be checked.
     """
-    found, garbage, unknown = 0, 0, 0
+    count, garbage, unknown = 0, 0, 0
     frames = np.empty((lengths.sum() // SHORTEST_FRAME + 1, FRAME_COLUMNS), np.int64)
     sums = np.empty(longest(lengths) + 2, np.int64)
     place: Number
@@ -192,7 +192,7 @@ def find_frames(
             if behind > 0:
                 is_new = data[place] == MAGIC_2
                 header = 10 if is_new else 6
-                row = frames[found]
+                row = frames[count]
                 row[0] = datagram
                 row[1] = _message_id(data, place)
                 row[2] = data[place + 5] if is_new else data[place + 3]
@@ -201,7 +201,7 @@ def find_frames(
                 row[5] = data[place + 1]
                 row[6] = place
                 row[7] = behind
-                found += 1
+                count += 1
                 place = behind
                 continue
             if behind < 0 and (-behind == end or data[-behind] in (MAGIC_1, MAGIC_2)):
@@ -212,7 +212,7 @@ def find_frames(
             else:
                 garbage += 1
             place += 1
-    return frames[:found], garbage, unknown
+    return frames[:count], garbage, unknown
 
 
 @kernel

@@ -169,20 +169,20 @@ def judged(
 
     Returns: LATE, GOOD, or RESTARTED, where this message is the one by which a restart is believed.
     """
-    known = into.number[row]
-    ahead = (number - known) & _NUMBER_MAX
-    goes_on = known < 0 or not time_s - life_s <= ALONE_S or ahead <= NUMBERS_AHEAD
+    newest = into.number[row]
+    ahead = (number - newest) & _NUMBER_MAX
+    goes_on = newest < 0 or not time_s - life_s <= ALONE_S or ahead <= NUMBERS_AHEAD
     verdict, advances = GOOD, goes_on
     if clock_ms >= 0:
         verdict, advances = _by_clock(row, kind, clock_ms, time_s, goes_on, goes_on and ahead > 0, into)
-    if known < 0:
+    if newest < 0:
         into.number[row] = number
     elif advances:
-        into.number[row] = known + ahead
+        into.number[row] = newest + ahead
     if clock_ms < 0 and kind != UNJUDGED:
         if kind == ODOMETRY:
             kind = UNDATED_ODOMETRY
-        sent = into.number[row] if goes_on else known + ahead - _NUMBER_MAX - 1
+        sent = into.number[row] if goes_on else newest + ahead - _NUMBER_MAX - 1
         if sent < into.newest[row, kind]:
             verdict = LATE
         else:
@@ -239,10 +239,10 @@ def _by_clock(
 def _agreed(row: Number, clock_ms: Number, time_s: float, into: Clocks) -> bool:
     """Take a message of another clock. Returns: whether enough of them agree."""
     off_ms = _difference_ms(clock_ms, into.anew_ms[row])
-    known, passed_s = into.anew_count[row] > 0, time_s - into.anew_at_s[row]
-    if known and -LATE_MAX_MS <= off_ms < 0:
+    has_begun, passed_s = into.anew_count[row] > 0, time_s - into.anew_at_s[row]
+    if has_begun and -LATE_MAX_MS <= off_ms < 0:
         return False
-    if known and abs(off_ms - 1e3 * passed_s) <= AGREES_MS:
+    if has_begun and abs(off_ms - 1e3 * passed_s) <= AGREES_MS:
         into.anew_count[row] += 1
     else:
         into.anew_count[row], into.anew_since_s[row] = 1, time_s

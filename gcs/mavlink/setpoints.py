@@ -69,10 +69,10 @@ def setpoint_messages(
     system_ids: Whole, velocity_ned_m_s: Array, yaw_rad: Array, *, time_s: float
 ) -> Records:
     """Setpoints: (n, 3) velocities; (n,) yaw, clockwise from north, in [-pi, pi); `time_s` of our clock."""
-    one = records(SET_POSITION_TARGET_LOCAL_NED, 1)
-    one["time_boot_ms"], one["target_component"] = _boot_ms(time_s), AUTOPILOT_COMPONENT
-    one["coordinate_frame"], one["type_mask"] = dialect.MAV_FRAME_LOCAL_NED, VELOCITY_AND_YAW
-    messages = one.repeat(len(system_ids))
+    record = records(SET_POSITION_TARGET_LOCAL_NED, 1)
+    record["time_boot_ms"], record["target_component"] = _boot_ms(time_s), AUTOPILOT_COMPONENT
+    record["coordinate_frame"], record["type_mask"] = dialect.MAV_FRAME_LOCAL_NED, VELOCITY_AND_YAW
+    messages = record.repeat(len(system_ids))
     messages["target_system"], messages["yaw"] = system_ids, yaw_rad
     for name, velocity_m_s in zip(("vx", "vy", "vz"), velocity_ned_m_s.T, strict=True):
         messages[name] = velocity_m_s
@@ -90,10 +90,10 @@ def setpoint_frames(
     component_id: int = COMPONENT_ID,
 ) -> Frames:
     """As `encode` of `setpoint_messages`, in one compiled loop."""
-    one, n = _setpoint_at_rest(), len(system_ids)
+    at_rest, n = _setpoint_at_rest(), len(system_ids)
     frames, lengths = np.empty((n, _LONG), np.uint8), np.empty(n, np.int64)
     numbers = _boot_ms(time_s), system_id, component_id
-    _put_setpoints(one, system_ids, velocity_ned_m_s, yaw_rad, sequence, *numbers, frames, lengths)
+    _put_setpoints(at_rest, system_ids, velocity_ned_m_s, yaw_rad, sequence, *numbers, frames, lengths)
     return Frames(frames, lengths)
 
 
@@ -106,7 +106,7 @@ def _setpoint_at_rest() -> Bytes:
 
 @kernel
 def _put_setpoints(
-    one: Bytes,
+    at_rest: Bytes,
     system_ids: Whole,
     velocity_ned_m_s: Array,
     yaw_rad: Array,
@@ -117,16 +117,16 @@ def _put_setpoints(
     frames: Bytes,
     lengths: Whole,
 ) -> None:
-    """As `setpoint_frames`; `one` is the payload of a setpoint at rest, the last two are written."""
+    """As `setpoint_frames`; `at_rest` is the payload of a setpoint at rest, the last two are written."""
     n = len(system_ids)
-    payloads, values = np.empty((n, len(one)), np.uint8), np.empty(4, np.float32)
+    payloads, values = np.empty((n, len(at_rest)), np.uint8), np.empty(4, np.float32)
     bits, systems = values.view(np.uint8), np.full(n, system_id, np.uint8)
     for row in range(n):
         for axis in range(3):
             values[axis] = velocity_ned_m_s[row, axis]
         values[3] = yaw_rad[row]
-        for at in range(len(one)):
-            payloads[row, at] = one[at]
+        for at in range(len(at_rest)):
+            payloads[row, at] = at_rest[at]
         for at in range(4):
             payloads[row, at] = boot_ms >> 8 * at & 0xFF  # the payload begins with it
         for at in range(12):
@@ -171,7 +171,7 @@ def awaited_setpoints(
     Returns: (m,) their places in `data`, and (m,) their rows, all different.
     """
     place = np.full(len(awaited), -1, np.int64)
-    rows, found = np.empty(len(awaited), np.int64), 0
+    rows, count = np.empty(len(awaited), np.int64), 0
     for at in range(len(setpoints)):
         if not setpoints[at]:
             continue
@@ -188,15 +188,15 @@ def awaited_setpoints(
         if not same:
             continue
         if place[row] < 0:
-            rows[found] = row
-            found += 1
+            rows[count] = row
+            count += 1
         place[row] = at
-    return place[rows[:found]], rows[:found]
+    return place[rows[:count]], rows[:count]
 
 
 def warm_up() -> None:
     """Compile, or load, the kernels of this module, with the types used in flight."""
     setpoint_frames(np.ones(1, np.int64), np.zeros((1, 3)), np.zeros(1), np.zeros(1, np.uint8), time_s=0.0)
     data, length, row_of = np.zeros((1, _LONG), np.uint8), np.zeros(1, np.int64), np.zeros(256, np.int64)
-    found = are_setpoints(data, length, 1)
-    awaited_setpoints(data, found, row_of, np.zeros(1, np.bool_), np.zeros((1, 3), np.uint32))
+    places = are_setpoints(data, length, 1)
+    awaited_setpoints(data, places, row_of, np.zeros(1, np.bool_), np.zeros((1, 3), np.uint32))

@@ -105,9 +105,9 @@ class KeptSetpoints:
         Returns: (p,) the row of each velocity, in the order of `rows`, and (p, 3).
         """
         desired_m_s, setpoint_m_s = self._kept_m_s[:, rows]
-        known: Mask = np.asarray(np.isfinite(desired_m_s).all(axis=1))
-        first_m_s = np.where(known[:, None], desired_m_s, last_velocity_m_s[rows])
-        differs = known & (np.linalg.norm(setpoint_m_s - desired_m_s, axis=1) > ALIKE_M_S)
+        desired: Mask = np.asarray(np.isfinite(desired_m_s).all(axis=1))
+        first_m_s = np.where(desired[:, None], desired_m_s, last_velocity_m_s[rows])
+        differs = desired & (np.linalg.norm(setpoint_m_s - desired_m_s, axis=1) > ALIKE_M_S)
         takes = np.repeat(np.arange(len(rows)), 1 + differs)
         second = np.append(False, takes[1:] == takes[:-1])[: len(takes)]
         return rows[takes], np.where(second[:, None], setpoint_m_s[takes], first_m_s[takes])

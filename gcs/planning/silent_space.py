@@ -140,5 +140,5 @@ def _put_way(begun_m: Array, home_m: Array, z_m: float, reach_m: float, segment_
 
 def warm_up() -> None:
     """Compile or load the kernels."""
-    one_m, one = np.ones((1, 3)), np.ones(1)
-    silent_segments_m(one_m, one_m, one_m, one, one, action="return", noticed_s=1.0)
+    one_m, ones = np.ones((1, 3)), np.ones(1)
+    silent_segments_m(one_m, one_m, one_m, ones, ones, action="return", noticed_s=1.0)

@@ -178,7 +178,7 @@ def _approaches(
     samples = max(1, PAIRS_AT_ONCE // max(1, len(trajectories.ids)) ** 2)
     changes = (np.flatnonzero(np.diff(at)) + 1).tolist()
     borders = sorted({0, *changes, *range(0, len(at), samples), len(at)})
-    found: PairDistances | None = None
+    nearest: PairDistances | None = None
     least_m = np.full(len(at), np.inf, np.float32)
     for first, end in pairwise(borders):
         reach = min(end + 1, len(at))  # up to the next sample: the path between two is straight
@@ -192,12 +192,12 @@ def _approaches(
         pairs, near_m = nearest_approaches(part, standards[int(at[first])].safety.floor)
         least_m[first:reach] = np.minimum(least_m[first:reach], near_m)
         later = replace(pairs, sample=np.where(pairs.sample < 0, -1, pairs.sample + first).astype(np.int32))
-        found = later if found is None else found.with_nearer(later)
+        nearest = later if nearest is None else nearest.with_nearer(later)
         if on_progress is not None:
             on_progress(end / len(at))
-    if found is None:
+    if nearest is None:
         raise GcsError("there is no flight in it")
-    return found, least_m
+    return nearest, least_m
 
 
 def _separation(trajectories: FlownTrajectories, pairs: PairDistances) -> ReportCheck:

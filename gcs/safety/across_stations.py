@@ -42,14 +42,14 @@ def _against_reports(
     for k in range(len(first)):
         mixed[count] = k
         count += own[first[k]] != own[other[k]] and second[k] != NO_ROW
-    mine, theirs = np.empty(count, np.intp), np.empty(count, np.intp)
+    mine, reported = np.empty(count, np.intp), np.empty(count, np.intp)
     normals, bounds_m_s = np.empty((count, 3)), np.empty(count)
     for a in range(count):
         k = mixed[a]
         mine_first = own[first[k]]
-        mine[a], theirs[a] = (first[k], other[k]) if mine_first else (other[k], first[k])
+        mine[a], reported[a] = (first[k], other[k]) if mine_first else (other[k], first[k])
         bounds_m_s[a] = bound_m_s[k] - CHANGE_M_S
         for axis in range(3):
             normals[a, axis] = normal[k, axis] if mine_first else -normal[k, axis]
-            bounds_m_s[a] += normals[a, axis] * shared_m_s[theirs[a], axis]
-    return mine, np.full(count, NO_ROW), theirs, normals, bounds_m_s
+            bounds_m_s[a] += normals[a, axis] * shared_m_s[reported[a], axis]
+    return mine, np.full(count, NO_ROW), reported, normals, bounds_m_s

@@ -326,15 +326,15 @@ def reach_constraints(
 @kernel
 def _lacking(commanded: Mask, lack_m_s: Array, least_m_s: float) -> tuple[Rows, Array]:
     """Rows (k,) of the commanded vehicles that lack at least so much, and (k,) how much."""
-    rows, size_m_s, found = np.empty(len(commanded), np.intp), np.empty(len(commanded)), 0
+    rows, size_m_s, lacking = np.empty(len(commanded), np.intp), np.empty(len(commanded)), 0
     for i in range(len(commanded)):
         square = 0.0
         for k in range(3):
             square += lack_m_s[i, k] ** 2
         if commanded[i] and np.sqrt(square) >= least_m_s:
-            rows[found], size_m_s[found] = i, np.sqrt(square)
-            found += 1
-    return rows[:found], size_m_s[:found]
+            rows[lacking], size_m_s[lacking] = i, np.sqrt(square)
+            lacking += 1
+    return rows[:lacking], size_m_s[:lacking]
 
 
 @kernel

@@ -175,8 +175,8 @@ def _first_pairs(
     involved[pairs.other] |= here.commanded[pairs.other]
     neighbours = involved & ~own
     if neighbours.any():
-        theirs = pairs_of(**desired, only=neighbours)
-        pairs = pairs.joined(theirs.not_in(pairs, len(own)))
+        of_neighbours = pairs_of(**desired, only=neighbours)
+        pairs = pairs.joined(of_neighbours.not_in(pairs, len(own)))
     return with_reports(pairs, own, here.shared_m_s), involved
 
 

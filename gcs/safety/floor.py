@@ -76,10 +76,10 @@ def pairs_that_count(position_m: Array, airborne: Mask, floor: Floor) -> tuple[R
     A pair is exempt while both are below `pad_height_m`; unknown positions (NaN) take no part.
     """
     first, second = np.triu_indices(len(position_m), 1)
-    known: Mask = np.asarray(np.isfinite(position_m).all(axis=1))
+    located: Mask = np.asarray(np.isfinite(position_m).all(axis=1))
     low: Mask = np.asarray(-position_m[:, 2] < floor.pad_height_m)
     flying: Mask = airborne[first] | airborne[second]
-    counts = np.flatnonzero(flying & known[first] & known[second] & ~(low[first] & low[second]))
+    counts = np.flatnonzero(flying & located[first] & located[second] & ~(low[first] & low[second]))
     return first[counts], second[counts]
 
 
@@ -112,13 +112,13 @@ def _closest(
     Each pair that counts has one vehicle in the air, and one above the pads: of these, the fewer are searched
     for. On the ground there are none.
     """
-    known, extent_m = np.empty(len(position_m), np.bool_), 0.0
+    located, extent_m = np.empty(len(position_m), np.bool_), 0.0
     low_m, high_m = np.full(3, np.inf), np.full(3, -np.inf)
     flying, above = np.zeros(len(position_m), np.bool_), np.zeros(len(position_m), np.bool_)
     for i in range(len(position_m)):
         widest_m = max(abs(position_m[i, 0]), abs(position_m[i, 1]), abs(position_m[i, 2]))
-        known[i] = np.isfinite(position_m[i, 0] + position_m[i, 1] + position_m[i, 2])
-        if known[i]:
+        located[i] = np.isfinite(position_m[i, 0] + position_m[i, 1] + position_m[i, 2])
+        if located[i]:
             extent_m = max(extent_m, widest_m)
             flying[i], above[i] = airborne[i], -position_m[i, 2] >= pad_height_m
             for axis in range(3):
@@ -127,14 +127,14 @@ def _closest(
     some = flying if flying.sum() <= above.sum() else above
     if not some.any():
         return np.inf, 0
-    if own < len(known):
-        some = known & (np.arange(len(known)) < own)
+    if own < len(located):
+        some = located & (np.arange(len(located)) < own)
     # as far as the vehicles of a sphere that wide are from their neighbours: mostly one search is enough
-    apart_m = 2.2 * (high_m - low_m).max() / np.sqrt(known.sum())
+    apart_m = 2.2 * (high_m - low_m).max() / np.sqrt(located.sum())
     look_m = min(max(apart_m, 2.0 * max(horizontal_m, vertical_m)), 4.0 * max(horizontal_m, vertical_m))
     farthest_m = 2.0 * np.sqrt(3.0) * extent_m + look_m
     while True:
-        first, second = near_pairs(some, position_m, known, np.full(len(position_m), look_m / 2.0))
+        first, second = near_pairs(some, position_m, located, np.full(len(position_m), look_m / 2.0))
         found_m, inside = _closest_of(
             position_m, airborne, first, second, horizontal_m, vertical_m, pad_height_m
         )

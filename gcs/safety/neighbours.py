@@ -44,20 +44,20 @@ def near_pairs(some: Mask, position_m: Array, takes_part: Mask, radius_m: Array)
     rows, start, low_m, cell_m, across = _sorted_into_cells(position_m, takes_part, radius_m)
     place_m, look_m, of_some = position_m[rows], radius_m[rows], some[rows]  # contiguous, cell by cell
     first, second = np.empty(ROOM * len(rows), np.intp), np.empty(ROOM * len(rows), np.intp)
-    found, done = 0, 0
+    written, done = 0, 0
     while done < len(rows):
-        if found + len(rows) > len(first):
+        if written + len(rows) > len(first):
             first, second = np.append(first, first), np.append(second, second)
-        found, done = _write_pairs(
-            rows, start, low_m, cell_m, across, place_m, look_m, of_some, first, second, found, done
+        written, done = _write_pairs(
+            rows, start, low_m, cell_m, across, place_m, look_m, of_some, first, second, written, done
         )
-    return first[:found], second[:found]
+    return first[:written], second[:written]
 
 
 @kernel
 def _near_pairs_of(some: Mask, position_m: Array, takes_part: Mask, radius_m: Array) -> tuple[Rows, Rows]:
     """As `near_pairs`, but only pairs of which at least one is in `some` (n,), by comparing all pairs."""
-    n, found = len(position_m), 0
+    n, count = len(position_m), 0
     room = n * some.sum() + 1
     first, second = np.empty(room, np.intp), np.empty(room, np.intp)
     for i in range(n):
@@ -69,9 +69,9 @@ def _near_pairs_of(some: Mask, position_m: Array, takes_part: Mask, radius_m: Ar
                 continue  # already found from j
             dx, dy, dz = position_m[j, 0] - x_m, position_m[j, 1] - y_m, position_m[j, 2] - z_m
             reach_m = own_m + radius_m[j]
-            first[found], second[found] = i, j  # the next replaces it, if it is not near
-            found += takes_part[j] and dx * dx + dy * dy + dz * dz < reach_m * reach_m
-    return first[:found], second[:found]
+            first[count], second[count] = i, j  # the next replaces it, if it is not near
+            count += takes_part[j] and dx * dx + dy * dy + dz * dz < reach_m * reach_m
+    return first[:count], second[:count]
 
 
 @kernel
@@ -86,14 +86,14 @@ def _write_pairs(
     of_some: Mask,
     first: Rows,
     second: Rows,
-    found: int,
+    written: int,
     done: int,
 ) -> tuple[int, int]:
-    """Write the near pairs, after the `found` ones of `done` vehicles, while there is room for one more.
+    """Write the near pairs, after the `written` ones of `done` vehicles, while there is room for one more.
 
     Where all are in `of_some`, a vehicle finds those after it; else one in it also finds all that are not.
 
-    Returns: `found` and `done` then.
+    Returns: `written` and `done` then.
     """
     from_, to = np.empty(3, np.int64), np.empty(3, np.int64)
     longest_m, extent_m = look_m.max(), _extents(start, across, place_m, look_m)
@@ -101,8 +101,8 @@ def _write_pairs(
     for a in range(done, len(rows)):
         if not of_some[a]:
             continue
-        if found + len(rows) > len(first):
-            return found, a
+        if written + len(rows) > len(first):
+            return written, a
         x_m, y_m, z_m, own_m = place_m[a, 0], place_m[a, 1], place_m[a, 2], look_m[a]
         far_m = (own_m + longest_m) * WIDER
         for axis in range(3):
@@ -119,10 +119,10 @@ def _write_pairs(
                 for b in range(begin, end):
                     dx, dy, dz = place_m[b, 0] - x_m, place_m[b, 1] - y_m, place_m[b, 2] - z_m
                     reach_m = own_m + look_m[b]
-                    first[found], second[found] = rows[a], rows[b]  # the next replaces it, if it is not near
+                    first[written], second[written] = rows[a], rows[b]  # the next replaces one that is far
                     near = dx * dx + dy * dy + dz * dz < reach_m * reach_m
-                    found += near & ((b > a) | (not of_some[b]))
-    return found, len(rows)
+                    written += near & ((b > a) | (not of_some[b]))
+    return written, len(rows)
 
 
 @kernel

@@ -63,9 +63,9 @@ def _not_among(first: Rows, other: Rows, known_first: Rows, known_other: Rows, c
     order = np.argsort(pair)
     pair = pair[order]
     for k in range(len(known_first)):
-        known = min(known_first[k], known_other[k]) * count + max(known_first[k], known_other[k])
-        place = np.searchsorted(pair, known)
-        if place < len(pair) and pair[place] == known:
+        key = min(known_first[k], known_other[k]) * count + max(known_first[k], known_other[k])
+        place = np.searchsorted(pair, key)
+        if place < len(pair) and pair[place] == key:
             new[order[place]] = False
     return new
 
@@ -179,14 +179,14 @@ def _looks(
     for i in range(n):
         reaction_s, lead_s = max(reaction_s, each[REACTION, i]), max(lead_s, each[LEAD, i])
         deceleration_m_s2 = min(deceleration_m_s2, each[DECELERATION, i])
-    known, measured, course = np.empty(n, np.bool_), velocity_m_s.copy(), course_m_s.copy()
+    is_known, measured, course = np.empty(n, np.bool_), velocity_m_s.copy(), course_m_s.copy()
     spare, look_m, place_m, mean = np.zeros(n), np.empty(n), position_m.copy(), np.zeros(3)
     thin = min(wide_m / tall_m, 1.0 / taller, 1.0)  # of the floor, of uncertainty, and of wander alone
     thick = max(wide_m / tall_m, 1.0 / taller, 1.0)
     for i in range(n):
-        known[i] = True
+        is_known[i] = True
         for k in range(3):
-            known[i] &= np.isfinite(position_m[i, k])
+            is_known[i] &= np.isfinite(position_m[i, k])
             if not np.isfinite(measured[i, k]):
                 measured[i, k] = 0.0  # unknown: others at least keep away
             if not commanded[i]:
@@ -203,7 +203,7 @@ def _looks(
         margin_m = deviations * (uncertainty_m[i] + wander_m[i])  # two are at least their hypotenuse
         look_m[i] = wide_m / 2.0 + margin_m + thick * reach_m + TINY
         place_m[i, 2] *= thin
-    return known, measured, course, spare, place_m, look_m
+    return is_known, measured, course, spare, place_m, look_m
 
 
 @kernel
@@ -223,10 +223,10 @@ def _found(
     numbers: Numbers,
 ) -> tuple[Rows, Rows, Rows, Array, Array]:
     """As `separation_constraints`."""
-    known, measured_m_s, course_m_s, spare_m_s, place_m, look_m = _looks(
+    is_known, measured_m_s, course_m_s, spare_m_s, place_m, look_m = _looks(
         position_m, velocity_m_s, commanded, uncertainty_m, wander_m, course_m_s, spare_m_s, each, numbers
     )
-    first, second = near_pairs(commanded & only, place_m, known, look_m)
+    first, second = near_pairs(commanded & only, place_m, is_known, look_m)
     count = len(first)
     rows, shared, others = np.empty(count, np.intp), np.empty(count, np.intp), np.empty(count, np.intp)
     normals, bounds_m_s = np.empty((count, 3)), np.empty(count)

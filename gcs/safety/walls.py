@@ -450,10 +450,10 @@ def _one_way_out(
     opposed = np.flatnonzero((length < AGREED * size[:, 0]) & (size[:, 0] > 0.0))
     way = total / np.maximum(length, TINY)[:, None]
     if len(opposed):
-        found = _shortest_ways_out(
+        shortest = _shortest_ways_out(
             place_m[opposed], np.ascontiguousarray(segments_m), kept_m[opposed], OUTWARD, flown[opposed]
         )
-        way[opposed] = np.where((found != 0.0).any(axis=1)[:, None], found, way[opposed])
+        way[opposed] = np.where((shortest != 0.0).any(axis=1)[:, None], shortest, way[opposed])
     way[np.linalg.norm(way, axis=1) < 0.5] = (1.0, 0.0, 0.0)
     normal[inside], bound_m_s[inside] = way[which], greatest_m_s[which, 0]
 

@@ -75,7 +75,7 @@ def search(charge: Array, starts: int, seed: int = 0) -> Array:
     """Search with several descents from random starts, for charges (n,). Returns: (n, 3) unit vectors."""
     count = len(charge)
     random = np.random.default_rng(seed)
-    least, found = np.inf, np.zeros((count, 3))
+    least, best = np.inf, np.zeros((count, 3))
     for _ in range(starts):
         begin = random.normal(size=3 * count)
         result = scipy.optimize.minimize(
@@ -87,8 +87,8 @@ def search(charge: Array, starts: int, seed: int = 0) -> Array:
             options={"ftol": 1e-15, "gtol": 1e-8, "maxiter": 5000, "maxfun": 50_000},
         )
         if float(result.fun) < least:
-            least, found = float(result.fun), np.asarray(result.x).reshape(count, 3)
-    unit: Array = found / np.linalg.norm(found, axis=1, keepdims=True)
+            least, best = float(result.fun), np.asarray(result.x).reshape(count, 3)
+    unit: Array = best / np.linalg.norm(best, axis=1, keepdims=True)
     return unit
 
 
@@ -127,8 +127,8 @@ def best_figures(charges: int | tuple[float, ...]) -> tuple[float, float]:
 
 def write(path: Path) -> None:
     """Search all shapes and store them; takes some minutes."""
-    found = {str(count): search(np.ones(count), STARTS) for count in KEPT}
-    np.savez_compressed(path, **{name: unit.astype(np.float32) for name, unit in found.items()})  # type: ignore[arg-type]
+    unit_of = {str(count): search(np.ones(count), STARTS) for count in KEPT}
+    np.savez_compressed(path, **{name: unit.astype(np.float32) for name, unit in unit_of.items()})  # type: ignore[arg-type]
 
 
 if __name__ == "__main__":

@@ -112,7 +112,7 @@ class BatchHead(NamedTuple):
         """The bytes before the rows of so many vehicles: 29, and 10 for each echo."""
         show, flags = SHOW_PHASES.index(self.show), ALL_UP * self.all_up
         head = (VERSION, STATES, vehicles, self.sequence, self.site, self.term, self.lead, show, flags)
-        echoes = [_ECHO.pack(one.station, one.sequence, one.held_s) for one in self.echoes]
+        echoes = [_ECHO.pack(echo.station, echo.sequence, echo.held_s) for echo in self.echoes]
         return b"".join([_STATION.pack(*head, self.pace, self.return_s), bytes([len(echoes)]), *echoes])
 
 

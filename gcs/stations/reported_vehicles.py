@@ -108,14 +108,14 @@ class ReportedVehicles(NamedTuple):
 
 
 @kernel
-def take(known: ReportedVehicles, rows: Rows, wire: NDArray[np.void], station: int, made_s: float) -> None:
+def take(reported: ReportedVehicles, rows: Rows, wire: NDArray[np.void], station: int, made_s: float) -> None:
     """Take what one batch reports of the vehicles that its station flies from now on.
 
     A station claims a vehicle with a higher epoch of its ownership, or one that no other flies. Vehicles that
     it does not own any more are given up.
 
     Args:
-        known: of k vehicles, changed.
+        reported: of k vehicles, changed.
         rows: (m,) of the batch's vehicles among the k.
         wire: (m,) of `messages.ROW`.
         station: number of the batch's station.
@@ -125,45 +125,45 @@ def take(known: ReportedVehicles, rows: Rows, wire: NDArray[np.void], station: i
     numbers = wire["numbers"]
     for j in range(len(rows)):
         row, owned, epoch = rows[j], flags[j] & OWNED != 0, wire[j].epoch
-        theirs, before = known.owner[row] == station, known.epochs[row]
-        unclaimed = theirs or known.owner[row] == NO_STATION
+        is_owner, before = reported.owner[row] == station, reported.epochs[row]
+        unclaimed = is_owner or reported.owner[row] == NO_STATION
         if not owned or not (epoch > before or (epoch == before and unclaimed)):
-            if theirs and not owned:
-                known.owner[row] = NO_STATION
+            if is_owner and not owned:
+                reported.owner[row] = NO_STATION
             continue
-        known.owner[row], known.epochs[row] = station, epoch
+        reported.owner[row], reported.epochs[row] = station, epoch
         age_ms = wire[j].age_ms
         is_known = age_ms != UNKNOWN
-        known.made_s[row] = made_s
-        known.measured_s[row] = made_s - age_ms / 1000.0 if is_known else -np.inf
-        known.uncertainty_m[row] = wire[j].uncertainty_cm / 100.0
-        known.phases[row], known.modes[row] = wire[j].phase, wire[j].mode
-        known.airborne[row], known.formed[row] = flags[j] & AIRBORNE != 0, flags[j] & FORMED != 0
-        known.slot_stays[row] = flags[j] & SLOT_STAYS != 0
-        known.armed[row], known.ready[row] = flags[j] & ARMED != 0, flags[j] & READY != 0
-        known.yaw_rad[row] = wire[j].yaw / 1e4
-        for k in range(known.numbers.shape[1]):
-            known.numbers[row, k] = numbers[j, k]
+        reported.made_s[row] = made_s
+        reported.measured_s[row] = made_s - age_ms / 1000.0 if is_known else -np.inf
+        reported.uncertainty_m[row] = wire[j].uncertainty_cm / 100.0
+        reported.phases[row], reported.modes[row] = wire[j].phase, wire[j].mode
+        reported.airborne[row], reported.formed[row] = flags[j] & AIRBORNE != 0, flags[j] & FORMED != 0
+        reported.slot_stays[row] = flags[j] & SLOT_STAYS != 0
+        reported.armed[row], reported.ready[row] = flags[j] & ARMED != 0, flags[j] & READY != 0
+        reported.yaw_rad[row] = wire[j].yaw / 1e4
+        for k in range(reported.numbers.shape[1]):
+            reported.numbers[row, k] = numbers[j, k]
         x_m, y_m, z_m = position_m[j, 0], position_m[j, 1], position_m[j, 2]
         if not is_known or not (np.isfinite(x_m) and np.isfinite(y_m) and np.isfinite(z_m)):
             continue
-        known.position_m[row, 0], known.position_m[row, 1], known.position_m[row, 2] = x_m, y_m, z_m
+        reported.position_m[row, 0], reported.position_m[row, 1], reported.position_m[row, 2] = x_m, y_m, z_m
         commanded = flags[j] & COMMANDED != 0
         for k in range(3):
-            known.velocity_m_s[row, k] = motion_cm_s[j, k] / 100.0
-            known.unfiltered_m_s[row, k] = motion_cm_s[j, 3 + k] / 100.0 if commanded else np.nan
-            known.desired_m_s[row, k] = motion_cm_s[j, 6 + k] / 100.0 if commanded else np.nan
-            known.setpoint_m_s[row, k] = motion_cm_s[j, 9 + k] / 100.0 if commanded else np.nan
+            reported.velocity_m_s[row, k] = motion_cm_s[j, k] / 100.0
+            reported.unfiltered_m_s[row, k] = motion_cm_s[j, 3 + k] / 100.0 if commanded else np.nan
+            reported.desired_m_s[row, k] = motion_cm_s[j, 6 + k] / 100.0 if commanded else np.nan
+            reported.setpoint_m_s[row, k] = motion_cm_s[j, 9 + k] / 100.0 if commanded else np.nan
 
 
 @kernel
 def at_time(
-    known: ReportedVehicles, mine: Mask, here: Mask, shares: Mask, now_s: float, age_max_s: float
+    reported: ReportedVehicles, mine: Mask, here: Mask, shares: Mask, now_s: float, age_max_s: float
 ) -> tuple[Array, Array, Array, Array, Mask, Mask, Mask]:
     """The vehicles at the time of a tick.
 
     Args:
-        known: of k vehicles.
+        reported: of k vehicles.
         mine: (k,) those that this station flies itself: without position, neither in the air nor formed.
         here: (stations + 1,) whether each station is received; the last: False.
         shares: (stations + 1,) whether each also receives this one, both just now; the last: False.
@@ -174,27 +174,27 @@ def at_time(
         filter, NaN where not `shares`, (k,) in the air, (k,) in formation, and (k,)
         without control: silent in the air, or of a phase without a link.
     """
-    k = len(known.owner)
+    k = len(reported.owner)
     position_m, uncertainty_m = np.empty((k, 3)), np.empty(k)
     unfiltered_m_s, filtered_m_s = np.full((k, 3), np.nan), np.full((k, 3), np.nan)
     airborne, formed, without = np.empty(k, np.bool_), np.empty(k, np.bool_), np.empty(k, np.bool_)
     for i in range(k):
-        silent = known.airborne[i] and now_s - known.measured_s[i] > age_max_s
-        is_known = np.isfinite(known.position_m[i, 0]) and not mine[i]
-        without[i] = is_known and (silent or HAS_NO_LINK[known.phases[i]])
-        forward_s = min(max(now_s - known.made_s[i], 0.0), FORWARD_MAX_S)
+        silent = reported.airborne[i] and now_s - reported.measured_s[i] > age_max_s
+        is_known = np.isfinite(reported.position_m[i, 0]) and not mine[i]
+        without[i] = is_known and (silent or HAS_NO_LINK[reported.phases[i]])
+        forward_s = min(max(now_s - reported.made_s[i], 0.0), FORWARD_MAX_S)
         strays_m = 0.5 * CHANGES_M_S2 * min(forward_s, STRAYS_S) ** 2
-        uncertainty_m[i] = np.sqrt(known.uncertainty_m[i] ** 2 + strays_m**2)
+        uncertainty_m[i] = np.sqrt(reported.uncertainty_m[i] ** 2 + strays_m**2)
         for axis in range(3):
-            moved_m = forward_s * known.velocity_m_s[i, axis]
-            position_m[i, axis] = np.nan if mine[i] else known.position_m[i, axis] + moved_m
-        age_s = now_s - known.measured_s[i]
-        airborne[i] = known.airborne[i] and not mine[i]
-        formed[i] = known.formed[i] and age_s <= age_max_s and here[known.owner[i]] and not mine[i]
-        if age_s <= age_max_s and shares[known.owner[i]] and not mine[i]:
+            moved_m = forward_s * reported.velocity_m_s[i, axis]
+            position_m[i, axis] = np.nan if mine[i] else reported.position_m[i, axis] + moved_m
+        age_s = now_s - reported.measured_s[i]
+        airborne[i] = reported.airborne[i] and not mine[i]
+        formed[i] = reported.formed[i] and age_s <= age_max_s and here[reported.owner[i]] and not mine[i]
+        if age_s <= age_max_s and shares[reported.owner[i]] and not mine[i]:
             for axis in range(3):
-                unfiltered_m_s[i, axis] = known.unfiltered_m_s[i, axis]
-                filtered_m_s[i, axis] = known.desired_m_s[i, axis]
+                unfiltered_m_s[i, axis] = reported.unfiltered_m_s[i, axis]
+                filtered_m_s[i, axis] = reported.desired_m_s[i, axis]
     return position_m, uncertainty_m, unfiltered_m_s, filtered_m_s, airborne, formed, without
 
 
@@ -225,7 +225,7 @@ def warm_up() -> None:
         yaw_rad=numbers,
         numbers=[numbers] * len(SENT),
     )
-    known = ReportedVehicles.unknown(1)
-    take(known, np.zeros(1, np.intp), decode_batch(sent.encode())[1], 0, 0.0)
-    at_time(known, ~flags, np.zeros(2, np.bool_), np.zeros(2, np.bool_), 0.0, 1.0)
+    reported = ReportedVehicles.unknown(1)
+    take(reported, np.zeros(1, np.intp), decode_batch(sent.encode())[1], 0, 0.0)
+    at_time(reported, ~flags, np.zeros(2, np.bool_), np.zeros(2, np.bool_), 0.0, 1.0)
     SlotsMessage.decode(SlotsMessage(1, 1, 0, vectors).encode())

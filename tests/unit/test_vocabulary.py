@@ -40,6 +40,21 @@ def test_prose_and_common_terms_are_not_judged(path: str, source: str) -> None:
     assert vocabulary.findings(path, source) == []
 
 
+@pytest.mark.parametrize(
+    ("source", "is_judged"),
+    [
+        ("def f(found): ...", True),
+        ("async def f():\n    return [one for one in rows]", True),
+        ("def f():\n    one, other = pair", False),
+        ("class Stand:\n    found: int", False),
+        ("def f():\n    return self.found", False),
+    ],
+)
+def test_variables_of_gcs_are_no_pronouns(source: str, is_judged: bool) -> None:
+    assert bool(vocabulary.findings("gcs/a.py", source)) is is_judged
+    assert vocabulary.findings("tests/a.py", source) == []
+
+
 def test_a_test_name_has_at_most_60_characters() -> None:
     name = "test_" + 55 * "a"
     assert vocabulary.findings("a.py", f"def {name}(): ...") == []

@@ -99,21 +99,21 @@ def lay(
     """
     corners_m = _corners_m(start_m, pad_m, over_m, handover_m)
     speeds = SPEED_SHARE * speeds_m_s, TOUCH_DOWN_M_S, speeds_m_s, goal_rate_per_s
-    found = _free_of(_laid(corners_m, *speeds), are_free, closed)
-    if closed is not None and len(closed.segments_m) and len(blocked := _blocked(found)):
+    laid = _free_of(_laid(corners_m, *speeds), are_free, closed)
+    if closed is not None and len(closed.segments_m) and len(blocked := _blocked(laid)):
         for row in blocked:
             own = slice(row * EACH, (row + 1) * EACH)
             corners_m[own] = _round_closed(corners_m[own], closed)
-        found = _free_of(_laid(corners_m, *speeds), are_free, closed)
-    if ways is not None and len(blocked := _blocked(found)):
+        laid = _free_of(_laid(corners_m, *speeds), are_free, closed)
+    if ways is not None and len(blocked := _blocked(laid)):
         corners_m = _round_boxes(corners_m, blocked, ways)
-        found = _free_of(_laid(corners_m, *speeds), are_free, closed)
-    return replace(found, free=_or_all(found.free))
+        laid = _free_of(_laid(corners_m, *speeds), are_free, closed)
+    return replace(laid, free=_or_all(laid.free))
 
 
-def _blocked(found: Candidates) -> list[int]:
+def _blocked(candidates: Candidates) -> list[int]:
     """Rows of the vehicles without a free path."""
-    blocked: list[int] = np.flatnonzero(~found.free.reshape(-1, EACH).any(axis=1)).tolist()
+    blocked: list[int] = np.flatnonzero(~candidates.free.reshape(-1, EACH).any(axis=1)).tolist()
     return blocked
 
 
@@ -252,19 +252,19 @@ def _corners_m(start_m: Array, pad_m: Array, over_m: float, handover_m: float) -
     def above_pad_m(slant: float) -> Array:
         return np.column_stack([pad_m[:, :2], lowest_z_m + slant * (own_z_m - lowest_z_m)])
 
-    found: list[tuple[Array, Array]] = [(start_m, above_pad_m(slant)) for slant in SLANTS]
+    legs_m: list[tuple[Array, Array]] = [(start_m, above_pad_m(slant)) for slant in SLANTS]
     for rise_m in RISES_M:
         above = (0.0, 0.0, rise_m)
-        found.append((np.column_stack([start_m[:, :2], own_z_m]) - above, above_pad_m(1.0) - above))
+        legs_m.append((np.column_stack([start_m[:, :2], own_z_m]) - above, above_pad_m(1.0) - above))
     for aside_m in ASIDES_M:
         for slant in ASIDE_SLANTS:
             ends_m = above_pad_m(slant)
-            found.append(((start_m + ends_m) / 2.0 + aside_m * right, ends_m))
+            legs_m.append(((start_m + ends_m) / 2.0 + aside_m * right, ends_m))
     corners_m = np.empty((n, EACH, 5, 3))
     corners_m[:, :, 0] = start_m[:, None]
     corners_m[:, :, 3] = (pad_m - (0.0, 0.0, handover_m))[:, None]
     corners_m[:, :, 4] = pad_m[:, None]
-    for k, (between_m, ends_m) in enumerate(found):
+    for k, (between_m, ends_m) in enumerate(legs_m):
         corners_m[:, k, 1], corners_m[:, k, 2] = between_m, ends_m
     return corners_m.reshape(n * EACH, 5, 3)
 

@@ -54,18 +54,18 @@ def chosen_paths(
     for i in range(n):
         path_m[i] = place_m[first[i * each]]
     pace_m = _fastest(place_m, first)
-    others, known = np.empty(n, np.intp), 0
+    others, other_count = np.empty(n, np.intp), 0
     for turn in range(2):
         for i in order:
             if way[i] >= 0 or halted[0]:
                 continue
-            met = known
+            met = other_count
             for j in range(n):
                 if turn == 0 and spared[j] and way[j] < 0 and j != i:
                     others[met] = j
                     met += 1
             limits = (0, count) if turn == 0 else (1, later)
-            found, begins = _soonest(
+            chosen, begins = _soonest(
                 i,
                 each,
                 (place_m, pace_m),
@@ -78,29 +78,29 @@ def chosen_paths(
                 limits,
                 counts[2],
             )
-            if found < 0 and met > known:
-                found, begins = _soonest(
+            if chosen < 0 and met > other_count:
+                chosen, begins = _soonest(
                     i,
                     each,
                     (place_m, pace_m),
                     first,
                     free,
                     (path_m, paces_m),
-                    others[:known],
+                    others[:other_count],
                     kept_m,
                     numbers,
                     limits,
                     counts[2],
                 )
-            if found < 0:
+            if chosen < 0:
                 continue
-            way[i], wait[i], again[i] = found, begins, turn > 0
-            way_m = place_m[first[found] : first[found + 1]]
+            way[i], wait[i], again[i] = chosen, begins, turn > 0
+            way_m = place_m[first[chosen] : first[chosen + 1]]
             path_m[i, begins : begins + len(way_m)] = way_m
             path_m[i, begins + len(way_m) :] = way_m[-1]
             _note_paces(path_m[i], paces_m[i])
-            others[known] = i
-            known += 1
+            others[other_count] = i
+            other_count += 1
     return way, wait, again
 
 
