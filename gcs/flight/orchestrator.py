@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from copy import copy
 from functools import cache, partial
-from typing import Any, Final, Protocol
+from typing import Final, Protocol
 
 from gcs.config.schema import Config
 from gcs.control import Memory, Tick, tick, warm_up
@@ -134,8 +134,7 @@ class Orchestrator:
         loop = asyncio.get_running_loop()
         self._config = config
         self.command_log = CommandLog(None if record is None else record.audit)
-        clocks: dict[str, Any] = {"unix_s": unix_s, "clock_problem": clock_problem}
-        self.flight = flight = Flight(config, links, loop.time(), book=self.command_log, **clocks)
+        self.flight = flight = Flight(config, links, loop.time(), book=self.command_log, unix_s=unix_s)
         self._record = record
         self._heart = heart
         self._planning = planning or ThreadPoolExecutor(1, thread_name_prefix="ways")

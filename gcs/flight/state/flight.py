@@ -146,15 +146,10 @@ class Flight:
         *,
         unix_s: Callable[[], float] = time.time,
         book: CommandLog | None = None,
-        clock_problem: Callable[[], str] = lambda: "",
     ) -> None:
-        """Starts with nothing received and nothing commanded. `now_s` is the loop's, `unix_s` since 1970.
-
-        `clock_problem` says why `unix_s` is not to be trusted; empty: it is.
-        """
+        """Starts with nothing received and nothing commanded. `now_s` is the loop's, `unix_s` since 1970."""
         self.config = config
         self.unix_s = unix_s
-        self.clock_problem = clock_problem
         self.book = book or CommandLog(None)
         self.links = tuple(links)
         self.link_of: Mapping[VehicleId, Link] = {name: link for link in links for name in link.ids}
