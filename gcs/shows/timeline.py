@@ -258,12 +258,10 @@ class Timeline:
         return self.legs[max(bisect_right(self.legs, time_s, key=lambda leg: leg.from_s) - 1, 0)]
 
     def orbit_at(self, time_s: float) -> Orbit:
-        return self.orbits[max(bisect_right(self.orbits, time_s, key=lambda change: change[0]) - 1, 0)][1]
+        return self.orbits[max(bisect_right(self.orbits, time_s, key=lambda at: at[0]) - 1, 0)][1]
 
     def obstacles_at(self, time_s: float) -> tuple[Obstacle, ...]:
-        return self.obstacles[max(bisect_right(self.obstacles, time_s, key=lambda change: change[0]) - 1, 0)][
-            1
-        ]
+        return self.obstacles[max(bisect_right(self.obstacles, time_s, key=lambda at: at[0]) - 1, 0)][1]
 
 
 class _Writer:

@@ -65,14 +65,11 @@ class SiteRouting:
             except LinkError as error:  # the own part and the other stations' are executed all the same
                 missing = f"station {station}: {error}"
         if missing:
-            return book.include(
-                record.id, {vehicle_id: VehicleOutcome(Outcome.FAILED, missing) for vehicle_id in ids}
-            )
-        asked = self._asked.setdefault(
-            record.id, _Requested(record.id, self._member.flight.newest.state.time_s)
-        )
+            return book.include(record.id, {name: VehicleOutcome(Outcome.FAILED, missing) for name in ids})
+        now_s = self._member.flight.newest.state.time_s
+        asked = self._asked.setdefault(record.id, _Requested(record.id, now_s))
         asked.open[station] = set(ids)
-        return book.include(record.id, {vehicle_id: VehicleOutcome(Outcome.PENDING) for vehicle_id in ids})
+        return book.include(record.id, {name: VehicleOutcome(Outcome.PENDING) for name in ids})
 
     def note_executed(self, record: CommandRecord, station: str, ref: str) -> None:
         """Report how this command goes on to the station that asked for it."""
@@ -126,20 +123,14 @@ class SiteRouting:
         }
         part = asked.open[sender]
         part |= parts.keys()
-        over = bool(reported.refused) or all(
-            part_outcome.outcome is not Outcome.PENDING for part_outcome in parts.values()
-        )
+        over = bool(reported.refused) or all(each.outcome is not Outcome.PENDING for each in parts.values())
         if over:
             del asked.open[sender]
             why = reported.refused or "it did not apply to it"
             outcome = Outcome.FAILED if reported.refused else Outcome.NOT_INCLUDED
             left = VehicleOutcome(outcome, f"station {sender}: {why}")
             pending = book.get(reported.ref).outcomes
-            parts |= {
-                vehicle_id: left
-                for vehicle_id in part - parts.keys()
-                if pending[vehicle_id].outcome is Outcome.PENDING
-            }
+            parts |= {name: left for name in part - parts.keys() if pending[name].outcome is Outcome.PENDING}
         book.include(reported.ref, parts)
         if not asked.open:
             del self._asked[reported.ref]
@@ -150,11 +141,7 @@ class SiteRouting:
         for asked in list(self._asked.values()):
             late = now_s - asked.asked_s > ANSWERED_WITHIN_S
             silent = asked.open.keys() - asked.answered
-            for name in [
-                vehicle_id
-                for vehicle_id in asked.open
-                if late and (vehicle_id not in here or vehicle_id in silent)
-            ]:
+            for name in [name for name in asked.open if late and (name not in here or name in silent)]:
                 part = asked.open.pop(name)
                 try:
                     outcomes = self._book.get(asked.record_id).outcomes
@@ -162,9 +149,7 @@ class SiteRouting:
                     continue
                 why = "does not answer" if name in here else "is not received"
                 lost = VehicleOutcome(Outcome.FAILED, f"station {name} {why}")
-                pending = [
-                    vehicle_id for vehicle_id in part if outcomes[vehicle_id].outcome is Outcome.PENDING
-                ]
+                pending = [name for name in part if outcomes[name].outcome is Outcome.PENDING]
                 self._book.include(asked.record_id, dict.fromkeys(pending, lost))
             if not asked.open:
                 self._asked.pop(asked.record_id, None)

@@ -196,9 +196,7 @@ class SiteShows(ShowsElsewhere):
     def _starting(self, station: str) -> list[VehicleId]:
         """Vehicles of another station on the ground that its operators have not taken out of the show."""
         out = self.member.excluded(station)
-        return [
-            vehicle_id for vehicle_id in self.member.ids_of(station, Phase.STANDBY) if vehicle_id not in out
-        ]
+        return [name for name in self.member.ids_of(station, Phase.STANDBY) if name not in out]
 
     def check_named(self, vehicles: Sequence[VehicleId], led: Sequence[VehicleId]) -> None:
         """Check whether the selected show starts with these vehicles of all stations.

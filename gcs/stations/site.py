@@ -127,9 +127,7 @@ class Site:
         self._home_count = n - mine.standby
         self.owned = np.arange(n) < self._home_count
         self.epochs = self.owned.astype(np.uint8)
-        shared = [
-            (row, row_of[vehicle_id]) for row, vehicle_id in enumerate(mine.ids) if vehicle_id in row_of
-        ]
+        shared = [(row, row_of[name]) for row, name in enumerate(mine.ids) if name in row_of]
         self._own_rows = np.array([row for row, _ in shared], dtype=np.intp)  # that others know as well
         self._their_rows = np.array([row for _, row in shared], dtype=np.intp)  # the same vehicles
         self._all_rows = np.arange(n + k)
@@ -392,9 +390,7 @@ class Site:
 
     def give_back(self, ids: Collection[VehicleId]) -> None:
         """Own these no longer, although no other station claims them: their station owns them again."""
-        rows = np.array(
-            [row for row, vehicle_id in enumerate(self.own_ids) if vehicle_id in ids], dtype=np.intp
-        )
+        rows = np.array([row for row, name in enumerate(self.own_ids) if name in ids], dtype=np.intp)
         self.owned[rows] = False
 
     # sent
