@@ -169,8 +169,6 @@ def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> schem
         setpoints_sent=view.setpoints_sent,
         filter_interventions=view.interventions,
         tick=view.tick,
-        corrections=view.corrections,
-        lights=view.lights,
         vehicles=vehicles(view, frame),
     )
 
@@ -195,7 +193,7 @@ def summary(view: FleetView, frame: ShowFrame, problem: str, access: str) -> dic
         "severity": overall(alarms),
         "alarms": list(alarms),
         "estimates": estimates(view),
-        "timecode": view.timecode,
+        "features": view.features,
         "access": access,
     }
 

@@ -144,7 +144,7 @@ CALLS: Final = (
     ApiCall("state", "fleet", "everything at one instant"),
     ApiCall("phase", "show", "where the show stands"),
     ApiCall("facts", "status", "what changes seldom: the fence, home places, cues, events"),
-    ApiCall("corrections", "corrections", "corrections for RTK: their age, the base, messages"),
+    ApiCall("features", "features", "what each feature beside the formation reports"),
     ApiCall("whoami", "access", "the token's name, and what it may do"),
     ApiCall("vehicle list", "vehicles", "every vehicle"),
     ApiCall("vehicle show", "vehicle", "one vehicle"),

@@ -314,9 +314,9 @@ class Client(Calls):
     def vehicles(self) -> list[schemas.Vehicle]:
         """Get every vehicle."""
 
-    @calls("GET", "/api/v1/corrections")
-    def corrections(self) -> service.CorrectionsView | None:
-        """Get age, base and counts of the corrections for RTK; None: none are configured."""
+    @calls("GET", "/api/v1/features")
+    def features(self) -> service.Features:
+        """Get what each feature reports; None: it is not configured."""
 
     @calls("GET", "/api/v1/vehicles/{vehicle_id}")
     def vehicle(self, vehicle_id: str) -> schemas.Vehicle:

@@ -58,12 +58,12 @@ def test_stopped_corrections_raise_an_alarm_and_margins_grow() -> None:
         await show.standby()
         await supply(show, 3.0)
         with_rtk_m = np.max(show.view.rows.uncertainty_m)
-        view = show.view.corrections
+        view = show.view.features.corrections
         assert view is not None
         assert (view.base_latitude_deg, view.messages, view.problem) == (BASE[0], 3, "")
         await show.until(lambda: stopped(show), 5.0)
-        assert show.view.corrections is not None
-        assert show.view.corrections.problem.startswith("none for ")
+        assert show.view.features.corrections is not None
+        assert show.view.features.corrections.problem.startswith("none for ")
         for name in show.config.ids:
             show.befall(name, "fix", type="3d")
             show.befall(name, "accuracy", eph_m=0.9, epv_m=1.8)

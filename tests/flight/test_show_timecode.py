@@ -13,8 +13,9 @@ import pytest
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.state import Array
-from gcs.service import SelectedShow, ShowAction, TimecodeView
+from gcs.service import SelectedShow, ShowAction
 from gcs.service.alarms import AlarmCause, AlarmSeverity
+from gcs.service.features import TimecodeView
 from gcs.shows.timecode import Rate
 from gcs.shows.timecode.midi import MidiTimecode
 from gcs.shows.timecode.smpte import Label, label_at
@@ -36,7 +37,7 @@ def selected(show: VirtualShow) -> SelectedShow:
 
 
 def timecode(show: VirtualShow) -> TimecodeView:
-    found = show.view.timecode
+    found = show.view.features.timecode
     assert found is not None
     return found
 

@@ -12,8 +12,9 @@ import pytest
 from gcs.config.schema import Config
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import ShowPhase
-from gcs.service import ShowAction, TimecodeView
+from gcs.service import ShowAction
 from gcs.service.alarms import AlarmCause
+from gcs.service.features import TimecodeView
 from gcs.shows.timecode import Rate
 from gcs.shows.timecode.midi import MidiTimecode
 from gcs.shows.timecode.smpte import Label, label_at
@@ -36,7 +37,7 @@ def config(folder: Path) -> Config:
 
 
 def timecode(show: SiteShow, station: str) -> TimecodeView:
-    found = show[station].view.timecode
+    found = show[station].view.features.timecode
     assert found is not None
     return found
 

@@ -21,7 +21,7 @@ from gcs.links.rtcm_stream import Place
 from gcs.links.rtk import keep_receiving
 from gcs.links.settings import Listen, RtkSettings
 from gcs.model.frames import ShowFrame
-from gcs.service.snapshots import CorrectionsView
+from gcs.service.features import CorrectionsView
 from tests.support.link_bench import Ticks, running, until
 from tests.support.machine import free_ports
 from tests.support.processes import last_truths

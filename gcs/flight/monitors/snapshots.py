@@ -17,6 +17,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, Landed, Mask
 from gcs.service import ActiveFailsafe, FleetView, FlightEnvelope, TickView
 from gcs.service.alarms import Alarm
+from gcs.service.features import Features
 from gcs.service.histograms import TickHistogram
 from gcs.service.vehicle_table import VehicleTable
 
@@ -70,7 +71,9 @@ def fleet_view(
         countdown_s=None if start_unix_s is None else max(0.0, start_unix_s - unix_time_s),
         failsafes=tuple(failsafes),
         alarms=tuple(alarms),
-        **dict(chain.from_iterable(each.views(flight.instant).items() for each in flight.features)),
+        features=Features(
+            **dict(chain.from_iterable(one.views(flight.instant).items() for one in flight.features))
+        ),
     )
 
 

@@ -13,7 +13,7 @@ from gcs.mavlink.lights import LightDriver
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import GROUNDED, Phase
 from gcs.model.state import Array, Mask, VehicleId
-from gcs.service import LightsView
+from gcs.service.features import LightsView
 
 OFF = (0, 0, 0)
 FULL, MEDIUM, LOW, UNKNOWN = (0, 96, 0), (96, 48, 0), (128, 0, 0), (0, 0, 48)

@@ -12,7 +12,7 @@ from gcs.links.settings import RtkSettings
 from gcs.mavlink.rtcm import LONGEST_BYTES
 from gcs.model.preflight_report import Check, State
 from gcs.service.alarms import AlarmCause, Condition
-from gcs.service.snapshots import CorrectionsView
+from gcs.service.features import CorrectionsView
 
 
 class Corrections(Feature):

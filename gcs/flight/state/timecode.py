@@ -9,8 +9,8 @@ from gcs.flight.state.feature import Feature, Instant
 from gcs.flight.state.running_show import ShowRun
 from gcs.links.intake import Intake
 from gcs.model.lifecycle import ShowPhase
-from gcs.service import TimecodeView
 from gcs.service.alarms import AlarmCause, AlarmSeverity, Condition
+from gcs.service.features import TimecodeView
 from gcs.shows.timecode import Chase, ChaseState, Rate, Reading
 from gcs.shows.timecode.receiver import bound_of
 from gcs.shows.timecode.smpte import label_at, parse_label
