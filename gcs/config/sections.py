@@ -212,7 +212,7 @@ class LinkSettings(Settings):
     signing: SigningSettings | None = None
     """Key of signed MAVLink 2; without it frames are not signed, and not checked."""
     extra_bytes_per_s: Positive | None = None
-    """Lights and corrections together, in bytes/s; null: 100,000, on serial ports a quarter."""
+    """What features may send together, in bytes/s; null: 100,000, on serial ports a quarter."""
     heartbeat_hold_s: Positive = 3.0
     """The station's heartbeats end when control has stopped for this long, in s."""
 
@@ -244,7 +244,7 @@ class LinkSettings(Settings):
 
     @property
     def extra_share_bytes_per_s(self) -> float:
-        """What lights and corrections may use together. Raises: ConfigError."""
+        """What features may send together. Raises: ConfigError."""
         return self.extra_bytes_per_s or extra_bytes_per_s(self.places)
 
     @model_validator(mode="after")

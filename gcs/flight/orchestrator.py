@@ -18,19 +18,17 @@ from gcs.estimation import link_health
 from gcs.failsafe import triggers
 from gcs.flight.commands.commander import Commander
 from gcs.flight.commands.plan_editor import PlanEditor
+from gcs.flight.features import features_of
 from gcs.flight.maneuvers.maneuvers import Maneuvers
 from gcs.flight.monitors.alarm_monitor import AlarmMonitor, Findings
 from gcs.flight.monitors.snapshots import Estimating, fleet_view
 from gcs.flight.preflight.parameter_reader import ParameterReader
 from gcs.flight.preflight.preflight_gate import PreflightGate
 from gcs.flight.show_progress import ShowProgress
-from gcs.flight.shows.lights import Lights
 from gcs.flight.shows.show_player import ShowPlayer
-from gcs.flight.state.corrections import Corrections
 from gcs.flight.state.elsewhere import Elsewhere
 from gcs.flight.state.flight import Flight
 from gcs.flight.state.ticker import TickClock, garbage_between_ticks, ticks
-from gcs.flight.state.timecode import Timecode
 from gcs.links.batch_link import Link
 from gcs.links.link_set import SetpointRouting, keep_open
 from gcs.planning import lost_space, silent_space
@@ -108,7 +106,7 @@ class Orchestrator:
         self._interventions = 0
         self._group = asyncio.TaskGroup()  # the control group, entered by `run`
         self._estimating = Estimating(flight)
-        flight.features.append(Lights(flight))
+        flight.features = features_of(flight)
         if record is not None:
             known = flight.vehicles.keys()
             flight.excluded |= {name: out for name, out in record.excluded.items() if name in known}
@@ -158,16 +156,6 @@ class Orchestrator:
             self.commands.close()
             self._planning.shutdown(wait=False, cancel_futures=True)
             await self.shows.close()
-
-    @property
-    def corrections(self) -> Corrections:
-        """Takes what arrives from the base."""
-        return self.flight.corrections
-
-    @property
-    def timecode(self) -> Timecode:
-        """Takes what arrives of the timecode."""
-        return self.flight.timecode
 
     def granted(self, scheduling: Scheduling) -> None:
         """Note what the machine grants this process, for displays."""

@@ -1,4 +1,4 @@
-"""Sends corrections to all vehicles of a link: whole messages or none, within its budget, before lights."""
+"""Sends corrections to all vehicles of a link: whole messages or none, within its budget."""
 
 from collections import deque
 from dataclasses import dataclass, field

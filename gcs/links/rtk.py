@@ -37,13 +37,13 @@ _SHOWN_BYTES: Final = 40
 
 async def keep_receiving(
     settings: RtkSettings,
-    take: Callable[[bytes, Place | None], None],
+    take: Callable[[bytes, Place | None, float], None],
     failed: Callable[[str], None],
     intake: Intake | None = None,
 ) -> None:
-    """Receive without end: give each message to `take`, and why there are none to `failed`."""
+    """Receive without end: give each message to `take`, why there are none to `failed`."""
     intake = intake or Intake(settings.source, CORRECTIONS)
-    known = ""
+    known, clock = "", asyncio.get_running_loop().time
     while True:
         stream, messages, useless_bytes, first = RtcmStream(), 0, 0, b""
         try:
@@ -53,7 +53,7 @@ async def keep_receiving(
                     useless_bytes += len(data)
                     for message in stream.take(data):
                         known, useless_bytes, messages = "", 0, messages + 1
-                        take(message, stream.base)
+                        take(message, stream.base, clock())
                     if useless_bytes > GARBAGE_BYTES:
                         failed(f"more than {GARBAGE_BYTES} bytes without a message of RTCM 3")
             why = "the source has ended the connection"

@@ -27,7 +27,7 @@ SYSTEM_ID_MAX: Final = 250
 
 EXTRA_BYTES_PER_S: Final = 100_000.0
 SERIAL_SHARE: Final = 0.25
-"""What lights and corrections may use unless set: so much, or this share of a serial port's rate."""
+"""What features may use unless set: so much, or this share of a serial port's rate."""
 
 VEHICLES_MAX: Final = 64
 """Per MAVSDK instance."""
@@ -145,7 +145,7 @@ def occupied(place: Place) -> tuple[str, ...]:
 
 
 def extra_bytes_per_s(places: Sequence[Place]) -> float:
-    """What lights and corrections may use of a link, where the configuration does not say."""
+    """What features may use of a link, where the configuration does not say."""
     serial = [SERIAL_SHARE * place.baud / 10 for place in places if isinstance(place, SerialPort)]
     return min(serial, default=EXTRA_BYTES_PER_S)
 

@@ -5,6 +5,7 @@ from collections import defaultdict
 import numpy as np
 from pymavlink.dialects.v20 import common
 
+from gcs.flight.state.corrections import Corrections
 from gcs.links.intake import Arrived
 from gcs.links.link import FrameDirection
 from gcs.model.errors import RefusedError
@@ -19,10 +20,14 @@ LED_CONTROL = 186
 RTK = {"rtk": {"source": "tcp://127.0.0.1:2101", "required": True, "age_max_s": 3.0}}
 
 
+def corrections(show: VirtualShow) -> Corrections:
+    return next(each for each in show.service.flight.features if isinstance(each, Corrections))
+
+
 async def supply(show: VirtualShow, seconds: float) -> None:
     """The base sends a message each second."""
     for _ in range(round(seconds)):
-        show.service.corrections.take(rtcm(1077, 400), BASE, show.now_s)
+        corrections(show).take(rtcm(1077, 400), BASE, show.now_s)
         await show.wait(1.0)
 
 
@@ -102,7 +107,7 @@ def test_a_flood_of_an_input_is_named_with_its_sender() -> None:
     async def story(show: VirtualShow) -> None:
         await show.standby()
         flood = [Arrived(b"\xd3\x03" * 700, ("192.0.2.9", 4711))] * 100
-        show.service.corrections.intakes[0].admit(flood, show.now_s)
+        corrections(show).intakes[0].admit(flood, show.now_s)
         await show.wait(0.5)
         texts = [alarm.text for alarm in show.view.alarms if alarm.cause is AlarmCause.INPUT_FLOODED]
         limit = "more than 64 kB or 1000 messages a second"

@@ -73,7 +73,7 @@ class Source:
             if self.drops(sent.at_s):
                 continue
             for reading in midi.take(sent.message):
-                self.show.service.timecode.take(reading, loop.time())
+                self.show.service.flight.timecode.take(reading, loop.time())
 
     def true_s(self, now_s: float) -> float:
         """The show's time that belongs to the timecode."""

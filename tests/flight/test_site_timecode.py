@@ -66,7 +66,7 @@ class Source:
         for sent in running(start, rate):
             await asyncio.sleep(begin_s + sent.at_s + delay_s() - loop.time())
             for reading in midi.take(sent.message):
-                self.show[self.station].service.local.timecode.take(reading, loop.time())
+                self.show[self.station].service.local.flight.timecode.take(reading, loop.time())
 
 
 async def take_off(show: SiteShow) -> None:

@@ -17,7 +17,6 @@ import pytest
 
 from gcs.flight.state.corrections import Corrections
 from gcs.links.native.link import NativeLink
-from gcs.links.rtcm_stream import Place
 from gcs.links.rtk import keep_receiving
 from gcs.links.settings import Listen, RtkSettings
 from gcs.model.frames import ShowFrame
@@ -77,9 +76,6 @@ async def supply(port: int, base_port: int, second: list[bytes]) -> Supplied:
     settings = RtkSettings(source=f"tcp://127.0.0.1:{base_port}")
     corrections = Corrections(settings, links, time.monotonic())
 
-    def take(message: bytes, place: Place | None) -> None:
-        corrections.take(message, place, time.monotonic())
-
     async with AsyncExitStack() as stack:
         ticks = [Ticks(link, *link.ids) for link in links]
         for link in links:
@@ -88,7 +84,7 @@ async def supply(port: int, base_port: int, second: list[bytes]) -> Supplied:
         for tick in ticks:
             await stack.enter_async_context(tick.running())
         server = await asyncio.start_server(lambda r, w: base(r, w, sent, second), "127.0.0.1", base_port)
-        receiving = asyncio.create_task(keep_receiving(settings, take, corrections.failed))
+        receiving = asyncio.create_task(corrections.receive())
         before = [link.counters.setpoints_sent for link in links]
         begun = [len(tick.times_s) for tick in ticks]
         began_s = time.monotonic()
@@ -148,7 +144,7 @@ def test_ntrip_caster_is_asked_with_the_password(tmp_path: Path) -> None:
         server = await asyncio.start_server(caster, "127.0.0.1", port)
         async with server:
             task = asyncio.create_task(
-                keep_receiving(settings, lambda each, _: found.append(each), failures.append)
+                keep_receiving(settings, lambda each, *_: found.append(each), failures.append)
             )
             await until(lambda: len(found) == 2)
             task.cancel()
@@ -167,7 +163,7 @@ def test_serial_port_and_udp_port_are_sources_too() -> None:
         found: list[bytes] = []
         failures: list[str] = []
         settings = RtkSettings(source=source)
-        receiving = keep_receiving(settings, lambda each, _: found.append(each), failures.append)
+        receiving = keep_receiving(settings, lambda each, *_: found.append(each), failures.append)
         task = asyncio.create_task(receiving)
         while not found:
             send(rtcm(1077, 300))

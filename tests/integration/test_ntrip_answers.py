@@ -42,7 +42,7 @@ def answered(reply: bytes) -> tuple[list[bytes], str]:
         settings = RtkSettings(source=f"ntrip://127.0.0.1:{port}/NEAR")
         async with await asyncio.start_server(caster, "127.0.0.1", port):
             task = asyncio.create_task(
-                keep_receiving(settings, lambda each, _: found.append(each), failures.append)
+                keep_receiving(settings, lambda each, *_: found.append(each), failures.append)
             )
             await until(lambda: bool(failures))
             task.cancel()

@@ -38,9 +38,9 @@ class Kept:
     intake: Intake = field(default_factory=lambda: Intake("timecode", MIDI))
     failures: list[str] = field(default_factory=list)
 
-    def take(self, reading: Reading) -> None:
+    def take(self, reading: Reading, now_s: float) -> None:
         self.readings.append(reading)
-        self.chase.take(reading, asyncio.get_running_loop().time())
+        self.chase.take(reading, now_s)
 
     def count(self, garbage: int) -> None:
         self.garbage = garbage

@@ -4,11 +4,10 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gcs.flight.state.feature import Feature, Instant
 from gcs.flight.state.flight import Flight
-from gcs.links.lights import Colours
+from gcs.links.lights import Colours, LightSender
 from gcs.mavlink.lights import LightDriver
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import GROUNDED, Phase
@@ -51,10 +50,11 @@ class Lights(Feature):
 
     def __init__(self, flight: Flight) -> None:
         self._flight = flight
+        self._senders = [
+            (link, LightSender(flight.config.lights, link.outbox, link.budget)) for link in flight.links
+        ]
         row_of = {name: vehicle.row for name, vehicle in flight.vehicles.items()}
-        self._rows: Mapping[str, NDArray[np.intp]] = {
-            link.name: np.array([row_of[name] for name in link.ids], np.intp) for link in flight.links
-        }
+        self._rows = [np.array([row_of[name] for name in link.ids], np.intp) for link in flight.links]
 
     def send(self) -> None:
         """Send what is due; once a tick, after its setpoints."""
@@ -63,14 +63,14 @@ class Lights(Feature):
             return
         colour = self.colours()
         ours = flight.elsewhere.owned
-        for link in flight.links:
-            rows = self._rows[link.name]
-            link.send_lights(colour[rows], ours[rows])
+        for (link, sender), rows in zip(self._senders, self._rows, strict=True):
+            if (reached := link.reached()) is not None:
+                now_s, connected = reached
+                sender.send(colour[rows], ours[rows] & connected, now_s)
 
     def views(self, at: Instant) -> Mapping[str, Any]:  # noqa: ARG002
-        links = self._flight.links
-        sent = sum(link.counters.lights_sent for link in links)
-        dropped = sum(link.counters.lights_dropped for link in links)
+        sent = sum(sender.sent for _, sender in self._senders)
+        dropped = sum(sender.dropped for _, sender in self._senders)
         return {"lights": LightsView(self._flight.config.lights.driver.value, sent, dropped)}
 
     def colours(self) -> Colours:

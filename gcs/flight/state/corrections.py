@@ -7,7 +7,9 @@ import numpy as np
 
 from gcs.flight.state.feature import Feature, Instant
 from gcs.links.batch_link import Link
+from gcs.links.corrections import CorrectionSender
 from gcs.links.intake import CORRECTIONS, Intake
+from gcs.links.rtk import keep_receiving
 from gcs.links.settings import RtkSettings
 from gcs.mavlink.rtcm import LONGEST_BYTES
 from gcs.model.preflight_report import Check, State
@@ -21,7 +23,7 @@ class Corrections(Feature):
     def __init__(self, settings: RtkSettings | None, links: Sequence[Link], now_s: float) -> None:
         self.settings = settings
         self._intake = Intake(f"rtk {settings.source}" if settings else "rtk", CORRECTIONS)
-        self._links = tuple(links)
+        self._senders = [(link, CorrectionSender(link.outbox, link.budget)) for link in links]
         self._began_s = now_s
         self._arrived_s = -np.inf
         self._messages = self._bytes = self._too_long = 0
@@ -32,6 +34,10 @@ class Corrections(Feature):
     def intakes(self) -> tuple[Intake]:
         return (self._intake,)
 
+    async def receive(self) -> None:
+        if self.settings is not None:
+            await keep_receiving(self.settings, self.take, self.failed, self._intake)
+
     def take(self, message: bytes, base: tuple[float, float, float] | None, now_s: float) -> None:
         """Queue one RTCM message for all vehicles; `base` is where the base is, None: not known yet."""
         self._arrived_s, self._problem = now_s, ""
@@ -41,18 +47,17 @@ class Corrections(Feature):
         if len(message) > LONGEST_BYTES:
             self._too_long += 1
             return
-        for link in self._links:
-            link.add_correction(message)
+        for _, sender in self._senders:
+            sender.add(message, now_s)
 
     def failed(self, why: str) -> None:
         """Note why nothing arrives."""
         self._problem = why
 
     def send(self) -> None:
-        """Send what waits; once a tick, after its setpoints and before lights."""
-        if self.settings is not None:
-            for link in self._links:
-                link.send_corrections()
+        for link, sender in self._senders:
+            if (reached := link.reached()) is not None:
+                sender.send(reached[0])
 
     def why_stopped(self, now_s: float) -> str:
         """Why there are no recent corrections, in words; empty while there are, or none are expected."""
@@ -90,7 +95,7 @@ class Corrections(Feature):
         if self.settings is None:
             return None
         latitude_deg, longitude_deg, height_m = self._base or (np.nan,) * 3
-        late = sum(link.counters.corrections_dropped for link in self._links)
+        late = sum(sender.dropped for _, sender in self._senders)
         return CorrectionsView(
             source=self.settings.source,
             age_s=max(0.0, now_s - self._arrived_s) if np.isfinite(self._arrived_s) else np.nan,
@@ -100,6 +105,6 @@ class Corrections(Feature):
             base_height_m=height_m,
             messages=self._messages,
             received_bytes=self._bytes,
-            sent=sum(link.counters.corrections_sent for link in self._links),
+            sent=sum(sender.sent for _, sender in self._senders),
             dropped=self._too_long + self._intake.dropped + late,
         )

@@ -1,4 +1,4 @@
-"""What a flight can do beside flying a formation: corrections, lights, timecode.
+"""What a flight can do beside flying a formation.
 
 A feature has its settings in the configuration, and is one object in `Flight.features`. The tick, the checks
 before a start, the alarms and the view ask every feature; none of them knows one by name.
@@ -29,6 +29,9 @@ class Feature:
     def intakes(self) -> Sequence[Intake]:
         """What bounds its input."""
         return ()
+
+    async def receive(self) -> None:
+        """Receive its input, without end; at once over where it has none."""
 
     def send(self) -> None:
         """Send what waits, within the links' budgets: once a tick, after the setpoints."""

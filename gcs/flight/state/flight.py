@@ -26,7 +26,6 @@ from gcs.estimation.link_health import LinkQuality, SetpointGaps
 from gcs.estimation.positioning import uncertainty_m
 from gcs.estimation.touch_down import height_error_m
 from gcs.failsafe.autopilot_failsafe import TEXTS_COUNT_S, FailsafeInputs
-from gcs.flight.state.corrections import Corrections
 from gcs.flight.state.elsewhere import Elsewhere
 from gcs.flight.state.feature import Feature, Instant
 from gcs.flight.state.running_show import ShowRun
@@ -184,9 +183,8 @@ class Flight:
         self.came_down_by: ShowPhase | None = None  # how the last show ended, if by a command
         self.excluded: dict[VehicleId, Exclusion] = {}  # taken out of the show by an operator
         self.left_behind: dict[VehicleId, str] = {}  # why vehicles do not fly with the last start
-        self.corrections = Corrections(config.rtk, self.links, now_s)
         self.timecode = Timecode(config.timecode)
-        self.features: list[Feature] = [self.corrections, self.timecode]
+        self.features: list[Feature] = []
         self.blinks_until_s: dict[VehicleId, float] = {}  # by `find`
         self.memory = Memory.fresh(len(self.vehicles), now_s)
         self.changed_parameters: dict[VehicleId, dict[str, str]] = {}  # changed from what preflight requires

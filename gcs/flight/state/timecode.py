@@ -12,7 +12,7 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.service.alarms import AlarmCause, AlarmSeverity, Condition
 from gcs.service.features import TimecodeView
 from gcs.shows.timecode import Chase, ChaseState, Rate, Reading
-from gcs.shows.timecode.receiver import bound_of
+from gcs.shows.timecode.receiver import bound_of, keep_receiving
 from gcs.shows.timecode.smpte import label_at, parse_label
 
 WHY = {
@@ -53,6 +53,10 @@ class Timecode(Feature):
     @property
     def intakes(self) -> tuple[Intake]:
         return (self._intake,)
+
+    async def receive(self) -> None:
+        if self.settings is not None:
+            await keep_receiving(self.settings, self, self._intake)
 
     def take(self, reading: Reading, now_s: float) -> None:
         """Take a reading that has just arrived."""

@@ -41,7 +41,7 @@ _FULL_SCALE: Final = 32768.0
 class Sink(Protocol):
     """Takes what a source sends."""
 
-    def take(self, reading: Reading) -> None:
+    def take(self, reading: Reading, now_s: float) -> None:
         """Take a reading."""
 
     def count(self, garbage: int) -> None:
@@ -83,8 +83,9 @@ async def keep_receiving(settings: TimecodeSettings, sink: Sink, intake: Intake)
 
 def _give(sink: Sink, readings: Sequence[Reading]) -> None:
     """Give readings that arrived at once to the sink: the newest, if there are too many."""
+    now_s = asyncio.get_running_loop().time()
     for reading in readings[-READINGS_MAX:]:
-        sink.take(reading)
+        sink.take(reading, now_s)
 
 
 async def _receive_udp(host: str, port: int, sink: Sink, intake: Intake) -> None:
