@@ -9,8 +9,7 @@ import numpy as np
 from gcs.links.budget import Budget
 from gcs.links.sender import Outbox
 from gcs.mavlink.codec import HEADER_LENGTH, Records
-from gcs.mavlink.framing import GPS_RTCM_DATA
-from gcs.mavlink.rtcm import fragments
+from gcs.mavlink.rtcm import GPS_RTCM_DATA, fragments
 
 OLD_S: Final = 2.0
 """A correction that has waited for so long does not leave any more."""

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.links.budget import Budget
+from gcs.links.features import LightSettings
 from gcs.links.sender import Outbox
-from gcs.links.settings import LightSettings
 from gcs.links.stream_requests import REQUESTING_COMPONENT
 from gcs.mavlink.codec import HEADER_LENGTH
 from gcs.mavlink.kernels import Whole

@@ -11,14 +11,17 @@ from urllib.parse import urlsplit
 
 import serial
 
-from gcs.links.intake import CORRECTIONS, TURN_S, Arrived, Intake
+from gcs.links.features import RtkSettings
+from gcs.links.intake import TURN_S, Arrived, Bound, Intake
 from gcs.links.ntrip import Chunked, Plain, ask_caster
 from gcs.links.reading import BUFFER_BYTES, DATAGRAM_BYTES, Reader
 from gcs.links.rtcm_stream import Place, RtcmStream
-from gcs.links.settings import RtkSettings
 from gcs.model.errors import LinkError, quoted
 
 log = logging.getLogger(__name__)
+
+CORRECTIONS: Final = Bound(64_000, 1000)
+"""RTCM 3: a base of four constellations sends 1 to 2 kB/s, at 10 Hz up to 28 kB/s."""
 
 CHUNK_BYTES: Final = 8192
 """Most that is read of a serial port in a turn."""
@@ -127,7 +130,7 @@ async def _stream_chunks(settings: RtkSettings, intake: Intake) -> AsyncGenerato
         body: Plain | Chunked = Plain()
         if url.scheme != "tcp":
             async with asyncio.timeout(SILENT_S):
-                body = await ask_caster(reader, writer, url.path, settings)
+                body = await ask_caster(reader, writer, url.path, settings.user, settings.password)
         while not body.ended:
             async with asyncio.timeout(SILENT_S):
                 data = await reader.read(body.turn_bytes)

@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 
 from gcs.mavlink.codec import Records, records
-from gcs.mavlink.framing import GPS_RTCM_DATA
 
+GPS_RTCM_DATA: Final = 233
 FRAGMENT_BYTES: Final = 180
 FRAGMENTS_MAX: Final = 4
 LONGEST_BYTES: Final = FRAGMENT_BYTES * FRAGMENTS_MAX

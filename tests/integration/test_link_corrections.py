@@ -16,9 +16,10 @@ from typing import NamedTuple
 import pytest
 
 from gcs.flight.state.corrections import Corrections
+from gcs.links.features import RtkSettings
 from gcs.links.native.link import NativeLink
 from gcs.links.rtk import keep_receiving
-from gcs.links.settings import Listen, RtkSettings
+from gcs.links.settings import Listen
 from gcs.model.frames import ShowFrame
 from gcs.service.features import CorrectionsView
 from tests.support.link_bench import Ticks, running, until

@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gcs.links.features import LightSettings
 from gcs.links.lights import LightSender
 from gcs.links.mavsdk.link import MavsdkLink
 from gcs.links.native.link import NativeLink
-from gcs.links.settings import LightSettings, Listen
+from gcs.links.settings import Listen
 from gcs.mavlink.lights import LightDriver
 from gcs.model.frames import ShowFrame
 from tests.support.link_bench import AnyLink, Ticks, ready, running

@@ -5,8 +5,8 @@ from contextlib import suppress
 
 import pytest
 
+from gcs.links.features import RtkSettings
 from gcs.links.rtk import keep_receiving
-from gcs.links.settings import RtkSettings
 from tests.support.link_bench import until
 from tests.support.machine import free_ports
 from tests.support.rtcm import rtcm

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from gcs.links import intake
-from gcs.shows.timecode.receiver import SAMPLE_BYTES
+from gcs.links.rtk import CORRECTIONS
+from gcs.shows.timecode.receiver import MIDI, SAMPLE_BYTES
 
 ROOT = Path(__file__).parents[2]
 OPENS = {
@@ -87,8 +88,8 @@ def test_a_new_input_is_found(source: str) -> None:
 @pytest.mark.parametrize(
     ("name", "bound"),
     [
-        ("corrections for RTK", intake.CORRECTIONS),
-        ("timecode over RTP or UDP, a MIDI port", intake.MIDI),
+        ("corrections for RTK", CORRECTIONS),
+        ("timecode over RTP or UDP, a MIDI port", MIDI),
         ("timecode as sound", intake.sound(48_000.0, SAMPLE_BYTES)),
         ("further ground stations", intake.FORWARDED),
         ("vehicles over UDP", intake.of_vehicles(0)),

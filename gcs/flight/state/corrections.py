@@ -8,9 +8,9 @@ import numpy as np
 from gcs.flight.state.feature import Feature, Instant
 from gcs.links.batch_link import Link
 from gcs.links.corrections import CorrectionSender
-from gcs.links.intake import CORRECTIONS, Intake
-from gcs.links.rtk import keep_receiving
-from gcs.links.settings import RtkSettings
+from gcs.links.features import RtkSettings
+from gcs.links.intake import Intake
+from gcs.links.rtk import CORRECTIONS, keep_receiving
 from gcs.mavlink.rtcm import LONGEST_BYTES
 from gcs.model.preflight_report import Check, State
 from gcs.service.alarms import AlarmCause, Condition

@@ -4,9 +4,9 @@ from collections.abc import Iterator, Mapping
 from math import isnan, nan
 from typing import Any, Final
 
-from gcs.config.sections import TimecodeSettings
 from gcs.flight.state.feature import Feature, Instant
 from gcs.flight.state.running_show import ShowRun
+from gcs.links.features import TimecodeSettings
 from gcs.links.intake import Intake
 from gcs.model.lifecycle import ShowPhase
 from gcs.service.alarms import AlarmCause, AlarmSeverity, Condition

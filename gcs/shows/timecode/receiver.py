@@ -14,8 +14,8 @@ from typing import Final, Protocol, TypeAlias
 
 import numpy as np
 
-from gcs.config.sections import TimecodeSettings
-from gcs.links.intake import MIDI, Arrived, Bound, Intake, sound
+from gcs.links.features import TimecodeSettings
+from gcs.links.intake import Arrived, Bound, Intake, sound
 from gcs.links.reading import BUFFER_BYTES, Reader
 from gcs.model.errors import LinkError
 from gcs.shows.timecode.ltc import LinearTimecode
@@ -24,6 +24,9 @@ from gcs.shows.timecode.rtp_midi import MidiSession
 from gcs.shows.timecode.smpte import Reading
 
 log = logging.getLogger(__name__)
+
+MIDI: Final = Bound(10_000, 1000)
+"""Timecode is 120 messages a second of 2 bytes, of about 30 over RTP; a cable carries 3,125 bytes."""
 
 RETRY_S: Final = 2.0
 

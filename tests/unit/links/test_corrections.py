@@ -10,10 +10,10 @@ from pyrtcm import calc_crc24q
 from gcs.links.address_book import Addresses
 from gcs.links.budget import Budget
 from gcs.links.corrections import AT_ONCE_MAX, OLD_S, WAITING_MAX, CorrectionSender
+from gcs.links.features import RtkSettings
 from gcs.links.link import Counters
 from gcs.links.rtcm_stream import RtcmStream
 from gcs.links.sender import Outbox
-from gcs.links.settings import RtkSettings
 from gcs.mavlink.codec import encode
 from gcs.mavlink.rtcm import LONGEST_BYTES, fragments
 from gcs.sim.protocol.corrections import Reassembly
