@@ -9,4 +9,4 @@ from gcs.flight.state.flight import Flight
 def features_of(flight: Flight) -> list[Feature]:
     """Those of this flight, in the order in which they send."""
     corrections = Corrections(flight.config.rtk, flight.links, flight.state.time_s)
-    return [corrections, flight.timecode, Lights(flight)]
+    return [corrections, flight.outside_clock, Lights(flight)]

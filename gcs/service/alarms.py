@@ -261,7 +261,7 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
     AlarmCause.TIMECODE: CauseRow(
         C,
         "Show not at its timecode",
-        "Bring the timecode to where the show is, or pause the show. gcs shows follow-timecode lets it run by"
+        "Bring the timecode to where the show is, or pause the show. gcs shows follow-clock lets it run by"
         " this station's clock.",
         on_after_s=1.0,
     ),

@@ -76,17 +76,18 @@ class SitePlayer:
         begin = None if grounded else BeginView(BeginState.HELD, None, None)
         return replace(self.local.selected(), begin=begin)
 
-    def follow_timecode(self, follow: bool) -> None:
+    def follow_clock(self, follow: bool) -> None:
         if self.shows.leads:
-            self.local.follow_timecode(follow)
+            self.local.follow_clock(follow)
             return
         self._need_lead_here()
         led = self.member.show_traffic.led
-        if led is None or led.timecode is None:
+        if led is None or led.outside is None:
+            station = self.member.site.lead.name
             raise RefusedError(
-                f"no timecode is configured at station {self.member.site.lead.name}, which leads"
+                f"no {self.flight.outside_clock.name} is configured at station {station}, which leads"
             )
-        self._ask("follow-timecode", "yes" if follow else "no")
+        self._ask("follow-clock", "yes" if follow else "no")
 
     def _need_lead(self, what: str) -> None:
         self.flight.need_no_countdown()
@@ -126,8 +127,8 @@ class SitePlayer:
                 self.local.begin_at(float(request.value))
             case "cancel-begin":
                 self.local.cancel_begin()
-            case "follow-timecode":
-                self.local.follow_timecode(request.value == "yes")
+            case "follow-clock":
+                self.local.follow_clock(request.value == "yes")
 
     def advance(self) -> None:
         """Select the show that another station asked for, once its drawing is read; once a tick."""

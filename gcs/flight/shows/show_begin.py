@@ -1,4 +1,4 @@
-"""When the selected show begins to move, and how fast it then runs: a clock time, a timecode, or at once.
+"""When the selected show begins to move, and how fast it runs: at a time, by another clock, or at once.
 
 A show that waits stays in `assembling`, its vehicles where it begins. The tick's phase is shifted, a little
 with each tick, until a tick falls on the time of the beginning: then the first setpoints of motion leave.
@@ -61,8 +61,10 @@ class ShowBegin:
     def check(self, at_unix_s: float) -> ShowRun:
         """Check whether the selected show can begin then. Raises: InvalidError, RefusedError."""
         show_run = self._unbegun("a time to begin")
-        if self.follows_timecode:
-            raise RefusedError("shows follow the timecode, which says when they begin")
+        if self.follows_clock:
+            raise RefusedError(
+                f"shows follow the {self.flight.outside_clock.name}, which says when they begin"
+            )
         ahead_s = at_unix_s - self.flight.unix_s()
         if not 0.0 < ahead_s <= AHEAD_MAX_S:
             allowed = f"ahead by at most {AHEAD_MAX_S / 3600.0:g} h; it is {self.flight.unix_s():.1f} now"
@@ -77,10 +79,10 @@ class ShowBegin:
         return show_run
 
     @property
-    def follows_timecode(self) -> bool:
-        """Whether a timecode says when the show begins."""
+    def follows_clock(self) -> bool:
+        """Whether a clock from outside says when the show begins."""
         led = self.flight.elsewhere.shows.begin
-        return self.flight.timecode.followed if led is None else led.follows_timecode
+        return self.flight.outside_clock.followed if led is None else led.follows_clock
 
     def cancel(self) -> None:
         """Forget the time. Raises: RefusedError."""
@@ -90,15 +92,15 @@ class ShowBegin:
         self._show(show_run)
         log.info("show_begin_cancelled", extra={"show": show_run.name, "held": self._held})
 
-    def follow_timecode(self, follow: bool) -> None:
-        """Follow the timecode, or this station's clock. Raises: RefusedError."""
-        timecode = self.flight.timecode
-        if timecode.settings is None:
-            raise RefusedError("no timecode is configured")
-        timecode.followed = follow
+    def follow_clock(self, follow: bool) -> None:
+        """Follow the clock from outside, or this station's. Raises: RefusedError."""
+        outside = self.flight.outside_clock
+        if outside.settings is None:
+            raise RefusedError(f"no {outside.name} is configured")
+        outside.followed = follow
         if follow:
-            self.forget("it follows the timecode")
-        log.info("timecode_followed", extra={"followed": follow})
+            self.forget(f"it follows the {outside.name}")
+        log.info("clock_followed", extra={"clock": outside.name, "followed": follow})
 
     def forget(self, why: str) -> None:
         """Forget the time, and log it if there was one."""
@@ -136,7 +138,7 @@ class ShowBegin:
         if (led := self.flight.elsewhere.shows.begin) is not None:
             return led.waits
         given = self._held or self._at_unix_s is not None
-        return self.flight.show_run is not None and (given or self.flight.timecode.followed)
+        return self.flight.show_run is not None and (given or self.flight.outside_clock.followed)
 
     # once a tick
 
@@ -144,13 +146,13 @@ class ShowBegin:
         """When a tick should come, on the loop's clock; None: any time is as good."""
         if (led := self.flight.elsewhere.shows.begin) is not None:
             return led.due_s(now_s)
-        show_run, timecode = self.flight.show_run, self.flight.timecode
+        show_run, outside = self.flight.show_run, self.flight.outside_clock
         if show_run is None or not self._ready or self.flight.show is not ShowPhase.ASSEMBLING:
             return None
         left_s = inf
-        if timecode.followed:
-            if timecode.runs(now_s):
-                left_s = (show_run.clock.show_s(now_s) - timecode.show_s(now_s)) / timecode.slope
+        if outside.followed:
+            if outside.runs(now_s):
+                left_s = (show_run.clock.show_s(now_s) - outside.show_s(now_s)) / outside.slope
         elif self._at_unix_s is not None:
             left_s = self._at_unix_s - self.flight.unix_s()
         return now_s + left_s if 0.0 < left_s < ALIGNS_S else None
@@ -166,8 +168,8 @@ class ShowBegin:
             self.forget("the show is over, or none is selected")
         if show_run is None:
             return
-        if flight.timecode.settings is not None:
-            flight.timecode.problem, flight.timecode.expected = "", False
+        if flight.outside_clock.settings is not None:
+            flight.outside_clock.problem, flight.outside_clock.expected = "", False
             self._keep_time(show_run, now_s, 0.0 if before_s is None else now_s - before_s)
         if flight.show is not ShowPhase.ASSEMBLING:
             self._ready = False
@@ -182,19 +184,19 @@ class ShowBegin:
 
     def _begins_s(self, show_run: ShowRun, now_s: float) -> float | None:
         """When the show begins, at the latest now; None: not yet."""
-        timecode = self.flight.timecode
-        if timecode.followed:
-            timecode.problem = why = timecode.why_not(now_s)
+        outside = self.flight.outside_clock
+        if outside.followed:
+            outside.problem = why = outside.why_not(now_s)
             if why:
                 return None
-            over_s = timecode.show_s(now_s) - show_run.clock.show_s(now_s)
+            over_s = outside.show_s(now_s) - show_run.clock.show_s(now_s)
             if over_s < -EARLY_S:
-                timecode.expected = True
-                timecode.problem = f"the timecode comes to where the show is in {-over_s:.0f} s"
+                outside.expected = True
+                outside.problem = f"the {outside.name} comes to where the show is in {-over_s:.0f} s"
                 return None
-            most_s = timecode.settings.jump_max_s if timecode.settings is not None else 0.0
+            most_s = outside.settings.jump_max_s if outside.settings is not None else 0.0
             if over_s > most_s and not show_run.begun:
-                timecode.problem = f"the timecode is {over_s:.1f} s past the show's beginning"
+                outside.problem = f"the {outside.name} is {over_s:.1f} s past the show's beginning"
                 return None
             return now_s - over_s if over_s < LONGEST_STEP_S else now_s
         if self._at_unix_s is None:
@@ -220,17 +222,17 @@ class ShowBegin:
         )
 
     def _keep_time(self, show_run: ShowRun, now_s: float, dt_s: float) -> None:
-        """Set the tempo of a show that runs by its timecode."""
-        timecode, settings = self.flight.timecode, self.flight.timecode.settings
+        """Set the tempo of a show that runs by a clock from outside."""
+        outside, settings = self.flight.outside_clock, self.flight.outside_clock.settings
         clock_s = show_run.clock.show_s(now_s) - (1.0 - show_run.rate) * min(dt_s, LONGEST_STEP_S)
-        timecode.note_show(clock_s if show_run.begun else nan)
+        outside.note_show(clock_s if show_run.begun else nan)
         stands, desired = False, 1.0
-        if show_run.clock.runs and timecode.followed and settings is not None:
-            behind_s = timecode.show_s(now_s) - clock_s
-            timecode.problem = timecode.why_not(now_s)
-            stands = bool(timecode.problem) or isnan(behind_s)
-            desired = 0.0 if stands else desired_rate(behind_s, timecode.slope, settings.catch_up)
-        timecode.note_frozen(stands, self.flight.unix_s())
+        if show_run.clock.runs and outside.followed and settings is not None:
+            behind_s = outside.show_s(now_s) - clock_s
+            outside.problem = outside.why_not(now_s)
+            stands = bool(outside.problem) or isnan(behind_s)
+            desired = 0.0 if stands else desired_rate(behind_s, outside.slope, settings.catch_up)
+        outside.note_frozen(stands, self.flight.unix_s())
         if show_run.clock.runs:
             show_run.tempo = show_run.tempo.step(desired, min(dt_s, LONGEST_STEP_S))
 

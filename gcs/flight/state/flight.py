@@ -183,7 +183,7 @@ class Flight:
         self.came_down_by: ShowPhase | None = None  # how the last show ended, if by a command
         self.excluded: dict[VehicleId, Exclusion] = {}  # taken out of the show by an operator
         self.left_behind: dict[VehicleId, str] = {}  # why vehicles do not fly with the last start
-        self.timecode = Timecode(config.timecode)
+        self.outside_clock = Timecode(config.timecode)  # that shows follow
         self.features: list[Feature] = []
         self.blinks_until_s: dict[VehicleId, float] = {}  # by `find`
         self.memory = Memory.fresh(len(self.vehicles), now_s)

@@ -35,6 +35,8 @@ class Timecode(Feature):
     Without settings there is none, and shows run by this station's clock.
     """
 
+    name: Final = "timecode"  # what people call this clock
+
     def __init__(self, settings: TimecodeSettings | None) -> None:
         self.settings = settings
         self.followed = settings is not None

@@ -126,6 +126,10 @@ export interface components {
          * @enum {string}
          */
         CheckState: "waiting" | "running" | "done" | "failed";
+        /** @description Whether shows follow the clock from outside that is configured. */
+        ClockBody: {
+            follow: boolean;
+        };
         /** @description An accepted command and its outcome for each vehicle. */
         CommandRecord: {
             accepted_unix_time_s: number;
@@ -1145,6 +1149,21 @@ export interface components {
                     };
                 };
             };
+            "/api/v1/show/clock": {
+                post: {
+                    parameters: Record<string, never>;
+                    requestBody: {
+                        content: {
+                            "application/json": components["schemas"]["ClockBody"];
+                        };
+                    };
+                    responses: {
+                        204: {
+                            content: Record<string, never>;
+                        };
+                    };
+                };
+            };
             "/api/v1/show/deselect": {
                 post: {
                     parameters: Record<string, never>;
@@ -1233,21 +1252,6 @@ export interface components {
                             content: {
                                 "application/json": components["schemas"]["CommandRecord"];
                             };
-                        };
-                    };
-                };
-            };
-            "/api/v1/show/timecode": {
-                post: {
-                    parameters: Record<string, never>;
-                    requestBody: {
-                        content: {
-                            "application/json": components["schemas"]["TimecodeBody"];
-                        };
-                    };
-                    responses: {
-                        204: {
-                            content: Record<string, never>;
                         };
                     };
                 };
@@ -2323,10 +2327,6 @@ export interface components {
              *     }
              */
             scheduling: components["schemas"]["Scheduling"];
-        };
-        /** @description Whether shows follow the timecode. */
-        TimecodeBody: {
-            follow: boolean;
         };
         /** @description The timecode that shows follow. */
         TimecodeView: {
