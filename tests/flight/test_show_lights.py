@@ -17,7 +17,7 @@ LED = {"lights": {"driver": "led-control"}}
 
 def light(show: VirtualShow, vehicle_id: str) -> tuple[int, ...]:
     """The colour that the fake vehicle received last."""
-    return tuple(show.fleet.state.light[show.config.ids.index(vehicle_id)].tolist())
+    return show.fleet.autopilots[show.config.ids.index(vehicle_id)].equipment.light
 
 
 def test_battery_is_shown_as_colour_on_the_ground() -> None:

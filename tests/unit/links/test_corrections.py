@@ -16,7 +16,7 @@ from gcs.links.rtcm_stream import RtcmStream
 from gcs.links.sender import Outbox
 from gcs.mavlink.codec import encode
 from gcs.mavlink.rtcm import LONGEST_BYTES, fragments
-from gcs.sim.protocol.corrections import Reassembly
+from gcs.sim.protocol.equipment import Reassembly
 from tests.support.kept_ports import KeptPorts
 from tests.support.rtcm import BASE, base_message, rtcm
 
