@@ -98,7 +98,7 @@ def vehicles(view: FleetView, frame: ShowFrame) -> list[schemas.Vehicle]:
         "landed": [landed.name.lower() for landed in rows.landed],
         "ready": rows.ready,
         **{COLUMNS[name].api: getattr(rows, name).tolist() for name in REST_ONLY},
-        "light": rows.lights(),
+        "colour": rows.colours(),
     }
     return _models(schemas.Vehicle, columns)
 

@@ -92,7 +92,7 @@ class _Vehicle(VehicleRecord, Motion):
     armed: bool
     landed: str = Field(description="Landed state, as the autopilot reports it.", examples=["on_ground"])
     ready: bool
-    light: str | None = Field(
+    colour: str | None = Field(
         description="Colour of the vehicle in the show now; null: it flies in no show.", examples=["#ff8000"]
     )
     # of `gcs.model.vehicle_columns`, named for typed code: the schema has all of them

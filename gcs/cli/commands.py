@@ -115,7 +115,7 @@ CALLS: Final = (
     ApiCall("shows text", "shows.text", "a show file, as it was uploaded"),
     ApiCall("shows upload", "shows.upload", "keep a show file under a name"),
     ApiCall("shows import", "shows.import_drawing", "make a show of a drawing, the file of another program"),
-    ApiCall("shows drawing", "shows.drawing", "where the vehicles of a drawn show are, and their lights"),
+    ApiCall("shows drawing", "shows.drawing", "where the vehicles of a drawn show are, and their colours"),
     ApiCall(
         "shows placement", "shows.placement", "where a drawn show lies, and the vehicles beside its pads"
     ),
@@ -175,7 +175,7 @@ ACTIONS: Final = (
     ActionCommand("land", "vehicles land where they are; without names all do, as abort"),
     ActionCommand("take-control", "take control of vehicles in the air; they hold"),
     ActionCommand("confirm-down", "say that lost vehicles were seen on the ground", all_=False),
-    ActionCommand("find", "let the lights of vehicles on the ground blink", all_=False),
+    ActionCommand("find", "let vehicles on the ground blink", all_=False),
 )
 
 

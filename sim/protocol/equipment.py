@@ -66,7 +66,7 @@ class Equipment:
         self.MESSAGES[message.get_type()](self, message, system_id)
 
     def set_actuator(self, params: Sequence[float]) -> bool:
-        """MAV_CMD_DO_SET_ACTUATOR with red, green and blue from -1 to 1 in the first three; False: refused."""
+        """MAV_CMD_DO_SET_ACTUATOR with red, green and blue from -1 to 1 in the first three. False: denied."""
         if params[6] != 0.0 or not all(-1.0 <= value <= 1.0 for value in params[:3]):
             return False
         self._show_light([round(127.5 * (value + 1.0)) for value in params[:3]])

@@ -43,7 +43,7 @@ export const SHOW_PHASES = [
   "uncontrolled",
 ] as const satisfies readonly ShowPhase[];
 
-export const FLAG = { armed: 1, ready: 2, limited: 4, commanded: 8, light: 16 } as const;
+export const FLAG = { armed: 1, ready: 2, limited: 4, commanded: 8, lit: 16 } as const;
 
 export interface Tick {
   rate_hz: number;

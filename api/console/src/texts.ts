@@ -539,7 +539,7 @@ export const texts = {
       land: "Lands where it is",
       "take-control": "From the pilot or its autopilot; it holds where it is",
       "confirm-down": "You have seen the lost or killed vehicle on the ground",
-      find: "Its lights blink for half a minute; nothing moves",
+      find: "It blinks for half a minute; nothing moves",
     },
     notIn: (phase: string): string => `Unavailable while ${phase}`,
   },

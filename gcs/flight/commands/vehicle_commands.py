@@ -8,7 +8,6 @@ from types import MappingProxyType
 from gcs.flight.maneuvers.landing_places import landing_sites_m
 from gcs.flight.maneuvers.maneuver_steps import Maneuver
 from gcs.flight.maneuvers.maneuvers import Maneuvers
-from gcs.flight.shows.lights import find
 from gcs.flight.state.flight import Flight
 from gcs.flight.state.refusals import instead, why_never, why_not_unnamed, with_alternative
 from gcs.flight.state.vehicle import Vehicle, require_phase
@@ -45,7 +44,8 @@ class VehicleCommands:
 
     def _command(self, vehicle: Vehicle, action: VehicleAction) -> CommandRecord:
         if action is VehicleAction.FIND:
-            find(self.flight, vehicle.id)
+            for feature in self.flight.features:
+                feature.find(vehicle)
             return self.flight.book.done(action, [vehicle.id])
         self._require(vehicle, action)
         if action is VehicleAction.CONFIRM_DOWN:

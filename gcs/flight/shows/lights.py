@@ -7,6 +7,7 @@ import numpy as np
 
 from gcs.flight.state.feature import Feature, Instant
 from gcs.flight.state.flight import Flight
+from gcs.flight.state.vehicle import Vehicle
 from gcs.links.lights import Colours, LightSender
 from gcs.mavlink.lights import LightDriver
 from gcs.model.errors import RefusedError
@@ -35,26 +36,25 @@ def battery_colours(remaining: Array, battery_min: float) -> Colours:
     return colour
 
 
-def find(flight: Flight, vehicle_id: VehicleId) -> None:
-    """Let a vehicle on the ground blink. Raises: RefusedError, UnknownError."""
-    vehicle = flight.vehicle(vehicle_id)
-    if flight.config.lights.driver is LightDriver.NONE:
-        raise RefusedError(f"{vehicle_id} has no lights: lights.driver of the configuration is none")
-    if vehicle.phase is not Phase.STANDBY:
-        raise RefusedError(f"{vehicle_id} is {vehicle.phase}: find is for vehicles received on the ground")
-    flight.blinks_until_s[vehicle_id] = flight.state.time_s + flight.config.lights.find_s
-
-
 class Lights(Feature):
     """Decides the colours of one fleet, and sends them over its links."""
 
     def __init__(self, flight: Flight) -> None:
         self._flight = flight
+        self._blinks_until_s: dict[VehicleId, float] = {}
         self._senders = [
             (link, LightSender(flight.config.lights, link.outbox, link.budget)) for link in flight.links
         ]
         row_of = {name: vehicle.row for name, vehicle in flight.vehicles.items()}
         self._rows = [np.array([row_of[name] for name in link.ids], np.intp) for link in flight.links]
+
+    def find(self, vehicle: Vehicle) -> None:
+        flight, name = self._flight, vehicle.id
+        if flight.config.lights.driver is LightDriver.NONE:
+            raise RefusedError(f"{name} has no lights: lights.driver of the configuration is none")
+        if vehicle.phase is not Phase.STANDBY:
+            raise RefusedError(f"{name} is {vehicle.phase}: find is for vehicles received on the ground")
+        self._blinks_until_s[name] = flight.state.time_s + flight.config.lights.find_s
 
     def send(self) -> None:
         """Send what is due; once a tick, after its setpoints."""
@@ -86,7 +86,7 @@ class Lights(Feature):
         if flight.config.lights.battery:
             known = battery_colours(flight.telemetry.battery_remaining, flight.config.preflight.battery_min)
             colour[grounded] = known[grounded]
-        for name, until_s in flight.blinks_until_s.items():
+        for name, until_s in self._blinks_until_s.items():
             row = flight.vehicles[name].row
             if grounded[row] and now_s < until_s:
                 colour[row] = FOUND if now_s % (2.0 * BLINK_S) < BLINK_S else OFF

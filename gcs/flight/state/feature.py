@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 from gcs.flight.state.running_show import ShowRun
+from gcs.flight.state.vehicle import Vehicle
 from gcs.links.intake import Intake
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.preflight_report import Check
@@ -32,6 +33,9 @@ class Feature:
 
     async def receive(self) -> None:
         """Receive its input, without end; at once over where it has none."""
+
+    def find(self, vehicle: Vehicle) -> None:
+        """Let a vehicle on the ground be found. Raises: RefusedError."""
 
     def send(self) -> None:
         """Send what waits, within the links' budgets: once a tick, after the setpoints."""

@@ -185,7 +185,6 @@ class Flight:
         self.left_behind: dict[VehicleId, str] = {}  # why vehicles do not fly with the last start
         self.outside_clock = Timecode(config.timecode)  # that shows follow
         self.features: list[Feature] = []
-        self.blinks_until_s: dict[VehicleId, float] = {}  # by `find`
         self.memory = Memory.fresh(len(self.vehicles), now_s)
         self.changed_parameters: dict[VehicleId, dict[str, str]] = {}  # changed from what preflight requires
         self.parameter_problems: dict[VehicleId, str] = {}  # why they could not be read

@@ -2374,6 +2374,11 @@ export interface components {
             autopilot: string;
             /** @description Remaining share of the battery, 0 to 1. Measured by the autopilot. */
             battery: number | null;
+            /**
+             * @description Colour of the vehicle in the show now; null: it flies in no show.
+             * @example #ff8000
+             */
+            colour: string | null;
             /** @description Time until the battery is empty; null: not known yet. Measured by the station. */
             empty_s: number | null;
             /** @description GPS_FIX_TYPE of its receiver, 3 and more with a height; null: not known. */
@@ -2394,11 +2399,6 @@ export interface components {
             landed: string;
             /** @description Latitude, WGS84. Measured by the autopilot. */
             latitude_deg: number | null;
-            /**
-             * @description Colour of the vehicle in the show now; null: it flies in no show.
-             * @example #ff8000
-             */
-            light: string | null;
             /** @description Why the safety filter limits the vehicle; empty: it does not. */
             limited_by: string;
             link: string;
