@@ -66,7 +66,8 @@ class FleetCollector:
 def _features(view: FleetView) -> Iterator[Metric]:
     """Yield nothing of a feature that is not configured."""
     for feature in view.features.reporting.values():
-        for name, text, key, value, words in feature.metrics:
+        for about, key, value, words in feature.metrics:
+            name, text = about.metric, about.text
             if words:
                 yield _labelled(name, text, key, {word: float(word == value) for word in words})
             elif isinstance(value, str):

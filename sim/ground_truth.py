@@ -72,7 +72,7 @@ def sample(fleet: AnyFleet, time_s: float) -> dict[str, object]:
                 "armed": autopilot.commander.armed,
                 "landed": autopilot.commander.landed,
                 "mode": autopilot.commander.mode.name,
-                **autopilot.equipment.truth(),
+                **autopilot.equipment.truth,
             }
             for (
                 index,

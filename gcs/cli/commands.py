@@ -128,9 +128,7 @@ CALLS: Final = (
     ApiCall("shows seek", "shows.seek", "have the selected show begin at a cue"),
     ApiCall("shows begin", "shows.begin", "have the selected show begin to move at a clock time"),
     ApiCall("shows cancel-begin", "shows.cancel_begin", "cancel that time"),
-    ApiCall(
-        "shows follow-clock", "shows.follow_clock", "have shows follow a clock from outside, or the station's"
-    ),
+    ApiCall("shows follow-clock", "shows.follow_clock", "have shows follow another clock, or the station's"),
     ApiCall("exclude", "preflight.exclude", "take a vehicle out of the show, on the ground"),
     ApiCall("include", "preflight.include", "take an excluded vehicle into the show again"),
     ApiCall("playback show", "playback.now", "how the record is played, and where it is"),

@@ -56,9 +56,11 @@ class RtkSettings(Settings):
             raise ConfigError(f"{self.source} is not a serial port")
         return place.device, place.baud
 
-    def password(self) -> str:
-        """Raises: OSError when the file cannot be read."""
-        return "" if self.password_file is None else self.password_file.read_text().split("\n", 1)[0].strip()
+    def login(self) -> str:
+        """USER:PASSWORD, or empty. Raises: OSError when the file cannot be read."""
+        written = "" if self.password_file is None else self.password_file.read_text()
+        password = written.partition("\n")[0].strip()
+        return f"{self.user}:{password}" if self.user else ""
 
     @model_validator(mode="after")
     def _check(self) -> "RtkSettings":

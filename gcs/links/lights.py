@@ -11,7 +11,7 @@ from gcs.links.sender import Outbox
 from gcs.links.stream_requests import REQUESTING_COMPONENT
 from gcs.mavlink.codec import HEADER_LENGTH
 from gcs.mavlink.kernels import Whole
-from gcs.mavlink.lights import LightDriver, light_messages
+from gcs.mavlink.lights import light_messages
 from gcs.model.state import Array, Mask
 
 Colours = NDArray[np.uint8]
@@ -66,8 +66,6 @@ class LightSender:
             now_s: the link's clock.
         """
         settings = self.settings
-        if settings.driver is LightDriver.NONE:
-            return
         self._sent_s[~may_receive] = -np.inf
         waited, replaced = ((one != self._desired).any(axis=1) for one in (self._colour, colour))
         self.dropped += int(np.count_nonzero(waited & replaced & may_receive))

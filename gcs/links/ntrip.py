@@ -6,7 +6,6 @@ of either revision: ICY, HTTP/1.0, or HTTP/1.1 with chunked transfer coding.
 
 import asyncio
 from base64 import b64encode
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
@@ -20,20 +19,15 @@ _NO_DATA: Final = ("text/", "application/json", "application/xhtml")
 
 
 async def ask_caster(
-    reader: asyncio.StreamReader,
-    writer: asyncio.StreamWriter,
-    path: str,
-    user: str,
-    password: Callable[[], str],
+    reader: asyncio.StreamReader, writer: asyncio.StreamWriter, path: str, login: str
 ) -> "Plain | Chunked":
-    """Ask for a mount point. Returns: what takes the data out of the bytes that follow.
+    """Ask for a mount point as `login`, USER:PASSWORD or empty. Returns: what takes the data out of the rest.
 
     Raises: LinkError with why there are none.
     """
     lines = [f"GET {path} HTTP/1.0", "User-Agent: NTRIP formation-gcs", "Accept: */*"]
-    if user:
-        word = b64encode(f"{user}:{password()}".encode()).decode()
-        lines.append(f"Authorization: Basic {word}")
+    if login:
+        lines.append(f"Authorization: Basic {b64encode(login.encode()).decode()}")
     writer.write("\r\n".join([*lines, "", ""]).encode())
     answer = await _line(reader)
     if answer.startswith("SOURCETABLE"):

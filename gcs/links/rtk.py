@@ -42,10 +42,9 @@ async def keep_receiving(
     settings: RtkSettings,
     take: Callable[[bytes, Place | None, float], None],
     failed: Callable[[str], None],
-    intake: Intake | None = None,
+    intake: Intake,
 ) -> None:
     """Receive without end: give each message to `take`, why there are none to `failed`."""
-    intake = intake or Intake(settings.source, CORRECTIONS)
     known, clock = "", asyncio.get_running_loop().time
     while True:
         stream, messages, useless_bytes, first = RtcmStream(), 0, 0, b""
@@ -130,7 +129,7 @@ async def _stream_chunks(settings: RtkSettings, intake: Intake) -> AsyncGenerato
         body: Plain | Chunked = Plain()
         if url.scheme != "tcp":
             async with asyncio.timeout(SILENT_S):
-                body = await ask_caster(reader, writer, url.path, settings.user, settings.password)
+                body = await ask_caster(reader, writer, url.path, settings.login())
         while not body.ended:
             async with asyncio.timeout(SILENT_S):
                 data = await reader.read(body.turn_bytes)

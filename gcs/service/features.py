@@ -1,13 +1,12 @@
 """What each feature beside the formation reports: for displays, metrics, frames and `gcs status`.
 
-A feature is one class here and one field of `Features`. REST, the status of displays, the metrics and
-`gcs status` follow from them; none of those knows a feature by name.
+A feature is one class here and one field of `Features`; REST, metrics and `gcs status` follow from them.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from math import nan
-from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, TypeAlias, get_args, get_type_hints
+from typing import Annotated, Any, ClassVar, Final, Literal, TypeAlias, get_args, get_type_hints
 
 from pydantic import Field, GetJsonSchemaHandler
 from pydantic.json_schema import JsonSchemaValue
@@ -15,10 +14,7 @@ from pydantic_core import CoreSchema
 
 from gcs.model.settings import PUBLISHED, Measured
 
-Label: TypeAlias = tuple[int, int, int, int]
-"""Hours, minutes, seconds and frames."""
-
-NO_LABEL: Final[Label] = (255, 255, 255, 255)
+NO_LABEL: Final[tuple[int, ...]] = (255, 255, 255, 255)
 
 Line: TypeAlias = Iterator[tuple[str, Literal["", "bad", "urgent"]]]
 """Parts of a line, each with how much it matters."""
@@ -36,16 +32,6 @@ class Described:
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
         return handler(schema) | {"description": self.text}
-
-
-class Metric(NamedTuple):
-    """A field's value as of now."""
-
-    name: str
-    text: str
-    key: str
-    value: int | float | str | None
-    words: tuple[str, ...]  # that it may be; none: any, or it is a number
 
 
 class FeatureView:
@@ -68,12 +54,13 @@ class FeatureView:
         return iter(())
 
     @property
-    def metrics(self) -> Iterator[Metric]:
+    def metrics(self) -> Iterator[tuple[Described, str, int | float | str | None, tuple[str, ...]]]:
+        """What describes a field, its name, its value, and what it may be; nothing: any, or a number."""
         for key, (kind, about) in self.described.items():
             value = getattr(self, key)
             if about.metric:
                 words = get_args(kind) if isinstance(value, str) else ()
-                yield Metric(about.metric, about.text, key, value, words)
+                yield about, key, value, words
 
     def at_rest(self) -> "FeatureView":
         """Return it without what moves, to be compared."""
@@ -218,11 +205,11 @@ class Features:
         return {name: view for name, view in found.items() if view is not None}
 
     @property
-    def show_clock(self) -> tuple[Label, float, float]:
+    def show_clock(self) -> tuple[tuple[int, ...], float, float]:
         """Of the clock that the show follows: its label, by how much the show is behind, and its tempo."""
         found = self.timecode
         if found is None:
             return NO_LABEL, nan, nan
-        hours, minutes, seconds, frames = map(int, found.label.split(":")) if found.label else NO_LABEL
+        label = tuple(map(int, found.label.split(":"))) if found.label else NO_LABEL
         behind_s, tempo = (nan if each is None else each for each in (found.behind_s, found.tempo))
-        return (hours, minutes, seconds, frames), behind_s, tempo
+        return label, behind_s, tempo

@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import common
 
 from gcs.sim.protocol import reports
 from gcs.sim.protocol.base import MAX_MESSAGE_ID, BaseAutopilot, Params
-from gcs.sim.protocol.equipment import SET_ACTUATOR, Equipment
+from gcs.sim.protocol.equipment import MESSAGES, SET_ACTUATOR
 from gcs.sim.protocol.frames import Message
 from gcs.sim.protocol.streams import Outbox, Schedule
 from gcs.sim.vehicle import px4
@@ -174,9 +174,6 @@ class Autopilot(BaseAutopilot):
         self.reply(self.parameter(name))
         self.reply(self.parameter(name), SECOND_PARAMETER_AFTER_S)
 
-    def _equip(self, message: Message) -> None:
-        self.equipment.receive(message, self.system_id)
-
     def _set_actuator(self, params: Params) -> Result:
         return Result.ACCEPTED if self.equipment.set_actuator(params) else Result.DENIED
 
@@ -295,7 +292,7 @@ class Autopilot(BaseAutopilot):
             "HEARTBEAT": _receive_heartbeat,
             "COMMAND_LONG": _receive_command,
             "COMMAND_INT": _receive_command,
-            **dict.fromkeys(Equipment.MESSAGES, _equip),
+            **dict.fromkeys(MESSAGES, lambda self, each: self.equipment.receive(each, self.system_id)),
             "PING": _receive_ping,
             "TIMESYNC": _receive_timesync,
             "PARAM_REQUEST_READ": _receive_parameter_read,

@@ -3,14 +3,14 @@
 GPS_RTCM_DATA is put together as PX4 does: fragments of one sequence, in any order.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from types import MappingProxyType
-from typing import ClassVar
+from collections.abc import Sequence
+from typing import Any
 
 from pymavlink.dialects.v20 import common
 
 from gcs.sim.protocol.frames import Message
 
+MESSAGES = ("GPS_RTCM_DATA", "LED_CONTROL", "NAMED_VALUE_FLOAT")
 SET_ACTUATOR = common.MAV_CMD_DO_SET_ACTUATOR
 CUSTOM_PATTERN = 255  # LED_CONTROL_PATTERN_CUSTOM
 FRAGMENT_BYTES = 180
@@ -46,57 +46,36 @@ class Reassembly:
 
 
 class Equipment:
-    """That of one vehicle, and what it has received."""
+    """That of one vehicle; `truth` is what it has received, in the keys of a truth file."""
 
     def __init__(self) -> None:
-        self.light = (0, 0, 0)  # red, green, blue
-        self.lights_received = self.corrections_received = 0  # colours, and whole RTCM messages
+        self.truth: dict[str, Any] = {"light": "#000000", "corrections_received": 0, "lights_received": 0}
         self._corrections = Reassembly()
 
-    def truth(self) -> dict[str, object]:
-        """Its keys of a truth file."""
-        received = {
-            "corrections_received": self.corrections_received,
-            "lights_received": self.lights_received,
-        }
-        return {"light": "#" + bytes(self.light).hex(), **received}
-
     def receive(self, message: Message, system_id: int) -> None:
-        """Take a message of `MESSAGES`."""
-        self.MESSAGES[message.get_type()](self, message, system_id)
+        """Take a message of `MESSAGES`.
+
+        No driver of stock PX4 reads LED_CONTROL; this vehicle has one that does. PX4 publishes the named
+        value "rgb17" of system 17 as debug_key_value. RTCM counts once it is whole, and its length is right.
+        """
+        match message.get_type():
+            case "LED_CONTROL" if message.pattern == CUSTOM_PATTERN and message.custom_len == 3:
+                self._show(message.custom_bytes[:3])
+            case "NAMED_VALUE_FLOAT" if message.name == f"rgb{system_id}" and 0 <= message.value < 1 << 24:
+                self._show(int(message.value).to_bytes(3, "big"))
+            case "GPS_RTCM_DATA":
+                whole = self._corrections.take(message.flags, bytes(message.data[: message.len]))
+                if whole is not None and whole[:1] == RTCM_PREAMBLE:
+                    size = int.from_bytes(whole[1:3], "big") & 0x3FF
+                    self.truth["corrections_received"] += len(whole) == size + 6
 
     def set_actuator(self, params: Sequence[float]) -> bool:
         """MAV_CMD_DO_SET_ACTUATOR with red, green and blue from -1 to 1 in the first three. False: denied."""
-        if params[6] != 0.0 or not all(-1.0 <= value <= 1.0 for value in params[:3]):
-            return False
-        self._show_light([round(127.5 * (value + 1.0)) for value in params[:3]])
-        return True
+        allowed = params[6] == 0.0 and all(-1.0 <= value <= 1.0 for value in params[:3])
+        if allowed:
+            self._show([round(127.5 * (value + 1.0)) for value in params[:3]])
+        return allowed
 
-    def _receive_led(self, message: Message, _: int) -> None:
-        """LED_CONTROL: no driver of stock PX4 reads it; this vehicle has one that does."""
-        if message.pattern == CUSTOM_PATTERN and message.custom_len == 3:
-            self._show_light(message.custom_bytes[:3])
-
-    def _receive_named_value(self, message: Message, system_id: int) -> None:
-        """Read NAMED_VALUE_FLOAT "rgb17" of system 17, which PX4 publishes as debug_key_value."""
-        if message.name == f"rgb{system_id}" and 0 <= message.value < 1 << 24:
-            self._show_light(int(message.value).to_bytes(3, "big"))
-
-    def _receive_correction(self, message: Message, _: int) -> None:
-        """GPS_RTCM_DATA: a message counts once all its fragments are here, and its RTCM length is right."""
-        whole = self._corrections.take(message.flags, bytes(message.data[: message.len]))
-        if whole is not None and whole[:1] == RTCM_PREAMBLE:
-            size = int.from_bytes(whole[1:3], "big") & 0x3FF
-            self.corrections_received += len(whole) == size + 6
-
-    def _show_light(self, colour: Sequence[int]) -> None:
-        red, green, blue = colour
-        self.light, self.lights_received = (red, green, blue), self.lights_received + 1
-
-    MESSAGES: ClassVar[Mapping[str, Callable[["Equipment", Message, int], None]]] = MappingProxyType(
-        {
-            "GPS_RTCM_DATA": _receive_correction,
-            "LED_CONTROL": _receive_led,
-            "NAMED_VALUE_FLOAT": _receive_named_value,
-        }
-    )
+    def _show(self, colour: Sequence[int]) -> None:
+        self.truth["light"] = "#" + bytes(colour).hex()
+        self.truth["lights_received"] += 1

@@ -47,7 +47,12 @@ def test_start_needs_recent_corrections_where_required() -> None:
         assert not stopped(show)
         check = next(each for each in show.service.preflight.report().fleet if each.name == "corrections")
         assert check.passes
-        assert [each.equipment.corrections_received for each in show.fleet.autopilots] == [2, 2, 2, 2]
+        assert [each.equipment.truth["corrections_received"] for each in show.fleet.autopilots] == [
+            2,
+            2,
+            2,
+            2,
+        ]
         show.service.commands.command_show(ShowAction.START)
 
     fly(story, show_config(4, **RTK))

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import chain
 from typing import Final
 
 import numpy as np
@@ -71,9 +70,7 @@ def fleet_view(
         countdown_s=None if start_unix_s is None else max(0.0, start_unix_s - unix_time_s),
         failsafes=tuple(failsafes),
         alarms=tuple(alarms),
-        features=Features(
-            **dict(chain.from_iterable(one.views(flight.instant).items() for one in flight.features))
-        ),
+        features=Features(**{one.name: one.view(flight.instant) for one in flight.features}),  # type: ignore[arg-type]
     )
 
 

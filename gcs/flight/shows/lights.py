@@ -1,8 +1,5 @@
 """Colours of the vehicles' own lights: those of the show in the air, those of the battery on the ground."""
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from gcs.flight.state.feature import Feature, Instant
@@ -39,14 +36,15 @@ def battery_colours(remaining: Array, battery_min: float) -> Colours:
 class Lights(Feature):
     """Decides the colours of one fleet, and sends them over its links."""
 
+    name = "lights"
+
     def __init__(self, flight: Flight) -> None:
         self._flight = flight
         self._blinks_until_s: dict[VehicleId, float] = {}
-        self._senders = [
-            (link, LightSender(flight.config.lights, link.outbox, link.budget)) for link in flight.links
-        ]
         row_of = {name: vehicle.row for name, vehicle in flight.vehicles.items()}
-        self._rows = [np.array([row_of[name] for name in link.ids], np.intp) for link in flight.links]
+        rows = [np.array([row_of[name] for name in link.ids], np.intp) for link in flight.links]
+        senders = [LightSender(flight.config.lights, link.outbox, link.budget) for link in flight.links]
+        self._senders = [*zip(flight.links, senders, rows, strict=True)]
 
     def find(self, vehicle: Vehicle) -> None:
         flight, name = self._flight, vehicle.id
@@ -63,15 +61,15 @@ class Lights(Feature):
             return
         colour = self.colours()
         ours = flight.elsewhere.owned
-        for (link, sender), rows in zip(self._senders, self._rows, strict=True):
+        for link, sender, rows in self._senders:
             if (reached := link.reached()) is not None:
                 now_s, connected = reached
                 sender.send(colour[rows], ours[rows] & connected, now_s)
 
-    def views(self, at: Instant) -> Mapping[str, Any]:  # noqa: ARG002
-        sent = sum(sender.sent for _, sender in self._senders)
-        dropped = sum(sender.dropped for _, sender in self._senders)
-        return {"lights": LightsView(self._flight.config.lights.driver.value, sent, dropped)}
+    def view(self, at: Instant) -> LightsView:  # noqa: ARG002
+        sent = sum(sender.sent for _, sender, _ in self._senders)
+        dropped = sum(sender.dropped for _, sender, _ in self._senders)
+        return LightsView(self._flight.config.lights.driver.value, sent, dropped)
 
     def colours(self) -> Colours:
         """(n, 3) red, green, blue; rows as in FleetState."""

@@ -1,17 +1,15 @@
 """Corrections for RTK: what arrived from the base, and how old it is."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from gcs.flight.state.feature import Feature, Instant
 from gcs.links.batch_link import Link
-from gcs.links.corrections import CorrectionSender
+from gcs.links.corrections import LONGEST_BYTES, CorrectionSender
 from gcs.links.features import RtkSettings
 from gcs.links.intake import Intake
 from gcs.links.rtk import CORRECTIONS, keep_receiving
-from gcs.mavlink.rtcm import LONGEST_BYTES
 from gcs.model.preflight_report import Check, State
 from gcs.service.alarms import AlarmCause, Condition
 from gcs.service.features import CorrectionsView
@@ -20,9 +18,11 @@ from gcs.service.features import CorrectionsView
 class Corrections(Feature):
     """Corrections of one station; without settings none are expected. Used on the event loop only."""
 
+    name = "corrections"
+
     def __init__(self, settings: RtkSettings | None, links: Sequence[Link], now_s: float) -> None:
         self.settings = settings
-        self._intake = Intake(f"rtk {settings.source}" if settings else "rtk", CORRECTIONS)
+        self.intakes = (Intake(f"rtk {settings.source}" if settings else "rtk", CORRECTIONS),)
         self._senders = [(link, CorrectionSender(link.outbox, link.budget)) for link in links]
         self._began_s = now_s
         self._arrived_s = -np.inf
@@ -30,13 +30,9 @@ class Corrections(Feature):
         self._base: tuple[float, float, float] | None = None
         self._problem = ""
 
-    @property
-    def intakes(self) -> tuple[Intake]:
-        return (self._intake,)
-
     async def receive(self) -> None:
         if self.settings is not None:
-            await keep_receiving(self.settings, self.take, self.failed, self._intake)
+            await keep_receiving(self.settings, self.take, self.failed, *self.intakes)
 
     def take(self, message: bytes, base: tuple[float, float, float] | None, now_s: float) -> None:
         """Queue one RTCM message for all vehicles; `base` is where the base is, None: not known yet."""
@@ -87,11 +83,8 @@ class Corrections(Feature):
             consequence = "Margins grow with the accuracy that the vehicles report."
             yield Condition(AlarmCause.CORRECTIONS_STOPPED, why, consequence=consequence)
 
-    def views(self, at: Instant) -> Mapping[str, Any]:
-        return {"corrections": self.view(at.time_s)}
-
-    def view(self, now_s: float) -> CorrectionsView | None:
-        """What displays need; None: none are expected."""
+    def view(self, at: Instant) -> CorrectionsView | None:
+        now_s = at.time_s
         if self.settings is None:
             return None
         latitude_deg, longitude_deg, height_m = self._base or (np.nan,) * 3
@@ -106,5 +99,5 @@ class Corrections(Feature):
             messages=self._messages,
             received_bytes=self._bytes,
             sent=sum(sender.sent for _, sender in self._senders),
-            dropped=self._too_long + self._intake.dropped + late,
+            dropped=self._too_long + self.intakes[0].dropped + late,
         )

@@ -1,8 +1,8 @@
 """The timecode of one station: what arrived, and how the selected show stands to it."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from math import isnan, nan
-from typing import Any, Final
+from typing import Final
 
 from gcs.flight.state.feature import Feature, Instant
 from gcs.flight.state.running_show import ShowRun
@@ -35,7 +35,7 @@ class Timecode(Feature):
     Without settings there is none, and shows run by this station's clock.
     """
 
-    name: Final = "timecode"  # what people call this clock
+    name = "timecode"
 
     def __init__(self, settings: TimecodeSettings | None) -> None:
         self.settings = settings
@@ -43,22 +43,16 @@ class Timecode(Feature):
         self.problem = ""  # why the show waits or stands still
         self.frozen_since_unix_s: float | None = None  # a running show stands still, or comes to rest
         self.expected = False  # it waits as it should: the timecode comes to where the show is
-        freewheel_s, jump_max_s = (
-            (1.0, 1.0) if settings is None else (settings.freewheel_s, settings.jump_max_s)
-        )
-        self._chase = Chase(freewheel_s, jump_max_s)
+        self._chase = Chase(settings.freewheel_s, settings.jump_max_s) if settings else Chase(1.0, 1.0)
         self._failed = ""
         self._readings = self._garbage = 0
-        self._intake = Intake(f"timecode {settings.source}" if settings else "timecode", bound_of(settings))
+        source = settings.source if settings else "none"
+        self.intakes = (Intake(f"timecode {source}", bound_of(settings)),)
         self._begins: tuple[Rate, float] | None = None  # the timecode of a show's beginning, at that rate
-
-    @property
-    def intakes(self) -> tuple[Intake]:
-        return (self._intake,)
 
     async def receive(self) -> None:
         if self.settings is not None:
-            await keep_receiving(self.settings, self, self._intake)
+            await keep_receiving(self.settings, self, *self.intakes)
 
     def take(self, reading: Reading, now_s: float) -> None:
         """Take a reading that has just arrived."""
@@ -137,12 +131,8 @@ class Timecode(Feature):
             severity = AlarmSeverity.WARNING if self.is_missing(now_s) else None
             yield Condition(AlarmCause.TIMECODE, why, consequence=consequence, severity=severity)
 
-    def views(self, at: Instant) -> Mapping[str, Any]:
-        return {"timecode": self.view(at.show_run, at.time_s)}
-
-    def view(self, show_run: ShowRun | None, now_s: float) -> TimecodeView | None:
-        """What displays need; None: none is configured."""
-        settings, chase = self.settings, self._chase
+    def view(self, at: Instant) -> TimecodeView | None:
+        settings, chase, now_s, show_run = self.settings, self._chase, at.time_s, at.show_run
         if settings is None:
             return None
         time_s, rate = chase.time_s(now_s), chase.rate
@@ -161,5 +151,5 @@ class Timecode(Feature):
             frozen_since_unix_time_s=self.frozen_since_unix_s if follows else None,
             readings=self._readings,
             garbage=self._garbage,
-            dropped=self._intake.dropped,
+            dropped=self.intakes[0].dropped,
         )
