@@ -209,10 +209,10 @@ async def cancel_begin(context: ContextDep) -> service.SelectedShow:
     return context.service.player.cancel_begin()
 
 
-@selected.post("/clock", summary="Follow a clock from outside", **command(status=HTTPStatus.NO_CONTENT))
-async def follow_clock(body: requests.ClockBody, context: ContextDep) -> None:
+@selected.post("/external-clock", summary="Follow an external clock", **command(status=HTTPStatus.NO_CONTENT))
+async def follow_external_clock(body: requests.ClockBody, context: ContextDep) -> None:
     """`follow: false` has shows run by this station's clock."""
-    context.service.player.follow_clock(body.follow)
+    context.service.player.follow_external_clock(body.follow)
 
 
 def _replaying(context: Context) -> service.Replaying:

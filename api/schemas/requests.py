@@ -253,7 +253,7 @@ class BeginBody(Inward):
 
 
 class ClockBody(Inward):
-    """Whether shows follow the clock from outside that is configured."""
+    """Whether shows follow the external clock that is configured."""
 
     follow: bool
 

@@ -128,7 +128,11 @@ CALLS: Final = (
     ApiCall("shows seek", "shows.seek", "have the selected show begin at a cue"),
     ApiCall("shows begin", "shows.begin", "have the selected show begin to move at a clock time"),
     ApiCall("shows cancel-begin", "shows.cancel_begin", "cancel that time"),
-    ApiCall("shows follow-clock", "shows.follow_clock", "have shows follow another clock, or the station's"),
+    ApiCall(
+        "shows follow-external-clock",
+        "shows.follow_external_clock",
+        "yes: shows run by the timecode, no: by the station's clock",
+    ),
     ApiCall("exclude", "preflight.exclude", "take a vehicle out of the show, on the ground"),
     ApiCall("include", "preflight.include", "take an excluded vehicle into the show again"),
     ApiCall("playback show", "playback.now", "how the record is played, and where it is"),

@@ -226,9 +226,9 @@ class ShowsCalls(Calls):
     def cancel_begin(self) -> service.SelectedShow:
         """Cancel that time; in the air the show then waits for another."""
 
-    @calls("POST", "/api/v1/show/clock")
-    def follow_clock(self, follow: bool) -> None:
-        """Let shows follow a clock from outside, or this station's."""
+    @calls("POST", "/api/v1/show/external-clock")
+    def follow_external_clock(self, follow: bool) -> None:
+        """Let shows follow an external clock, or this station's."""
 
 
 class Client(Calls):

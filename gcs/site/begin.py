@@ -86,7 +86,7 @@ class FollowedBegin(LedBegin):
             self.local.begin_now(show_run, begins_s)
 
     def _watch_clock(self, show_run: ShowRun | None, now_s: float) -> None:
-        """Say that the own clock from outside is not followed, because another station leads."""
+        """Say that the own external clock is not followed, because another station leads."""
         outside, led = self.flight.outside_clock, self.member.show_traffic.led
         if outside.settings is None:
             return

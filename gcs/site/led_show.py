@@ -43,7 +43,7 @@ RATE_MAX: Final = 2.0
 
 @dataclass(frozen=True, slots=True)
 class LedClock:
-    """The clock from outside that a lead has configured."""
+    """The external clock that a lead has configured."""
 
     runs: bool
     followed: bool
@@ -86,7 +86,7 @@ class ShowTraffic:
         self._parts: tuple[str, dict[VehicleId, int]] = ("", {})  # of the show with this hash
         self._sent_parts: Mapping[VehicleId, int] | None = None
         self._due_s = self._parts_due_s = -inf
-        self._led_by_a_clock = False  # a show or a clock from outside, when the newest message was sent
+        self._led_by_a_clock = False  # a show or an external clock, when the newest message was sent
         self.begins_s: Callable[[float], float | None] = lambda _: None  # when the lead's show begins
 
     def parts_of(self, show_hash: str, count: int) -> dict[VehicleId, int]:

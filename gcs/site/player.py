@@ -76,9 +76,9 @@ class SitePlayer:
         begin = None if grounded else BeginView(BeginState.HELD, None, None)
         return replace(self.local.selected(), begin=begin)
 
-    def follow_clock(self, follow: bool) -> None:
+    def follow_external_clock(self, follow: bool) -> None:
         if self.shows.leads:
-            self.local.follow_clock(follow)
+            self.local.follow_external_clock(follow)
             return
         self._need_lead_here()
         led = self.member.show_traffic.led
@@ -87,7 +87,7 @@ class SitePlayer:
             raise RefusedError(
                 f"no {self.flight.outside_clock.name} is configured at station {station}, which leads"
             )
-        self._ask("follow-clock", "yes" if follow else "no")
+        self._ask("follow-external-clock", "yes" if follow else "no")
 
     def _need_lead(self, what: str) -> None:
         self.flight.need_no_countdown()
@@ -127,8 +127,8 @@ class SitePlayer:
                 self.local.begin_at(float(request.value))
             case "cancel-begin":
                 self.local.cancel_begin()
-            case "follow-clock":
-                self.local.follow_clock(request.value == "yes")
+            case "follow-external-clock":
+                self.local.follow_external_clock(request.value == "yes")
 
     def advance(self) -> None:
         """Select the show that another station asked for, once its drawing is read; once a tick."""

@@ -200,7 +200,7 @@ def test_a_show_waits_for_its_timecode_and_is_let_go_by_hand(tmp_path: Path) -> 
             assert "past the show's beginning" in timecode(show).problem
         refusal = await refused(show, lambda: show.service.player.begin_at(show.unix() + 5.0))
         assert (refusal.kind, "follow the timecode" in refusal.text) == (RefusedError, True)
-        show.service.player.follow_clock(False)
+        show.service.player.follow_external_clock(False)
         await show.reach(ShowPhase.RUNNING, 1.0)
         await show.wait(3.0)
         assert selected(show).clock_s == pytest.approx(3.0, abs=0.11)
@@ -217,7 +217,7 @@ def test_a_show_frozen_without_timecode_goes_on_by_the_clock(tmp_path: Path) -> 
         async with Source(show).runs(from_s=-2.0):
             await show.until(lambda: selected(show).clock_s > 3.0, 20.0)
         await show.until(lambda: timecode(show).tempo == 0.0, 5.0)
-        show.service.player.follow_clock(False)
+        show.service.player.follow_external_clock(False)
         await show.wait(3.0)
         clock_s = selected(show).clock_s
         await show.wait(5.0)

@@ -104,7 +104,7 @@ def test_all_stations_follow_the_timecode_of_the_lead(tmp_path: Path) -> None:
         await show.wait(5.0)
         assert [selected(show, name).clock_s for name in show.stations] == pytest.approx(stopped_s, abs=1e-3)
         assert np.ptp(stopped_s) < ALLOWED_S
-        show["south"].service.player.follow_clock(False)
+        show["south"].service.player.follow_external_clock(False)
         await show.wait(10.0)
         later_s = np.subtract([selected(show, name).clock_s for name in show.stations], stopped_s)
         assert later_s == pytest.approx([9.0, 9.0], abs=1.0)
@@ -140,6 +140,6 @@ def test_no_timecode_is_followed_where_the_lead_has_none(tmp_path: Path) -> None
         choose(show, "north")
         await show.wait(2.0)
         with pytest.raises(RefusedError, match="no timecode is configured at station north, which leads"):
-            show["south"].service.player.follow_clock(True)
+            show["south"].service.player.follow_external_clock(True)
 
     fly_site(story, written_config(tmp_path, 2), **BUS)

@@ -73,7 +73,7 @@ EVERYTHING = [
     "shows begin 9000000000",
     "shows cancel-begin",
     "timecode",
-    "shows follow-clock no",
+    "shows follow-external-clock no",
     "shows deselect",
     "shows remove lighthouse",
     "exclude d1 --reason cracked",

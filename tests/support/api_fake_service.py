@@ -254,7 +254,7 @@ class FakeService:
         self.selected = replace(self.selected, begin=None)
         return self.selected
 
-    def follow_clock(self, follow: bool) -> None:
+    def follow_external_clock(self, follow: bool) -> None:
         timecode = self.features.timecode
         if timecode is None:
             raise RefusedError("no timecode is configured")

@@ -80,7 +80,7 @@ class ShowBegin:
 
     @property
     def follows_clock(self) -> bool:
-        """Whether a clock from outside says when the show begins."""
+        """Whether an external clock says when the show begins."""
         led = self.flight.elsewhere.shows.begin
         return self.flight.outside_clock.followed if led is None else led.follows_clock
 
@@ -92,15 +92,15 @@ class ShowBegin:
         self._show(show_run)
         log.info("show_begin_cancelled", extra={"show": show_run.name, "held": self._held})
 
-    def follow_clock(self, follow: bool) -> None:
-        """Follow the clock from outside, or this station's. Raises: RefusedError."""
+    def follow_external_clock(self, follow: bool) -> None:
+        """Follow the external clock, or this station's. Raises: RefusedError."""
         outside = self.flight.outside_clock
         if outside.settings is None:
             raise RefusedError(f"no {outside.name} is configured")
         outside.followed = follow
         if follow:
             self.forget(f"it follows the {outside.name}")
-        log.info("clock_followed", extra={"clock": outside.name, "followed": follow})
+        log.info("external_clock_followed", extra={"clock": outside.name, "followed": follow})
 
     def forget(self, why: str) -> None:
         """Forget the time, and log it if there was one."""
@@ -222,7 +222,7 @@ class ShowBegin:
         )
 
     def _keep_time(self, show_run: ShowRun, now_s: float, dt_s: float) -> None:
-        """Set the tempo of a show that runs by a clock from outside."""
+        """Set the tempo of a show that runs by an external clock."""
         outside, settings = self.flight.outside_clock, self.flight.outside_clock.settings
         clock_s = show_run.clock.show_s(now_s) - (1.0 - show_run.rate) * min(dt_s, LONGEST_STEP_S)
         outside.note_show(clock_s if show_run.begun else nan)

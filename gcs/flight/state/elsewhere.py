@@ -88,7 +88,7 @@ class LedBegin(Protocol):
 
     @property
     def follows_clock(self) -> bool:
-        """Whether a clock from outside says when."""
+        """Whether an external clock says when."""
 
     @property
     def waits(self) -> bool:

@@ -182,7 +182,7 @@ def test_a_time_to_begin_is_set_shown_and_cancelled(api: Api) -> None:
 
 
 def test_timecode_is_shown_and_let_go(api: Api) -> None:
-    follow = "/api/v1/show/clock"
+    follow = "/api/v1/show/external-clock"
     assert "no timecode is configured" in detail(api("POST", follow, json={"follow": False}), 409)
     assert api("GET", "/api/v1/fleet").json()["features"]["timecode"] is None
     api.service.features = Features(timecode=VIEW)

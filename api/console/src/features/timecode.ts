@@ -78,7 +78,7 @@ function stance(state: State, found: Timecode): TemplateResult {
 }
 
 function follow(actions: PanelActions, follow: boolean): void {
-  void actions.ask(t.title, (api) => api.POST("/api/v1/show/clock", { body: { follow } }), follow ? t.follows : t.letGo);
+  void actions.ask(t.title, (api) => api.POST("/api/v1/show/external-clock", { body: { follow } }), follow ? t.follows : t.letGo);
 }
 
 /** Across the page wherever timecode is configured; red while the show is frozen without it. */

@@ -126,7 +126,7 @@ export interface components {
          * @enum {string}
          */
         CheckState: "waiting" | "running" | "done" | "failed";
-        /** @description Whether shows follow the clock from outside that is configured. */
+        /** @description Whether shows follow the external clock that is configured. */
         ClockBody: {
             follow: boolean;
         };
@@ -1149,14 +1149,9 @@ export interface components {
                     };
                 };
             };
-            "/api/v1/show/clock": {
+            "/api/v1/show/deselect": {
                 post: {
                     parameters: Record<string, never>;
-                    requestBody: {
-                        content: {
-                            "application/json": components["schemas"]["ClockBody"];
-                        };
-                    };
                     responses: {
                         204: {
                             content: Record<string, never>;
@@ -1164,9 +1159,14 @@ export interface components {
                     };
                 };
             };
-            "/api/v1/show/deselect": {
+            "/api/v1/show/external-clock": {
                 post: {
                     parameters: Record<string, never>;
+                    requestBody: {
+                        content: {
+                            "application/json": components["schemas"]["ClockBody"];
+                        };
+                    };
                     responses: {
                         204: {
                             content: Record<string, never>;
