@@ -41,7 +41,7 @@ HEADER: Final = np.dtype(
 )
 
 FLOATS: Final = tuple(FRAME)
-"""Columns in single precision, in their order."""
+"""Columns in single precision, in their order: their table is `gcs.model.vehicle_columns.FRAME`."""
 
 BYTES: Final = ("phase", "mode", "landed", "flags", "red", "green", "blue")
 """Columns of bytes, in their order."""

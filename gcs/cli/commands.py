@@ -73,7 +73,7 @@ COMMANDS: Final = {
     "alarms": CliCommand("alarms", "what an operator should know now, the most severe first", WATCHED),
     "acknowledge": CliCommand("alarms", "say that an alarm was seen"),
     "preflight": CliCommand("status", "what a start would find"),
-    "kill": CliCommand("kill", "stop motors now, even in the air; works without the service"),
+    "kill": CliCommand("kill.kill", "stop motors now, even in the air; works without the service"),
     "timecode": CliCommand("timecode", "read linear timecode from sound, and send it on", LINES),
     "sim": CliCommand("main", "run a fake fleet alone, as python -m gcs.sim does", LINES),
     "completion": CliCommand("main", "print what a shell needs to complete gcs"),

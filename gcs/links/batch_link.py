@@ -21,7 +21,6 @@ import numpy as np
 from gcs.links import receiver, sender
 from gcs.links.address_book import Addresses
 from gcs.links.autopilots import Autopilot
-from gcs.links.budget import Budget
 from gcs.links.command_protocol import CommandChannel, CommandProtocol, KillLatch
 from gcs.links.endpoints.ports import Ports
 from gcs.links.endpoints.streams import LinkPorts
@@ -29,6 +28,7 @@ from gcs.links.forwarding import Forwarding
 from gcs.links.link import Absent, Address, Command, Counters, Observer, ParameterValue, Verb
 from gcs.links.receiver import Inbox, ParameterUpdates
 from gcs.links.round_trips import RoundTrips
+from gcs.links.send_budget import Budget
 from gcs.links.sender import Outbox, SentSetpoints, SetpointBatch, before_it_leaves_s, most_urgent_first
 from gcs.links.settings import EXTRA_BYTES_PER_S, Forward, Place, check_system_ids
 from gcs.links.signing import SignatureFilter, Signing

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from gcs.links.budget import Budget
+from gcs.links.send_budget import Budget
 from gcs.links.sender import Outbox
 from gcs.mavlink.codec import HEADER_LENGTH, Records, records
 

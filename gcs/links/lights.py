@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.links.budget import Budget
 from gcs.links.features import LightSettings
+from gcs.links.send_budget import Budget
 from gcs.links.sender import Outbox
 from gcs.links.stream_requests import REQUESTING_COMPONENT
 from gcs.mavlink.codec import HEADER_LENGTH

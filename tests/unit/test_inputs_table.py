@@ -31,7 +31,7 @@ LOCAL = {
     "gcs/shows/formats/csv_show.py": "writes a zip",
     "gcs/shows/formats/skybrush_writer.py": "writes a zip",
     "gcs/recording/audit_database.py": "the record, in a folder of our own",
-    "gcs/cli/kill_plan.py": "the record, in a folder of our own",
+    "gcs/cli/kill/plan.py": "the record, in a folder of our own",
 }
 """Files that open something, and read no stranger's bytes from it."""
 
