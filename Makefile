@@ -52,7 +52,7 @@ soak: ready compiled  ## what a week needs: all variants, twenty kills, long flo
 	$(BIN)/pytest -m "realtime and soak" -n 0 --timeout 1800 tests
 	$(BIN)/pytest -m hypothesis --hypothesis-profile=soak -n 0 --timeout 1800 tests
 
-quick: .venv/ready compiled  ## between edits: linters, types, contracts, units, properties, two virtual flights
+quick: .venv/ready compiled  ## between edits: linters, types, contracts, units, properties, two files of virtual flights
 	@$(MAKE) --no-print-directory -j2 --output-sync=target check units
 
 units: .venv/ready

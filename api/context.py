@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import count
-from typing import Annotated, Any, Final, cast
+from typing import Annotated, Final, cast
 
 from fastapi import Depends
 from starlette.requests import HTTPConnection
@@ -28,14 +28,6 @@ STATUS_S: Final = 0.5
 
 VIEWERS_MAX: Final = 32
 """Most viewers: each costs time of the event loop, and memory for what it has not read yet."""
-
-
-STILL: Final[dict[str, Any]] = {
-    **dict.fromkeys(("age_s", "behind_s", "slope", "tempo"), 0.0),
-    **dict.fromkeys(("readings", "garbage", "dropped"), 0),
-    "label": "",
-}
-"""What moves of a timecode: frames contain it, or nothing shows it."""
 
 
 def _slowly(selected: SelectedShow) -> SelectedShow:
@@ -82,8 +74,6 @@ class Feed:
             began_unix_time_s=self._began_unix_s,
             timeline=[] if view.selected is None else list(view.selected.timeline),
             shows_refused=service.shows.why_not_kept,
-            lights="none" if view.lights is None else view.lights.driver,
-            corrections=view.corrections is not None,
             map=self._ground,
             flight_envelope=view.flight_envelope,
             limits=sorted(set(view.rows.limited_by) - {""}),
@@ -111,7 +101,7 @@ class Feed:
             self._problem(),
             (view.show, view.reason, view.plan, view.flight_envelope, view.start_unix_time_s),
             None if selected is None else _slowly(selected),
-            None if view.timecode is None else replace(view.timecode, **STILL),
+            {name: each.at_rest() for name, each in view.features.reporting.items()},
             None if playback is None else replace(playback, position_s=0.0),
             (view.interrupted, view.alarms),
             events[-1].number if events else 0,

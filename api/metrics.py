@@ -6,7 +6,6 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from enum import StrEnum
 from math import isfinite
-from typing import get_args
 
 from fastapi import APIRouter
 from prometheus_client import CollectorRegistry
@@ -19,7 +18,7 @@ from gcs.api.openapi import TOKEN
 from gcs.api.schemas.convert import current_alarms as current
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.vehicle_columns import COLUMNS
-from gcs.service import FleetView, StationView, TimecodeState
+from gcs.service import FleetView, StationView
 from gcs.service.alarms import AlarmCause, AlarmSeverity, OverallSeverity, overall
 
 router = APIRouter()
@@ -59,45 +58,24 @@ class FleetCollector:
         yield CounterMetricFamily("gcs_calls_denied", "Calls that were denied.", self.denied)
         yield CounterMetricFamily("gcs_calls_shed", "Denied calls that exceeded the rate.", self.shed)
         yield InfoMetricFamily("gcs_access", "Whether the service demands tokens.", {"access": self.access})
-        yield from _corrections(view)
-        yield from _timecode(view)
-        yield from _lights(view)
+        yield from _features(view)
         yield from _stations(view)
         yield from _vehicles(view)
 
 
-def _corrections(view: FleetView) -> Iterator[Metric]:
-    """Yield nothing where no corrections are configured."""
-    if (found := view.corrections) is None:
-        return
-    yield _gauge("gcs_corrections_age_seconds", "Since the newest correction for RTK.", found.age_s)
-    yield CounterMetricFamily("gcs_corrections_received", "RTCM messages of the base.", found.messages)
-    yield CounterMetricFamily("gcs_corrections_received_bytes", "Bytes of these.", found.received_bytes)
-    yield CounterMetricFamily("gcs_corrections_sent", "Messages that left, over all links.", found.sent)
-    yield CounterMetricFamily("gcs_corrections_dropped", "Messages that did not leave.", found.dropped)
-
-
-def _timecode(view: FleetView) -> Iterator[Metric]:
-    """Yield nothing where no timecode is configured."""
-    if (found := view.timecode) is None:
-        return
-    states = {state: float(state == found.state) for state in get_args(TimecodeState)}
-    yield _labelled("gcs_timecode_state", "1 for how it is with the timecode.", "state", states)
-    yield _gauge("gcs_timecode_age_seconds", "Since the newest reading that was followed.", found.age_s)
-    yield _gauge("gcs_timecode_behind_seconds", "By how much the show is behind it.", found.behind_s)
-    yield _gauge("gcs_show_tempo", "How fast the show runs by its timecode; 0: it stands.", found.tempo)
-    yield CounterMetricFamily("gcs_timecode_readings", "Readings of the timecode.", found.readings)
-    yield CounterMetricFamily("gcs_timecode_garbage", "Its messages that make no sense.", found.garbage)
-    yield CounterMetricFamily("gcs_timecode_dropped", "Its messages that were not read.", found.dropped)
-
-
-def _lights(view: FleetView) -> Iterator[Metric]:
-    """Yield nothing of a replay."""
-    if (found := view.lights) is None:
-        return
-    yield InfoMetricFamily("gcs_lights", "Driver of the vehicles' lights.", {"driver": found.driver})
-    yield CounterMetricFamily("gcs_lights_sent", "Colours that left, over all links.", found.sent)
-    yield CounterMetricFamily("gcs_lights_dropped", "Colours replaced before they left.", found.dropped)
+def _features(view: FleetView) -> Iterator[Metric]:
+    """Yield nothing of a feature that is not configured."""
+    for feature in view.features.reporting.values():
+        for about, key, value, words in feature.metrics:
+            name, text = about.metric, about.text
+            if words:
+                yield _labelled(name, text, key, {word: float(word == value) for word in words})
+            elif isinstance(value, str):
+                yield InfoMetricFamily(name, text, {key: value})
+            elif isinstance(value, int):
+                yield CounterMetricFamily(name, text, value)
+            else:
+                yield _gauge(name, text, value)
 
 
 def _stations(view: FleetView) -> Iterator[Metric]:

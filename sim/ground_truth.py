@@ -52,7 +52,6 @@ def sample(fleet: AnyFleet, time_s: float) -> dict[str, object]:
         np.round(position_m, 4).tolist(),
         np.round(velocity_m_s, 4).tolist(),
         geodetic.tolist(),
-        ((part.state, own) for part, own in map(fleet.part_of, range(fleet.settings.count))),
         strict=True,
     )
     return {
@@ -73,9 +72,7 @@ def sample(fleet: AnyFleet, time_s: float) -> dict[str, object]:
                 "armed": autopilot.commander.armed,
                 "landed": autopilot.commander.landed,
                 "mode": autopilot.commander.mode.name,
-                "light": "#" + state.light[own].tobytes().hex(),
-                "corrections_received": int(state.correction_count[own]),
-                "lights_received": int(state.light_count[own]),
+                **autopilot.equipment.truth,
             }
             for (
                 index,
@@ -83,7 +80,6 @@ def sample(fleet: AnyFleet, time_s: float) -> dict[str, object]:
                 (north_m, east_m, down_m),
                 (north_m_s, east_m_s, down_m_s),
                 (latitude_deg, longitude_deg, altitude_amsl_m),
-                (state, own),
             ) in rows
         ],
     }

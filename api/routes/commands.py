@@ -29,7 +29,7 @@ ON_VEHICLE: Final = {
     VehicleAction.LAND: "Land where it is",
     VehicleAction.TAKE_CONTROL: "Take control of a vehicle in the air, into hold",
     VehicleAction.CONFIRM_DOWN: "Say that a lost vehicle was seen on the ground",
-    VehicleAction.FIND: "Let the lights of a vehicle on the ground blink",
+    VehicleAction.FIND: "Let a vehicle on the ground blink",
 }
 
 ON_FLEET: Final = {

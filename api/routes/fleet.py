@@ -16,7 +16,7 @@ from gcs.api.schemas import convert, reports
 from gcs.api.schemas import fleet as schemas
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.preflight_report import PreflightReport
-from gcs.service import CorrectionsView
+from gcs.service import Features
 from gcs.service.alarms import Alarm, AlarmCause, overall
 
 health = APIRouter(tags=["health"])
@@ -65,10 +65,10 @@ async def get_status(context: ContextDep) -> Response:
     return Response(context.feed.newest().model_dump_json(), media_type="application/json")
 
 
-@api.get("/corrections", tags=["fleet"], summary="Corrections for RTK")
-async def get_corrections(context: ContextDep) -> CorrectionsView | None:
-    """Age of the newest correction, place of the base, messages; null: none are configured."""
-    return context.view.corrections
+@api.get("/features", tags=["fleet"], summary="What each feature reports")
+async def get_features(context: ContextDep) -> Features:
+    """Of each feature beside the formation, as of the newest tick; null: it is not configured."""
+    return context.view.features
 
 
 @api.get("/access", tags=["fleet"], summary="Name and rights of the token")

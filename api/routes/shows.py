@@ -209,10 +209,10 @@ async def cancel_begin(context: ContextDep) -> service.SelectedShow:
     return context.service.player.cancel_begin()
 
 
-@selected.post("/timecode", summary="Follow the timecode", **command(status=HTTPStatus.NO_CONTENT))
-async def follow_timecode(body: requests.TimecodeBody, context: ContextDep) -> None:
+@selected.post("/external-clock", summary="Follow an external clock", **command(status=HTTPStatus.NO_CONTENT))
+async def follow_external_clock(body: requests.ClockBody, context: ContextDep) -> None:
     """`follow: false` has shows run by this station's clock."""
-    context.service.player.follow_timecode(body.follow)
+    context.service.player.follow_external_clock(body.follow)
 
 
 def _replaying(context: Context) -> service.Replaying:

@@ -14,7 +14,7 @@ from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode
 from gcs.model.vehicle_columns import COMPUTED, FRAME, IN_FRAME
-from gcs.service import Estimates, FleetView, TimecodeView
+from gcs.service import Estimates, FleetView
 from gcs.service.vehicle_table import VehicleTable
 
 VERSION: Final = 4
@@ -28,7 +28,7 @@ HEADER: Final = np.dtype(
             *("minimum_separation_m", "rate_hz", "p50_ms", "p99_ms", "lateness_p99_ms"),
             *("clock_s", "countdown_s"),
             *("battery_least", "battery_median", "assembled_s", "home_s", "battery_least_row"),
-            *("timecode", "behind_s", "tempo"),
+            *("label", "behind_s", "tempo"),
         ],
         "formats": [
             *("u1", "u1", "u1", "u1", "<u4", "<u4", "<u4", "<f8", "<f8", "<u4", "<u4", "<u4"),
@@ -41,16 +41,13 @@ HEADER: Final = np.dtype(
 )
 
 FLOATS: Final = tuple(FRAME)
-"""Columns in single precision, in their order."""
+"""Columns in single precision, in their order: their table is `gcs.model.vehicle_columns.FRAME`."""
 
 BYTES: Final = ("phase", "mode", "landed", "flags", "red", "green", "blue")
 """Columns of bytes, in their order."""
 
 ARMED, READY, LIMITED, COMMANDED, LIT = (1 << bit for bit in range(5))
 """Bits of `flags`."""
-
-NO_TIMECODE: Final = (255, 255, 255, 255)
-"""Hours, minutes, seconds and frames of no timecode."""
 
 NO_ROW: Final = 2**32 - 1
 """Row number for no row."""
@@ -101,16 +98,8 @@ def _fill_header(header: NDArray[np.void], view: FleetView, *, revision: int, al
         _or_nan(view.countdown_s),
         *map(_or_nan, times),
         NO_ROW if least_row is None else least_row,
-        *_timecode(view.timecode),
+        *view.features.show_clock,
     )
-
-
-def _timecode(found: TimecodeView | None) -> tuple[tuple[int, ...], float, float]:
-    """Return hours, minutes, seconds and frames; by how much the show is behind; its tempo."""
-    if found is None:
-        return NO_TIMECODE, np.nan, np.nan
-    label = tuple(map(int, found.label.split(":"))) if found.label else NO_TIMECODE
-    return label, _or_nan(found.behind_s), _or_nan(found.tempo)
 
 
 def _or_nan(value: float | None) -> float:

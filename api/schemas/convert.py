@@ -98,7 +98,7 @@ def vehicles(view: FleetView, frame: ShowFrame) -> list[schemas.Vehicle]:
         "landed": [landed.name.lower() for landed in rows.landed],
         "ready": rows.ready,
         **{COLUMNS[name].api: getattr(rows, name).tolist() for name in REST_ONLY},
-        "light": rows.lights(),
+        "colour": rows.colours(),
     }
     return _models(schemas.Vehicle, columns)
 
@@ -169,8 +169,6 @@ def fleet(view: FleetView, frame: ShowFrame, problem: str, access: str) -> schem
         setpoints_sent=view.setpoints_sent,
         filter_interventions=view.interventions,
         tick=view.tick,
-        corrections=view.corrections,
-        lights=view.lights,
         vehicles=vehicles(view, frame),
     )
 
@@ -195,7 +193,7 @@ def summary(view: FleetView, frame: ShowFrame, problem: str, access: str) -> dic
         "severity": overall(alarms),
         "alarms": list(alarms),
         "estimates": estimates(view),
-        "timecode": view.timecode,
+        "features": view.features,
         "access": access,
     }
 

@@ -16,16 +16,14 @@ from gcs.model.settings import Measured
 from gcs.model.state import Counts, Mode
 from gcs.model.vehicle_columns import COLUMNS, FRAME, REST_ONLY
 from gcs.service import (
-    CorrectionsView,
     CueMark,
+    Features,
     FlightEnvelope,
-    LightsView,
     Playback,
     SelectedShow,
     ShowAction,
     StationView,
     TickView,
-    TimecodeView,
 )
 from gcs.service.alarms import Alarm, OverallSeverity
 from gcs.service.event_log import LogEvent
@@ -94,7 +92,7 @@ class _Vehicle(VehicleRecord, Motion):
     armed: bool
     landed: str = Field(description="Landed state, as the autopilot reports it.", examples=["on_ground"])
     ready: bool
-    light: str | None = Field(
+    colour: str | None = Field(
         description="Colour of the vehicle in the show now; null: it flies in no show.", examples=["#ff8000"]
     )
     # of `gcs.model.vehicle_columns`, named for typed code: the schema has all of them
@@ -240,9 +238,7 @@ class FleetSummary(Outward):
         description="Most severe first, newest first within a severity; alarms that have ended come last."
     )
     estimates: Estimates | None = Field(description="Estimates at `time_s`; null in a replay.")
-    timecode: TimecodeView | None = Field(
-        description="That shows follow, with the values at `time_s`; null: none is configured."
-    )
+    features: Features = Field(description="What each feature reports, with the values at `time_s`.")
     access: str = Field(description="Whether the service demands tokens, in words.")
 
 
@@ -257,8 +253,6 @@ class Fleet(FleetSummary):
         description="Setpoints that the safety filter has changed, counted per vehicle and tick."
     )
     tick: TickView
-    corrections: CorrectionsView | None = Field(description="For RTK; null: none are configured.")
-    lights: LightsView | None = Field(description="Of the vehicles; null: a replay.")
     vehicles: list[Vehicle]
 
 
@@ -274,12 +268,6 @@ class Status(FleetSummary):
     timeline: list[CueMark] = Field(description="Cues of the selected show, loops written out.")
     shows_refused: str = Field(
         description="Why show files cannot be uploaded to this service, empty when they can."
-    )
-    lights: str = Field(
-        description="Driver of the vehicles' lights; none: none are sent.", examples=["led-control"]
-    )
-    corrections: bool = Field(
-        description="Corrections for RTK are configured: GET /api/v1/corrections returns their age."
     )
     map: GroundMap | None = Field(description="null: none is configured.")
     flight_envelope: FlightEnvelope

@@ -252,8 +252,8 @@ class BeginBody(Inward):
     at_unix_time_s: Annotated[float, Field(gt=0, le=1e11, examples=[1795000000.0])]
 
 
-class TimecodeBody(Inward):
-    """Whether shows follow the timecode."""
+class ClockBody(Inward):
+    """Whether shows follow the external clock that is configured."""
 
     follow: bool
 

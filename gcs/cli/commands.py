@@ -73,7 +73,7 @@ COMMANDS: Final = {
     "alarms": CliCommand("alarms", "what an operator should know now, the most severe first", WATCHED),
     "acknowledge": CliCommand("alarms", "say that an alarm was seen"),
     "preflight": CliCommand("status", "what a start would find"),
-    "kill": CliCommand("kill", "stop motors now, even in the air; works without the service"),
+    "kill": CliCommand("kill.kill", "stop motors now, even in the air; works without the service"),
     "timecode": CliCommand("timecode", "read linear timecode from sound, and send it on", LINES),
     "sim": CliCommand("main", "run a fake fleet alone, as python -m gcs.sim does", LINES),
     "completion": CliCommand("main", "print what a shell needs to complete gcs"),
@@ -115,7 +115,7 @@ CALLS: Final = (
     ApiCall("shows text", "shows.text", "a show file, as it was uploaded"),
     ApiCall("shows upload", "shows.upload", "keep a show file under a name"),
     ApiCall("shows import", "shows.import_drawing", "make a show of a drawing, the file of another program"),
-    ApiCall("shows drawing", "shows.drawing", "where the vehicles of a drawn show are, and their lights"),
+    ApiCall("shows drawing", "shows.drawing", "where the vehicles of a drawn show are, and their colours"),
     ApiCall(
         "shows placement", "shows.placement", "where a drawn show lies, and the vehicles beside its pads"
     ),
@@ -128,7 +128,11 @@ CALLS: Final = (
     ApiCall("shows seek", "shows.seek", "have the selected show begin at a cue"),
     ApiCall("shows begin", "shows.begin", "have the selected show begin to move at a clock time"),
     ApiCall("shows cancel-begin", "shows.cancel_begin", "cancel that time"),
-    ApiCall("shows follow-timecode", "shows.follow_timecode", "have shows follow the timecode, or the clock"),
+    ApiCall(
+        "shows follow-external-clock",
+        "shows.follow_external_clock",
+        "yes: shows run by the timecode, no: by the station's clock",
+    ),
     ApiCall("exclude", "preflight.exclude", "take a vehicle out of the show, on the ground"),
     ApiCall("include", "preflight.include", "take an excluded vehicle into the show again"),
     ApiCall("playback show", "playback.now", "how the record is played, and where it is"),
@@ -144,7 +148,7 @@ CALLS: Final = (
     ApiCall("state", "fleet", "everything at one instant"),
     ApiCall("phase", "show", "where the show stands"),
     ApiCall("facts", "status", "what changes seldom: the fence, home places, cues, events"),
-    ApiCall("corrections", "corrections", "corrections for RTK: their age, the base, messages"),
+    ApiCall("features", "features", "what each feature beside the formation reports"),
     ApiCall("whoami", "access", "the token's name, and what it may do"),
     ApiCall("vehicle list", "vehicles", "every vehicle"),
     ApiCall("vehicle show", "vehicle", "one vehicle"),
@@ -173,7 +177,7 @@ ACTIONS: Final = (
     ActionCommand("land", "vehicles land where they are; without names all do, as abort"),
     ActionCommand("take-control", "take control of vehicles in the air; they hold"),
     ActionCommand("confirm-down", "say that lost vehicles were seen on the ground", all_=False),
-    ActionCommand("find", "let the lights of vehicles on the ground blink", all_=False),
+    ActionCommand("find", "let vehicles on the ground blink", all_=False),
 )
 
 

@@ -27,7 +27,7 @@ from gcs.model.lifecycle import Phase
 if TYPE_CHECKING:
     from gcs.api.schemas import fleet as schemas
     from gcs.model.preflight_report import PreflightReport
-    from gcs.service import BeginView, CorrectionsView, StationView, TimecodeView
+    from gcs.service import BeginView, StationView
 
 
 OLD_S: Final = 1.0
@@ -36,6 +36,7 @@ LOW_BATTERY: Final = 0.25
 
 BAD: Final = "bold red"
 URGENT: Final = "bold white on red"
+WEIGHT: Final = {"": "", "bad": BAD, "urgent": URGENT}
 
 STYLE: Final = {
     Phase.FORMATION: "green",
@@ -228,8 +229,9 @@ def _head(fleet: schemas.Fleet) -> RenderableType:
     )
     table.add_row("formation", Text(shape))
     table.add_row("vehicles", _summary(fleet))
-    for name, line in _equipment(fleet):
-        table.add_row(name, line)
+    for name, feature in fleet.features.reporting.items():
+        if parts := [(text, WEIGHT[weight]) for text, weight in feature.line(fleet.unix_time_s)]:
+            table.add_row(name, Text.assemble(*parts))
     if energy := _energy(fleet.estimates):
         table.add_row("energy", Text(energy))
     table.add_row("possible", Text(", ".join(fleet.show.possible) or "-"))
@@ -268,40 +270,6 @@ def _summary(fleet: schemas.Fleet) -> Text:
     if fleet.vehicles:
         summary.append(f"; {kinds(Counter(each.autopilot for each in fleet.vehicles))}")
     return summary
-
-
-def _equipment(fleet: schemas.Fleet) -> Iterator[tuple[str, Text]]:
-    """Corrections, timecode and lights, where there are any."""
-    if fleet.corrections is not None:
-        yield "rtk", _corrections(fleet.corrections)
-    if fleet.timecode is not None:
-        yield "timecode", _timecode(fleet.timecode, fleet.unix_time_s)
-    if fleet.lights is not None and fleet.lights.driver != "none":
-        left = f"{fleet.lights.sent} colours sent, {fleet.lights.dropped} dropped by the rate"
-        yield "lights", Text(f"{fleet.lights.driver}  {left}")
-
-
-def _timecode(found: TimecodeView, unix_time_s: float) -> Text:
-    """Where the timecode is, and how the show stands to it."""
-    text = Text(f"{found.label or 'none yet'} {found.frame_rate} {found.state}, {found.source}")
-    if not found.followed:
-        return text.append(", not followed: shows run by this station's clock")
-    if found.frozen_since_unix_time_s is not None:
-        text.append(f", SHOW FROZEN for {unix_time_s - found.frozen_since_unix_time_s:.0f} s", URGENT)
-    if found.behind_s is not None:
-        text.append(f", show {1e3 * found.behind_s:+.0f} ms behind, tempo {found.tempo or 0.0:.3f}")
-    if found.problem:
-        text.append(f", {found.problem}", BAD)
-    return text
-
-
-def _corrections(found: CorrectionsView) -> Text:
-    """Age of the newest correction, and the place of the base."""
-    text = Text(f"corrections {number(found.age_s)} s old") if not found.problem else Text(found.problem, BAD)
-    if found.base_latitude_deg is not None and found.base_longitude_deg is not None:
-        text.append(f", base at {found.base_latitude_deg:.7f}, {found.base_longitude_deg:.7f}")
-        text.append(f", {number(found.base_height_m)} m above the ellipsoid")
-    return text
 
 
 def _not_received(stations: Sequence[StationView]) -> list[RenderableType]:

@@ -226,9 +226,9 @@ class ShowsCalls(Calls):
     def cancel_begin(self) -> service.SelectedShow:
         """Cancel that time; in the air the show then waits for another."""
 
-    @calls("POST", "/api/v1/show/timecode")
-    def follow_timecode(self, follow: bool) -> None:
-        """Let shows follow the timecode, or this station's clock."""
+    @calls("POST", "/api/v1/show/external-clock")
+    def follow_external_clock(self, follow: bool) -> None:
+        """Let shows follow an external clock, or this station's."""
 
 
 class Client(Calls):
@@ -314,9 +314,9 @@ class Client(Calls):
     def vehicles(self) -> list[schemas.Vehicle]:
         """Get every vehicle."""
 
-    @calls("GET", "/api/v1/corrections")
-    def corrections(self) -> service.CorrectionsView | None:
-        """Get age, base and counts of the corrections for RTK; None: none are configured."""
+    @calls("GET", "/api/v1/features")
+    def features(self) -> service.Features:
+        """Get what each feature reports; None: it is not configured."""
 
     @calls("GET", "/api/v1/vehicles/{vehicle_id}")
     def vehicle(self, vehicle_id: str) -> schemas.Vehicle:

@@ -1,1 +1,1 @@
-"""YAML to frozen settings, with bounds and line numbers; imports planning, links and what lies below."""
+"""YAML to frozen settings, with bounds and line numbers; imports bus, stations and what lies below."""

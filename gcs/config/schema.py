@@ -12,14 +12,15 @@ from pydantic import Field, ValidationError, model_validator
 from gcs.bus.settings import BusSettings
 from gcs.config import sections, yaml_files
 from gcs.config.setting_errors import Misfit, explained, located
-from gcs.config.stations import SiteRows, StationSettings, check_stations, check_timecode
+from gcs.config.stations import SiteRows, StationSettings, check_inputs, check_stations
 from gcs.config.yaml_files import Loc, Source
 from gcs.control import ControlSettings
 from gcs.estimation.height_bias import HeightSettings
 from gcs.estimation.positioning import Positioning
 from gcs.failsafe.policy import FailsafePolicy
 from gcs.formation.orbit import CLEAR_OF_FENCE_M
-from gcs.links.settings import INSTANCES_MAX, LightSettings, RecordSettings, RtkSettings, instances, occupied
+from gcs.links.features import FeatureSettings
+from gcs.links.settings import INSTANCES_MAX, RecordSettings, instances, occupied
 from gcs.model.errors import FileError, InvalidError, Problem
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Formation, Orbit, Plan, Target, Yaw
@@ -39,8 +40,8 @@ from gcs.service.access import AccessSettings, is_loopback
 from gcs.service.map_settings import MapSettings
 
 
-class Config(Settings):
-    """A whole configuration file."""
+class FlightSettings(Settings):
+    """All sections of a configuration but those of features."""
 
     show_frame: sections.ShowFrameSettings
     """Where the show's origin lies on the earth, and where its x axis points."""
@@ -76,12 +77,6 @@ class Config(Settings):
     """What the service does by itself when something goes wrong in the air."""
     preflight: sections.PreflightSettings = sections.PreflightSettings()
     """Limits of the checks before a start."""
-    lights: LightSettings = LightSettings()
-    """How the vehicles receive colours."""
-    rtk: RtkSettings | None = None
-    """Where corrections for RTK come from; without it none are sent."""
-    timecode: sections.TimecodeSettings | None = None
-    """The timecode that shows follow; without it they run by this station's clock."""
     tick_rate_hz: Annotated[float, Field(ge=5, le=100)] = 20.0
     """Turns of control a second."""
     setpoint_timeout_s: Annotated[float, Field(gt=0, le=0.2)] = 0.2
@@ -94,6 +89,10 @@ class Config(Settings):
     """How the stations of a site exchange messages."""
     site_rows: SiteRows | None = None
     """Set by `gcs serve --station` in that station's own configuration; not for files."""
+
+
+class Config(FeatureSettings, FlightSettings):
+    """A whole configuration file."""
 
     @property
     def frame(self) -> ShowFrame:
@@ -189,7 +188,7 @@ class Config(Settings):
         if self.stations:
             counts = {link.name: len(link.fleet) for link in self.links}
             check_stations(self.stations, counts, self.api, self.bus.keys)
-            check_timecode(self.stations, self.timecode)
+            check_inputs(self.stations, self)
         own = self.site_rows
         if own is not None and (len(own.rows) != len(self.ids) or max(own.rows) >= own.count):
             text = f"one row below count for each of the {len(self.ids)} vehicles; only gcs serve sets them"

@@ -2,11 +2,10 @@
 
 import re
 from functools import cached_property
-from ipaddress import AddressValueError, IPv4Address
 from itertools import combinations
 from math import hypot
 from pathlib import Path
-from typing import Annotated, Final, Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias
 
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
@@ -34,7 +33,6 @@ APART_MIN_M = 0.5
 """Least distance of two start places; nearer ones are the same place, written twice."""
 
 LENGTH_MAX_M = 10_000.0
-_PORT_MAX: Final = 65535
 
 
 class StartPlace(Settings):
@@ -212,7 +210,7 @@ class LinkSettings(Settings):
     signing: SigningSettings | None = None
     """Key of signed MAVLink 2; without it frames are not signed, and not checked."""
     extra_bytes_per_s: Positive | None = None
-    """Lights and corrections together, in bytes/s; null: 100,000, on serial ports a quarter."""
+    """What features may send together, in bytes/s; null: 100,000, on serial ports a quarter."""
     heartbeat_hold_s: Positive = 3.0
     """The station's heartbeats end when control has stopped for this long, in s."""
 
@@ -244,7 +242,7 @@ class LinkSettings(Settings):
 
     @property
     def extra_share_bytes_per_s(self) -> float:
-        """What lights and corrections may use together. Raises: ConfigError."""
+        """What features may send together. Raises: ConfigError."""
         return self.extra_bytes_per_s or extra_bytes_per_s(self.places)
 
     @model_validator(mode="after")
@@ -365,76 +363,3 @@ class ShowsSettings(Settings):
 
     folder: Path
     """Folder of uploaded shows."""
-
-
-_MIDI_AT: Final = re.compile(
-    r"^(?P<scheme>rtp-midi|udp-midi)://(?P<host>\d{1,3}(?:\.\d{1,3}){3}):(?P<port>\d{1,5})$"
-)
-_MIDI_PORT: Final = re.compile(r"^(?P<scheme>midi)://(?P<path>/[^:]+)$")
-_SOUND: Final = re.compile(r"^(?P<scheme>ltc)://(?P<path>/[^:]+):(?P<rate>\d{1,6})$")
-_TIMECODE_FORMS: Final = "rtp-midi://IP:PORT, udp-midi://IP:PORT, midi:///DEVICE or ltc:///PIPE:SAMPLES_PER_S"
-_LABEL: Final = r"^([01]\d|2[0-3]):[0-5]\d:[0-5]\d(:[0-2]\d)?$"
-_SAMPLES_MIN, _SAMPLES_MAX = 8_000, 192_000
-
-
-class TimecodeSettings(Settings):
-    """Timecode that written shows follow (docs/how-to/timecode.md)."""
-
-    source: str
-    """Where it arrives: `rtp-midi://`, `udp-midi://`, `midi://` a device, or `ltc://` a pipe of sound."""
-    starts_at: Annotated[str, Field(pattern=_LABEL)] = "00:00:00:00"
-    """The timecode at which a show begins, as HH:MM:SS or HH:MM:SS:FF."""
-    delay_s: Annotated[float, Field(ge=-10, le=10)] = 0.0
-    """The show runs so much later than the timecode, in s."""
-    freewheel_s: Annotated[float, Field(ge=0.1, le=10)] = 1.0
-    """A drop-out of up to this long is flown through, in s."""
-    jump_max_s: Annotated[float, Field(ge=0.2, le=60)] = 5.0
-    """The show follows a jump of the timecode up to this, and stands at a wider one, in s."""
-    catch_up: Annotated[float, Field(ge=0.02, le=0.25)] = 0.1
-    """Share by which a show may run faster or slower to reach its timecode."""
-
-    @property
-    def scheme(self) -> str:
-        return self.source.partition(":")[0]
-
-    @property
-    def path(self) -> str:
-        """Path of a device or a pipe; empty for an address."""
-        matched = _MIDI_PORT.match(self.source) or _SOUND.match(self.source)
-        return "" if matched is None else matched["path"]
-
-    @property
-    def address(self) -> tuple[str, int]:
-        """IP address and port to receive at. Raises: ConfigError for a device or a pipe."""
-        matched = _MIDI_AT.match(self.source)
-        if matched is None:
-            raise ConfigError(f"{self.source} is no address")
-        return matched["host"], int(matched["port"])
-
-    @property
-    def sample_rate_hz(self) -> float:
-        """Of sound. Raises: ConfigError for another source."""
-        matched = _SOUND.match(self.source)
-        if matched is None:
-            raise ConfigError(f"{self.source} is no sound")
-        return float(matched["rate"])
-
-    @model_validator(mode="after")
-    def _check(self) -> "TimecodeSettings":
-        at, sound = _MIDI_AT.match(self.source), _SOUND.match(self.source)
-        if at is not None:
-            try:
-                IPv4Address(at["host"])
-            except AddressValueError:
-                raise ValueError(f"source: {self.source}: {at['host']} is no IP address") from None
-            last = int(at["port"]) + (at["scheme"] == "rtp-midi")  # sessions use two ports
-            if not 1 < last <= _PORT_MAX:
-                raise ValueError(f"source: {self.source}: a port up to {_PORT_MAX} is needed")
-        elif sound is not None:
-            if not _SAMPLES_MIN <= int(sound["rate"]) <= _SAMPLES_MAX:
-                raise ValueError(
-                    f"source: {self.source}: {_SAMPLES_MIN} to {_SAMPLES_MAX} samples a second are needed"
-                )
-        elif not _MIDI_PORT.match(self.source):
-            raise ValueError(f"source: {self.source}: {_TIMECODE_FORMS} is needed")
-        return self

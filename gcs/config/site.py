@@ -2,11 +2,12 @@
 
 from gcs.config.schema import Config
 from gcs.config.stations import SiteRows
+from gcs.links.features import StationInputs
 from gcs.model.errors import ConfigError
 
 
 def station_config(site: Config, name: str) -> Config:
-    """That station's own configuration: its links, API, timecode and folder of records, and no `stations`.
+    """That station's own configuration: its links, API, inputs and folder of records, and no `stations`.
 
     Raises: ConfigError with the names of the stations, for another name and for a site without stations.
     """
@@ -29,7 +30,7 @@ def station_config(site: Config, name: str) -> Config:
     changes = {
         "links": (*links, *mirrors),
         "api": station.api or site.api,
-        "timecode": station.timecode or site.timecode,
+        **{name: getattr(station, name) or getattr(site, name) for name in StationInputs.model_fields},
         "record": record,
         "preflight": site.preflight.model_copy(update={"start_places": places}),
         "stations": (),

@@ -1,14 +1,16 @@
 """Several stations of one site: their sections, and what must fit together."""
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Annotated, Final
 
 from pydantic import Field
 
 from gcs.bus.settings import Endpoint
-from gcs.config.sections import ApiSettings, TimecodeSettings, Urls
+from gcs.config.sections import ApiSettings, Urls
 from gcs.config.setting_errors import located
+from gcs.links.features import StationInputs
 from gcs.model.settings import Settings
 from gcs.stations.messages import COUNT_MAX
 
@@ -27,7 +29,7 @@ class StandbySettings(Settings):
     """Endpoints of its own for that link: a mirrored port, or its radio of the same network."""
 
 
-class StationSettings(Settings):
+class StationSettings(StationInputs):
     """One station: the links that it owns, and where other stations and clients reach it."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{1,32}$")]
@@ -38,8 +40,6 @@ class StationSettings(Settings):
     """Where it listens for the other stations."""
     api: ApiSettings | None = None
     """Its own API; null: as the whole site's."""
-    timecode: TimecodeSettings | None = None
-    """Its own source of timecode; null: as the whole site's."""
     standby: tuple[StandbySettings, ...] = ()
     """Links of other stations that it takes over when those are lost."""
 
@@ -112,25 +112,20 @@ def check_stations(
             raise located(f"port {port} is that of {name}'s API", "stations", at, "endpoint", "port")
 
 
-def check_timecode(stations: Sequence[StationSettings], timecode: TimecodeSettings | None) -> None:
-    """Check that no two stations of one machine receive timecode at one place.
+def check_inputs(stations: Sequence[StationSettings], site: StationInputs) -> None:
+    """Check that no two stations of one machine receive at one place. Raises: the located error of the first.
 
-    Args:
-        stations: of one site.
-        timecode: of stations that have none of their own.
-
-    Raises: the located error of the first problem.
+    `site` has the inputs of stations that have none of their own.
     """
     places: dict[tuple[str, str], str] = {}
-    for at, station in enumerate(stations):
-        own = station.timecode or timecode
-        if own is None:
-            continue
-        other = places.setdefault((station.machine, own.source), station.name)
+    for name, (at, station) in product(StationInputs.model_fields, enumerate(stations)):
+        own = getattr(station, name) or getattr(site, name)
+        other = (
+            station.name if own is None else places.setdefault((station.machine, own.source), station.name)
+        )
         if other != station.name:
-            text = f"{other} receives timecode at {own.source} as well, on the same machine"
-            key = ("timecode", "source") if station.timecode else ("name",)
-            raise located(text, "stations", at, *key)
+            text = f"{other} receives {name} at {own.source} as well, on the same machine"
+            raise located(text, "stations", at, *((name, "source") if getattr(station, name) else ("name",)))
 
 
 def _check_links(stations: Sequence[StationSettings], counts: Mapping[str, int]) -> None:

@@ -1,1 +1,1 @@
-"""Turns telemetry into the state of the fleet, with its uncertainty; pure, imports only model."""
+"""Turns telemetry into the fleet's state, its uncertainty, the health of links; pure, imports only model."""

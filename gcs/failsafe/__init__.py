@@ -1,1 +1,1 @@
-"""Failsafe policy, triggers, arbitration, autopilots' own failsafes; pure, imports safety and model."""
+"""Failsafe policy, triggers, arbitration, autopilots' failsafes; pure, imports safety, estimation, model."""

@@ -1,7 +1,14 @@
-"""Failsafes of this service in flight: causes, actions, settings. Pure.
+"""Failsafes of this service in flight: causes, actions, settings. Pure (docs/decisions/loss.md).
 
-The conditions are in `gcs.failsafe.triggers`; `gcs.flight.monitors.failsafe_monitor` commands what they
-request. Decision 0016.
+`gcs.failsafe.triggers` requests an action while a cause holds, `gcs.failsafe.arbitration` decides which of
+several requests are commanded, and `gcs.flight.monitors.failsafe_monitor` commands them. To add a cause:
+
+1. add a member to `Cause`, and its settings, with the actions it may have, to `FailsafePolicy`;
+2. compute its condition in `gcs.failsafe.triggers`: a row of `OF_VEHICLES` or of `OF_THE_SHOW`;
+3. supply in `gcs.flight.monitors.failsafe_monitor` what the condition needs of the running flight;
+4. add its alarm to `gcs.service.alarms`, and name it in `OF_FAILSAFE` of `gcs.flight.monitors.alarm_monitor`.
+
+CONTRIBUTING.md has each step in full, with the tests.
 """
 
 from enum import StrEnum

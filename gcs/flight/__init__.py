@@ -1,1 +1,1 @@
-"""The running flight: orchestrator, state, commander, maneuvers, recovery; imports everything below it."""
+"""The running flight: orchestrator, state, commands, maneuvers; imports all below but bus, stations, sim."""

@@ -18,6 +18,7 @@ from gcs.estimation import link_health
 from gcs.failsafe import triggers
 from gcs.flight.commands.commander import Commander
 from gcs.flight.commands.plan_editor import PlanEditor
+from gcs.flight.features import features_of
 from gcs.flight.maneuvers.descent import Descent
 from gcs.flight.maneuvers.landing_places import LandingPlaces
 from gcs.flight.maneuvers.landings import Landings
@@ -30,15 +31,12 @@ from gcs.flight.monitors.telemetry_monitor import TelemetryMonitor
 from gcs.flight.preflight.parameter_reader import ParameterReader
 from gcs.flight.preflight.preflight_gate import PreflightGate
 from gcs.flight.show_progress import ComeBack, ShowProgress
-from gcs.flight.shows.lights import Lights
 from gcs.flight.shows.show_begin import ShowBegin
 from gcs.flight.shows.show_player import ShowPlayer
-from gcs.flight.state.corrections import Corrections
 from gcs.flight.state.elsewhere import Elsewhere
 from gcs.flight.state.flight import Flight
 from gcs.flight.state.refusals import Refusals
 from gcs.flight.state.ticker import TickClock, garbage_between_ticks, ticks
-from gcs.flight.state.timecode import Timecode
 from gcs.links.batch_link import Link
 from gcs.links.link_set import SetpointRouting, keep_open
 from gcs.planning import lost_space, silent_space
@@ -146,8 +144,7 @@ class Orchestrator:
         self._group = asyncio.TaskGroup()  # the control group, entered by `run`
         newest, vehicles, show, in_force = flight.newest, flight.vehicles, flight.show, flight.in_force
         self._estimating = Estimating(newest, vehicles, show, in_force, config, flight.slow_from_m)
-        lights = Lights(newest, vehicles, show, flight.links, config, lambda: flight.elsewhere.owned)
-        flight.features.append(lights)
+        flight.features = features_of(flight)
         if record is not None:
             configured = vehicles.keys()
             flight.excluded |= {name: out for name, out in record.excluded.items() if name in configured}
@@ -176,7 +173,7 @@ class Orchestrator:
             newest,
             vehicles,
             show,
-            flight.timecode,
+            flight.outside_clock,
             unix_s,
             clock_problem,
             flight.assembled,
@@ -202,7 +199,6 @@ class Orchestrator:
             refusals,
             places,
             maneuvers,
-            lights.find,
             self.player,
             self.preflight,
             self._planning,
@@ -279,16 +275,6 @@ class Orchestrator:
             self.commands.close()
             self._planning.shutdown(wait=False, cancel_futures=True)
             await self.shows.close()
-
-    @property
-    def corrections(self) -> Corrections:
-        """Takes what arrives from the base."""
-        return self.flight.corrections
-
-    @property
-    def timecode(self) -> Timecode:
-        """Takes what arrives of the timecode."""
-        return self.flight.timecode
 
     def granted(self, scheduling: Scheduling) -> None:
         """Note what the machine grants this process, for displays."""

@@ -21,24 +21,16 @@ import numpy as np
 from gcs.links import receiver, sender
 from gcs.links.address_book import Addresses
 from gcs.links.autopilots import Autopilot
-from gcs.links.budget import Budget
 from gcs.links.command_protocol import CommandChannel, CommandProtocol, KillLatch
-from gcs.links.corrections import CorrectionSender
 from gcs.links.endpoints.ports import Ports
 from gcs.links.endpoints.streams import LinkPorts
 from gcs.links.forwarding import Forwarding
-from gcs.links.lights import Colours, LightSender
 from gcs.links.link import Absent, Address, Command, Counters, Observer, ParameterValue, Verb
 from gcs.links.receiver import Inbox, ParameterUpdates
 from gcs.links.round_trips import RoundTrips
+from gcs.links.send_budget import Budget
 from gcs.links.sender import Outbox, SentSetpoints, SetpointBatch, before_it_leaves_s, most_urgent_first
-from gcs.links.settings import (
-    EXTRA_BYTES_PER_S,
-    Forward,
-    LightSettings,
-    Place,
-    check_system_ids,
-)
+from gcs.links.settings import EXTRA_BYTES_PER_S, Forward, Place, check_system_ids
 from gcs.links.signing import SignatureFilter, Signing
 from gcs.links.stream_requests import REQUESTING_COMPONENT, StreamRequests
 from gcs.links.telemetry import FleetTelemetry, VehicleReport
@@ -112,6 +104,7 @@ class Link(ABC):
 
     Attributes:
         ids: the vehicles configured on this link, whether connected or not; never changes.
+        outbox: sends what features have, within `budget`, after the setpoints, while vehicles are `reached`.
     """
 
     def __init__(
@@ -128,7 +121,6 @@ class Link(ABC):
         record: Path | None = None,
         signing: Signing | None = None,
         forward: Sequence[Forward] = (),
-        lights: LightSettings | None = None,
         extra_bytes_per_s: float = EXTRA_BYTES_PER_S,
         clock: Callable[[], float] = monotonic,
         ports: Ports | None = None,
@@ -147,8 +139,7 @@ class Link(ABC):
             record: a folder for recordings of every frame.
             signing: signs sent frames, refuses unsigned ones. Of this link alone.
             forward: further ground stations.
-            lights: how the vehicles receive their colours; None: they receive none.
-            extra_bytes_per_s: what lights and corrections may use together.
+            extra_bytes_per_s: what features may send together.
             clock: the loop's, ``loop.time``.
             ports: used instead of ports at `places`, such as datagrams in memory.
 
@@ -176,12 +167,10 @@ class Link(ABC):
         signatures = (
             None if signing is None else SignatureFilter(name, signing, system_ids, address, self.counters)
         )
-        self._outbox = Outbox(
+        self.outbox = Outbox(
             self._ports, self._addresses, self.counters, self._system_ids, self._station_id, signatures
         )
-        budget = Budget(extra_bytes_per_s)
-        self._lights = LightSender(lights or LightSettings(), self._outbox, budget)
-        self._corrections = CorrectionSender(self._outbox, budget)
+        self.budget = Budget(extra_bytes_per_s)
         self._telemetry = FleetTelemetry(self.ids, autopilots)
         profiles = self._telemetry.autopilots
         self._climbs_alone: Mask = np.array([each.takeoff_ends_with_setpoints for each in profiles], np.bool_)
@@ -196,7 +185,7 @@ class Link(ABC):
         )
         self._versions, self._round_trips = (
             VersionRequests(self._system_ids, request),
-            RoundTrips(self._telemetry, self._outbox.broadcast),
+            RoundTrips(self._telemetry, self.outbox.broadcast),
         )
         self._parameters = ParameterUpdates(self.ids)
         self._inbox = Inbox(
@@ -209,7 +198,7 @@ class Link(ABC):
             rows={system_id: row for row, system_id in enumerate(system_ids)},
             station_id=self._station_id,
             latch=self._latch,
-            outbox=self._outbox,
+            outbox=self.outbox,
             signatures=signatures,
             clock=clock,
         )
@@ -337,7 +326,7 @@ class Link(ABC):
 
     def observe(self, observer: Observer) -> Callable[[], None]:
         """Pass every frame to `observer` from now on; call the result to stop. See `Observer`."""
-        boxes = self._inbox, self._outbox
+        boxes = self._inbox, self.outbox
         for box in boxes:
             box.observers = (*box.observers, observer)
 
@@ -440,24 +429,10 @@ class Link(ABC):
         self._ready = batch.part(slice(end, None)), samples_s[end:]
         self._send_setpoints(batch.part(slice(end)))
 
-    def send_lights(self, colour: Colours, ours: Mask) -> None:
-        """Send the colours (n, 3) of `ours` (n,) that are due, within the budget. After the setpoints."""
+    def reached(self) -> tuple[float, Mask] | None:
+        """The link's time, and the vehicles (n,) that are connected; None: the link is not open."""
         now_s = self._clock()
-        if self._protocol is not None:
-            self._lights.send(colour, ours & self._connected(now_s), now_s)
-            self.counters.lights_sent = self._lights.sent
-            self.counters.lights_dropped = self._lights.dropped
-
-    def add_correction(self, message: bytes) -> None:
-        """Queue an RTCM message of at most `rtcm.LONGEST_BYTES` for all vehicles."""
-        self._corrections.add(message, self._clock())
-
-    def send_corrections(self) -> None:
-        """Send the queued corrections, within the budget. After the setpoints."""
-        if self._protocol is not None:
-            self._corrections.send(self._clock())
-            self.counters.corrections_sent = self._corrections.sent
-            self.counters.corrections_dropped = self._corrections.dropped
+        return None if self._protocol is None else (now_s, self._connected(now_s))
 
     async def execute(self, command: Command) -> None:
         """Send a command, and return when the vehicle's heartbeat confirms it.
@@ -534,8 +509,8 @@ class Link(ABC):
     def _send_message(
         self, message_id: int, messages: codec.Records, rows: Whole, component_id: int = codec.COMPONENT_ID
     ) -> None:
-        frames = self._outbox.encode(message_id, messages, rows, component_id=component_id)
-        self._outbox.send(frames, rows, self._clock())
+        frames = self.outbox.encode(message_id, messages, rows, component_id=component_id)
+        self.outbox.send(frames, rows, self._clock())
 
     def _send_kill(self, row: int) -> None:
         self._send_message(COMMAND_LONG, codec.kill_message(int(self._system_ids[row])), np.array([row]))
@@ -588,5 +563,5 @@ class Link(ABC):
         while True:
             now_s = self._clock()
             if now_s - self._ticked_s <= self._heartbeat_hold_s:
-                self._outbox.broadcast(HEARTBEAT, codec.heartbeats(1), now_s)
+                self.outbox.broadcast(HEARTBEAT, codec.heartbeats(1), now_s)
             await asyncio.sleep(_BEAT_S)

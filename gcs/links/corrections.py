@@ -1,4 +1,9 @@
-"""Sends corrections to all vehicles of a link: whole messages or none, within its budget, before lights."""
+"""Sends corrections to all vehicles of a link: whole messages or none, within its budget.
+
+Source: https://mavlink.io/en/messages/common.html#GPS_RTCM_DATA. Bit 0 of the flags says that it is cut,
+bits 1 and 2 number its fragments, bits 3 to 7 number the messages. A receiver knows one as whole when it has
+all four fragments, or all before the first one that is not full.
+"""
 
 from collections import deque
 from dataclasses import dataclass, field
@@ -6,11 +11,17 @@ from typing import Final
 
 import numpy as np
 
-from gcs.links.budget import Budget
+from gcs.links.send_budget import Budget
 from gcs.links.sender import Outbox
-from gcs.mavlink.codec import HEADER_LENGTH, Records
-from gcs.mavlink.framing import GPS_RTCM_DATA
-from gcs.mavlink.rtcm import fragments
+from gcs.mavlink.codec import HEADER_LENGTH, Records, records
+
+GPS_RTCM_DATA: Final = 233
+FRAGMENT_BYTES: Final = 180
+FRAGMENTS_MAX: Final = 4
+LONGEST_BYTES: Final = FRAGMENT_BYTES * FRAGMENTS_MAX
+"""RTCM allows 1029 bytes. What is longer than this cannot be sent as one message."""
+
+SEQUENCES: Final = 32
 
 OLD_S: Final = 2.0
 """A correction that has waited for so long does not leave any more."""
@@ -19,6 +30,24 @@ WAITING_MAX: Final = 64
 
 AT_ONCE_MAX: Final = 16
 """Messages that leave in a tick: a base of four constellations has 12 in an epoch."""
+
+
+def fragments(message: bytes, sequence: int) -> Records:
+    """GPS_RTCM_DATA of one RTCM message, in the order in which they are to leave.
+
+    Raises: ValueError for a message that is not 1 to `LONGEST_BYTES` bytes long.
+    """
+    if not 1 <= len(message) <= LONGEST_BYTES:
+        raise ValueError(f"an RTCM message of {len(message)} bytes: 1 to {LONGEST_BYTES}")
+    fragmented = len(message) > FRAGMENT_BYTES
+    count = min(len(message) // FRAGMENT_BYTES + 1, FRAGMENTS_MAX) if fragmented else 1
+    made = records(GPS_RTCM_DATA, count)
+    for at in range(count):
+        part = np.frombuffer(message[at * FRAGMENT_BYTES : (at + 1) * FRAGMENT_BYTES], np.uint8)
+        made["flags"][at] = int(fragmented) | at << 1 | sequence % SEQUENCES << 3
+        made["len"][at] = len(part)
+        made["data"][at, : len(part)] = part
+    return made
 
 
 @dataclass(eq=False)

@@ -1,4 +1,7 @@
-"""Writes to a disk from a thread: callers queue items, and never wait for the disk."""
+"""Writes of tlog and record to a disk, from a thread: callers queue items, and never wait for the disk.
+
+It is in `gcs.links`, below both: `gcs.links.tlog` and `gcs.recording` use it.
+"""
 
 import asyncio
 import logging

@@ -38,12 +38,6 @@ class Bound(NamedTuple):
     messages_per_s: float = inf
 
 
-CORRECTIONS: Final = Bound(64_000, 1000)
-"""RTCM 3: a base of four constellations sends 1 to 2 kB/s, at 10 Hz up to 28 kB/s."""
-
-MIDI: Final = Bound(10_000, 1000)
-"""Timecode is 120 messages a second of 2 bytes, of about 30 over RTP; a cable carries 3,125 bytes."""
-
 FORWARDED: Final = Bound(20_000, 1000)
 """MAVLink from one further station, which may command but not fly."""
 

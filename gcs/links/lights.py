@@ -5,13 +5,13 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.links.budget import Budget
+from gcs.links.features import LightSettings
+from gcs.links.send_budget import Budget
 from gcs.links.sender import Outbox
-from gcs.links.settings import LightSettings
 from gcs.links.stream_requests import REQUESTING_COMPONENT
 from gcs.mavlink.codec import HEADER_LENGTH
 from gcs.mavlink.kernels import Whole
-from gcs.mavlink.lights import LightDriver, light_messages
+from gcs.mavlink.lights import light_messages
 from gcs.model.state import Array, Mask
 
 Colours = NDArray[np.uint8]
@@ -66,8 +66,6 @@ class LightSender:
             now_s: the link's clock.
         """
         settings = self.settings
-        if settings.driver is LightDriver.NONE:
-            return
         self._sent_s[~may_receive] = -np.inf
         waited, replaced = ((before != self._desired).any(axis=1) for before in (self._colour, colour))
         self.dropped += int(np.count_nonzero(waited & replaced & may_receive))

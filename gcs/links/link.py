@@ -79,10 +79,6 @@ class Counters:
     setpoints_sent: int = 0
     setpoints_dropped: int = 0  # not permitted: late, old, or repeated by MAVSDK
     commands_dropped: int = 0  # given before a kill, and repeated after it
-    lights_sent: int = 0  # colours
-    lights_dropped: int = 0  # colours that others replaced before they left: of the rate, or of the budget
-    corrections_sent: int = 0  # RTCM messages, each to all vehicles
-    corrections_dropped: int = 0
     unroutable: int = 0  # for a system without an address yet
     send_errors: int = 0
     no_room: int = 0  # no room in a buffer: a slow serial port or connection

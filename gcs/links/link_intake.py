@@ -1,4 +1,7 @@
-"""Bounds what the senders to one link's ports may cost together, and keeps their shares apart."""
+"""Bounds what the senders to one link's ports may cost together, and keeps their shares apart.
+
+The bound is `gcs.links.intake.of_vehicles`; `gcs.links.fair_shares` divides what may be read among senders.
+"""
 
 from collections.abc import Callable
 from typing import Final

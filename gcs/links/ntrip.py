@@ -9,32 +9,30 @@ from base64 import b64encode
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
-from gcs.links.settings import RtkSettings
 from gcs.model.errors import LinkError, quoted
 
 _HEADERS_MAX: Final = 64
 _CHUNK_LINE_MAX: Final = 256
 _TEXT_MAX: Final = 80
 _NO_DATA: Final = ("text/", "application/json", "application/xhtml")
-"""Content types that are no corrections."""
+"""Content types that are no data."""
 
 
 async def ask_caster(
-    reader: asyncio.StreamReader, writer: asyncio.StreamWriter, path: str, settings: RtkSettings
+    reader: asyncio.StreamReader, writer: asyncio.StreamWriter, path: str, login: str
 ) -> "Plain | Chunked":
-    """Ask for a mount point. Returns: what takes the data out of the bytes that follow.
+    """Ask for a mount point as `login`, USER:PASSWORD or empty. Returns: what takes the data out of the rest.
 
     Raises: LinkError with why there are none.
     """
     lines = [f"GET {path} HTTP/1.0", "User-Agent: NTRIP formation-gcs", "Accept: */*"]
-    if settings.user:
-        word = b64encode(f"{settings.user}:{settings.password()}".encode()).decode()
-        lines.append(f"Authorization: Basic {word}")
+    if login:
+        lines.append(f"Authorization: Basic {b64encode(login.encode()).decode()}")
     writer.write("\r\n".join([*lines, "", ""]).encode())
     answer = await _line(reader)
     if answer.startswith("SOURCETABLE"):
         raise LinkError(f"the caster has no mount point {path}")
-    if answer.startswith("ICY 200"):  # the data begins at once, or after lines that are no RTCM
+    if answer.startswith("ICY 200"):  # the data begins at once, or after lines that are none
         return Plain()
     status = answer.partition(" ")[2].split(" ")[0]
     headers = await _headers(reader) if answer.startswith("HTTP/") else {}
@@ -47,7 +45,7 @@ async def ask_caster(
         raise LinkError(f"the caster has no mount point {path}")
     if kind.startswith(_NO_DATA):
         raise LinkError(
-            f"the answer for {path} is {_shown(kind)}, not RTCM: no caster, or the network needs a login"
+            f"the answer for {path} is {_shown(kind)}, no data: no caster, or the network needs a login"
         )
     coding = headers.get("transfer-encoding", "identity").lower()
     if coding not in {"identity", "chunked"}:

@@ -11,14 +11,17 @@ from urllib.parse import urlsplit
 
 import serial
 
-from gcs.links.intake import CORRECTIONS, TURN_S, Arrived, Intake
+from gcs.links.features import RtkSettings
+from gcs.links.intake import TURN_S, Arrived, Bound, Intake
 from gcs.links.ntrip import Chunked, Plain, ask_caster
 from gcs.links.reading import BUFFER_BYTES, DATAGRAM_BYTES, Reader
 from gcs.links.rtcm_stream import Place, RtcmStream
-from gcs.links.settings import RtkSettings
 from gcs.model.errors import LinkError, quoted
 
 log = logging.getLogger(__name__)
+
+CORRECTIONS: Final = Bound(64_000, 1000)
+"""RTCM 3: a base of four constellations sends 1 to 2 kB/s, at 10 Hz up to 28 kB/s."""
 
 CHUNK_BYTES: Final = 8192
 """Most that is read of a serial port in a turn."""
@@ -37,13 +40,12 @@ _SHOWN_BYTES: Final = 40
 
 async def keep_receiving(
     settings: RtkSettings,
-    take: Callable[[bytes, Place | None], None],
+    take: Callable[[bytes, Place | None, float], None],
     failed: Callable[[str], None],
-    intake: Intake | None = None,
+    intake: Intake,
 ) -> None:
-    """Receive without end: give each message to `take`, and why there are none to `failed`."""
-    intake = intake or Intake(settings.source, CORRECTIONS)
-    logged = ""
+    """Receive without end: give each message to `take`, why there are none to `failed`."""
+    logged, clock = "", asyncio.get_running_loop().time
     while True:
         stream, messages, useless_bytes, first = RtcmStream(), 0, 0, b""
         try:
@@ -53,7 +55,7 @@ async def keep_receiving(
                     useless_bytes += len(data)
                     for message in stream.take(data):
                         logged, useless_bytes, messages = "", 0, messages + 1
-                        take(message, stream.base)
+                        take(message, stream.base, clock())
                     if useless_bytes > GARBAGE_BYTES:
                         failed(f"more than {GARBAGE_BYTES} bytes without a message of RTCM 3")
             why = "the source has ended the connection"
@@ -127,7 +129,7 @@ async def _stream_chunks(settings: RtkSettings, intake: Intake) -> AsyncGenerato
         body: Plain | Chunked = Plain()
         if url.scheme != "tcp":
             async with asyncio.timeout(SILENT_S):
-                body = await ask_caster(reader, writer, url.path, settings)
+                body = await ask_caster(reader, writer, url.path, settings.login())
         while not body.ended:
             async with asyncio.timeout(SILENT_S):
                 data = await reader.read(body.turn_bytes)

@@ -9,7 +9,6 @@ from typing import Annotated, Final, TypeAlias
 
 from pydantic import Field, model_validator
 
-from gcs.mavlink.lights import LightDriver
 from gcs.model.errors import ConfigError, InvalidError
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import VehicleId
@@ -27,7 +26,7 @@ SYSTEM_ID_MAX: Final = 250
 
 EXTRA_BYTES_PER_S: Final = 100_000.0
 SERIAL_SHARE: Final = 0.25
-"""What lights and corrections may use unless set: so much, or this share of a serial port's rate."""
+"""What features may use unless set: so much, or this share of a serial port's rate."""
 
 VEHICLES_MAX: Final = 64
 """Per MAVSDK instance."""
@@ -145,7 +144,7 @@ def occupied(place: Place) -> tuple[str, ...]:
 
 
 def extra_bytes_per_s(places: Sequence[Place]) -> float:
-    """What lights and corrections may use of a link, where the configuration does not say."""
+    """What features may use of a link, where the configuration does not say."""
     serial = [SERIAL_SHARE * place.baud / 10 for place in places if isinstance(place, SerialPort)]
     return min(serial, default=EXTRA_BYTES_PER_S)
 
@@ -205,68 +204,6 @@ class StreamSettings(Settings):
     """Reports of battery, fix, mode and the like a second."""
     others_hz: NotNegative = 0.0
     """Messages a second that only further stations use; 0: none."""
-
-
-class LightSettings(Settings):
-    """How vehicles receive the colours of a show, of their battery and of `find` (docs/how-to/lights.md)."""
-
-    driver: LightDriver = LightDriver.NONE
-    """The message that sets a colour; `none`: no colours are sent."""
-    rate_hz: Annotated[float, Field(ge=0.1, le=20)] = 4.0
-    """Messages a second to one vehicle while its colour changes."""
-    refresh_s: Positive = 2.0
-    """An unchanged colour is repeated so often, in s."""
-    battery: bool = True
-    """Whether vehicles on the ground show green, amber or red, as their battery is."""
-    find_s: Positive = 30.0
-    """`find` blinks for so long, in s."""
-
-
-_NTRIP: Final = re.compile(r"^ntrips?://[A-Za-z0-9.-]{1,253}:(?P<port>\d{1,5})/[\x21-\x7e]{1,100}$")
-_PLAIN: Final = re.compile(r"^(tcp|udp)://[A-Za-z0-9.-]{1,253}:(?P<port>\d{1,5})$")
-
-
-class RtkSettings(Settings):
-    """Corrections from a base (docs/how-to/rtk.md)."""
-
-    source: str
-    """Base or caster: `ntrip://HOST:PORT/MOUNT`, `ntrips://`, `serial://DEVICE:BAUD`, `tcp://` or `udp://`."""
-    user: str = ""
-    """User name at the caster."""
-    password_file: Path | None = None
-    """File whose first line is the password."""
-    required: bool = False
-    """Whether a start is refused without recent corrections."""
-    age_max_s: Annotated[float, Field(ge=1, le=600)] = 10.0
-    """Corrections that are older count as stopped, in s."""
-
-    @property
-    def device(self) -> tuple[str, int]:
-        """Device and baud rate of a serial source. Raises: ConfigError for another one."""
-        place = parse(self.source)
-        if not isinstance(place, SerialPort):
-            raise ConfigError(f"{self.source} is not a serial port")
-        return place.device, place.baud
-
-    def password(self) -> str:
-        """Raises: OSError when the file cannot be read."""
-        return "" if self.password_file is None else self.password_file.read_text().split("\n", 1)[0].strip()
-
-    @model_validator(mode="after")
-    def _check(self) -> "RtkSettings":
-        if self.source.startswith("serial://"):
-            try:
-                parse(self.source)
-            except ConfigError as error:
-                raise ValueError(f"source: {error}") from None
-            return self
-        matched = _NTRIP.match(self.source) or _PLAIN.match(self.source)
-        if matched is None or not 1 <= int(matched["port"]) <= _PORT_MAX:
-            forms = (
-                "ntrip://HOST:PORT/MOUNT, ntrips://, serial://DEVICE:BAUD, tcp://HOST:PORT or udp://HOST:PORT"
-            )
-            raise ValueError(f"source: {self.source}: {forms} is needed")
-        return self
 
 
 class Forward(Settings):

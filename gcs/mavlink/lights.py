@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.mavlink.codec import Records, addressed, records, text_field
-from gcs.mavlink.framing import COMMAND_LONG, LED_CONTROL, NAMED_VALUE_FLOAT
+from gcs.mavlink.framing import COMMAND_LONG, NAMED_VALUE_FLOAT
 from gcs.mavlink.kernels import Whole
 
+LED_CONTROL: Final = 186
 _ALL_LEDS: Final = 255
 _CUSTOM: Final = 255
 """LED_CONTROL_PATTERN_CUSTOM: the bytes are red, green and blue."""

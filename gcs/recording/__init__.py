@@ -1,1 +1,1 @@
-"""Records of flights: audit in SQLite, flight data in MCAP; imports service, links and what lies below."""
+"""Records of flights: audit in SQLite, data in MCAP; imports control, service, links and what lies below."""

@@ -44,8 +44,8 @@ _MODE_NUMBER: Final = {mode: number for number, mode in enumerate(MODES)}
 POSITION: Final = ("x", "y", "z")  # show frame, m
 VELOCITY: Final = ("velocity_x_m_s", "velocity_y_m_s", "velocity_z_m_s")
 SETPOINT: Final = ("setpoint_x_m_s", "setpoint_y_m_s", "setpoint_z_m_s")  # NaN: none
-LIGHT: Final = ("red", "green", "blue", "alpha")
-"""Light that the show sets on a vehicle; alpha 0: none. Foxglove draws fields of these names."""
+COLOUR: Final = ("red", "green", "blue", "alpha")
+"""Colour that the show sets on a vehicle; alpha 0: none. Foxglove draws fields of these names."""
 
 VEHICLE: Final = np.dtype(
     [
@@ -56,7 +56,7 @@ VEHICLE: Final = np.dtype(
         ("landed", "u1"),  # MAV_LANDED_STATE
         ("armed", "u1"),
         ("ready", "u1"),
-        *((name, "u1") for name in LIGHT),
+        *((name, "u1") for name in COLOUR),
     ]
 )
 """One vehicle in `/fleet/vehicles` and `/fleet/elsewhere`."""
@@ -66,7 +66,7 @@ _BLOCKS: Final = np.dtype(
         *((name, "<f4", 3) for name in ("position", "velocity", "setpoint")),
         ("numbers", "<f4", len(RECORDED)),
         *((name, "u1") for name in ("phase", "mode", "landed", "armed", "ready")),
-        ("light", "u1", 3),
+        ("colour", "u1", 3),
         ("alpha", "u1"),
     ]
 )
@@ -212,7 +212,7 @@ def packed(rows: VehicleTable) -> NDArray[np.void]:
             "landed": np.fromiter(rows.landed, np.uint8, count),
             "armed": np.fromiter(rows.armed, np.bool_, count),
             "ready": np.fromiter(rows.ready, np.bool_, count),
-            "light": rows.colour,
+            "colour": rows.colour,
             "alpha": np.where(rows.lit, 255, 0),
         },
     )
@@ -232,7 +232,7 @@ def packed_state(
         velocity_m_s: (n, 3) measured.
         setpoint_m_s: (n, 3) commanded.
         numbers: (n,) each, at least those of `RECORDED`.
-        columns: (n,) each, the rest by their names; `light` (n, 3). One that is not given is 0.
+        columns: (n,) each, the rest by their names; `colour` (n, 3). One that is not given is 0.
     """
     table = np.zeros(len(position_m), _BLOCKS)
     table["position"], table["velocity"], table["setpoint"] = position_m, velocity_m_s, setpoint_m_s
@@ -373,8 +373,8 @@ def vectors(table: NDArray[np.void], names: Sequence[str]) -> NDArray[np.float32
     return np.stack([table[name] for name in names], axis=-1)
 
 
-def lights(table: NDArray[np.void]) -> tuple[NDArray[np.uint8], Mask]:
-    """(n, 3) Red, green, blue, and (n,) whether a light was set."""
-    colour = np.stack([table[name] for name in LIGHT[:3]], axis=-1)
-    lit: Mask = table[LIGHT[3]] > 0
+def colours(table: NDArray[np.void]) -> tuple[NDArray[np.uint8], Mask]:
+    """(n, 3) Red, green, blue, and (n,) whether one was set."""
+    colour = np.stack([table[name] for name in COLOUR[:3]], axis=-1)
+    lit: Mask = table[COLOUR[3]] > 0
     return colour, lit

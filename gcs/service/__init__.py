@@ -16,6 +16,7 @@ from gcs.service.commands import Outcome as Outcome
 from gcs.service.commands import ShowAction as ShowAction
 from gcs.service.commands import VehicleAction as VehicleAction
 from gcs.service.commands import VehicleOutcome as VehicleOutcome
+from gcs.service.features import Features as Features
 from gcs.service.interface import DRAWING_MAX_BYTES as DRAWING_MAX_BYTES
 from gcs.service.interface import Audit as Audit
 from gcs.service.interface import Call as Call
@@ -30,14 +31,12 @@ from gcs.service.snapshots import BeginState as BeginState
 from gcs.service.snapshots import BeginView as BeginView
 from gcs.service.snapshots import BusView as BusView
 from gcs.service.snapshots import CheckState as CheckState
-from gcs.service.snapshots import CorrectionsView as CorrectionsView
 from gcs.service.snapshots import CueMark as CueMark
 from gcs.service.snapshots import EventMark as EventMark
 from gcs.service.snapshots import FleetView as FleetView
 from gcs.service.snapshots import FlightEnvelope as FlightEnvelope
 from gcs.service.snapshots import IdleSpan as IdleSpan
 from gcs.service.snapshots import Latest as Latest
-from gcs.service.snapshots import LightsView as LightsView
 from gcs.service.snapshots import PhaseSpan as PhaseSpan
 from gcs.service.snapshots import Playback as Playback
 from gcs.service.snapshots import ReplayMarks as ReplayMarks
@@ -49,5 +48,3 @@ from gcs.service.snapshots import ShowFigures as ShowFigures
 from gcs.service.snapshots import StationView as StationView
 from gcs.service.snapshots import StoredShow as StoredShow
 from gcs.service.snapshots import TickView as TickView
-from gcs.service.snapshots import TimecodeState as TimecodeState
-from gcs.service.snapshots import TimecodeView as TimecodeView

@@ -261,8 +261,8 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
     AlarmCause.TIMECODE: CauseRow(
         C,
         "Show not at its timecode",
-        "Bring the timecode to where the show is, or pause the show. gcs shows follow-timecode lets it run by"
-        " this station's clock.",
+        "Bring the timecode to where the show is, or pause the show."
+        " gcs shows follow-external-clock no lets it run by this station's clock.",
         on_after_s=1.0,
     ),
     AlarmCause.CLOCK_DOUBTFUL: CauseRow(

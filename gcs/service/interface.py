@@ -218,8 +218,8 @@ class Player(Protocol):
     def cancel_begin(self) -> SelectedShow:
         """Forget that time. A show that waits in the air then waits until another is given."""
 
-    def follow_timecode(self, follow: bool) -> None:
-        """Have shows follow the timecode, or this station's clock. RefusedError: none is configured."""
+    def follow_external_clock(self, follow: bool) -> None:
+        """Have shows follow an external clock, or this station's. RefusedError: none is configured."""
 
 
 class Preflight(Protocol):

@@ -5,7 +5,7 @@ from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Final, Generic, Literal, TypeAlias, TypeVar
+from typing import TYPE_CHECKING, Annotated, Final, Generic, Literal, TypeVar
 
 from pydantic import Field
 
@@ -18,6 +18,7 @@ from gcs.model.settings import PUBLISHED, Measured
 from gcs.model.state import Counts, VehicleId
 from gcs.service.alarms import Alarm
 from gcs.service.event_log import Severity
+from gcs.service.features import Features
 from gcs.service.histograms import Collected, TickHistogram
 from gcs.service.vehicle_table import VehicleTable
 
@@ -278,78 +279,6 @@ class StationView:
 
 
 @dataclass(frozen=True, slots=True)
-class CorrectionsView:
-    """Corrections for RTK, from a base to all vehicles."""
-
-    __pydantic_config__ = PUBLISHED
-
-    source: Annotated[str, Field(examples=["ntrip://192.0.2.7:2101/BASE"])]
-    age_s: Annotated[Measured, Field(description="Since the newest arrived; null: none has.")]
-    problem: Annotated[str, Field(description="Why there are no recent ones; empty while there are.")]
-    base_latitude_deg: Annotated[Measured, Field(description="As the base reports; null: not yet.")]
-    base_longitude_deg: Measured
-    base_height_m: Annotated[Measured, Field(description="Above the ellipsoid.")]
-    messages: Annotated[int, Field(description="That arrived from the base.")]
-    received_bytes: int
-    sent: Annotated[int, Field(description="Messages that left, summed over the links.")]
-    dropped: Annotated[int, Field(description="Too old, too many, or longer than MAVLink can carry.")]
-
-
-TimecodeState: TypeAlias = Literal["none", "running", "dropped-out", "stopped", "lost", "refused"]
-
-
-@dataclass(frozen=True, slots=True)
-class TimecodeView:
-    """The timecode that shows follow."""
-
-    __pydantic_config__ = PUBLISHED
-
-    source: Annotated[str, Field(examples=["rtp-midi://0.0.0.0:5004"])]
-    followed: Annotated[bool, Field(description="false: an operator has shows run by this station's clock.")]
-    state: Annotated[
-        TimecodeState,
-        Field(
-            description="stopped: its source says so. lost: nothing arrives any more."
-            " refused: it has jumped to where the show does not follow."
-        ),
-    ]
-    label: Annotated[
-        str, Field(description="Where it is, or stands; empty: nowhere yet.", examples=["01:00:02:12"])
-    ]
-    frame_rate: Annotated[str, Field(examples=["25"])]
-    age_s: Annotated[Measured, Field(description="Since the newest reading that was followed; null: none.")]
-    behind_s: Annotated[
-        Measured, Field(description="By how much the show is behind it; null while the show does not follow.")
-    ]
-    slope: Annotated[Measured, Field(description="How fast it runs by this station's clock; 1 at its rate.")]
-    tempo: Annotated[Measured, Field(description="How fast the show runs; 0: it stands still; null: none.")]
-    problem: Annotated[str, Field(description="Why the show waits or stands still; empty: it does not.")]
-    readings: Annotated[int, Field(description="That arrived.")]
-    garbage: Annotated[int, Field(description="Messages that make no sense.")]
-    dropped: Annotated[int, Field(description="Dropped unread: too many, or too long.")]
-    frozen_since_unix_time_s: Annotated[
-        float | None,
-        Field(
-            description="Since when a running show stands still, or comes to rest, because the timecode does;"
-            " null: it does not. `state` and `problem` say why."
-        ),
-    ] = None
-
-
-@dataclass(frozen=True, slots=True)
-class LightsView:
-    """Colours for the vehicles' own lights, summed over the links."""
-
-    __pydantic_config__ = PUBLISHED
-
-    driver: Annotated[str, Field(description="lights.driver; none: none are sent.", examples=["led-control"])]
-    sent: Annotated[int, Field(description="Colours that left.")]
-    dropped: Annotated[
-        int, Field(description="Colours that another one replaced before they left: the rate is limited.")
-    ]
-
-
-@dataclass(frozen=True, slots=True)
 class BusView:
     """Totals of the bus between the stations, since this station's start."""
 
@@ -563,9 +492,7 @@ class FleetView:
     playback: Playback | None = None  # None: this is no replay
     histograms: tuple[TickHistogram | Collected, ...] = ()  # of the ticks since the start; the first change
     stations: tuple[StationView, ...] = ()  # of the site; empty: one station flies all
-    corrections: CorrectionsView | None = None  # None: none are configured
-    timecode: TimecodeView | None = None  # None: none is configured
-    lights: LightsView | None = None  # None: a replay
+    features: Features = Features()  # of a replay: none
     bus: BusView | None = None  # None: one station flies all
     estimates: Estimates | None = None  # rows as in `rows`; None: nothing is estimated, as in a replay
 

@@ -79,7 +79,7 @@ class VehicleTable(VehicleNumbers):
     def counts(self) -> Counts:
         return counts_of(self.phases, self.landed, self.armed, self.heartbeat_age_s.tolist())
 
-    def lights(self) -> list[str | None]:
+    def colours(self) -> list[str | None]:
         """Colour that the show sets for each vehicle, #rrggbb; None: it sets none."""
         colours = zip(self.colour.tolist(), self.lit, strict=True)
         return ["#{:02x}{:02x}{:02x}".format(*colour) if lit else None for colour, lit in colours]

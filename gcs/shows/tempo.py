@@ -1,4 +1,4 @@
-"""How fast the clock of a show runs that follows a timecode. Pure."""
+"""How fast the clock of a show runs that follows another clock. Pure."""
 
 from dataclasses import dataclass
 from typing import Final
@@ -27,11 +27,11 @@ class Tempo:
 
 
 def desired_rate(behind_s: float, slope: float, catch_up: float) -> float:
-    """Return the rate that takes the show's clock to its timecode.
+    """Return the rate that takes the show's clock to the one that it follows.
 
     Args:
-        behind_s: timecode minus the show's clock.
-        slope: how fast the timecode runs.
+        behind_s: that one minus the show's clock.
+        slope: how fast that one runs.
         catch_up: the share by which the show may run faster than drawn.
     """
     return min(max(slope + GAIN_PER_S * behind_s, 0.0), 1.0 + catch_up)

@@ -1,4 +1,4 @@
-"""Virtual time: scenarios, metrics, show rehearsal; imports the control tick and sim's vehicle model."""
+"""Virtual time: scenarios, metrics, show rehearsal; imports 13 packages, from flight to sim."""
 
 from typing import Final
 

@@ -11,10 +11,10 @@ from typing import Final
 
 from gcs.flight.shows.show_begin import ALIGNS_S, EARLY_S, ShowBegin
 from gcs.flight.state.elsewhere import LedBegin
+from gcs.flight.state.external_clock import ExternalClock
 from gcs.flight.state.newest import Newest
 from gcs.flight.state.running_show import ShowRun
 from gcs.flight.state.show_state import ShowState
-from gcs.flight.state.timecode import Timecode
 from gcs.model.lifecycle import ShowPhase
 from gcs.site.led_show import LedShow
 from gcs.site.member import SiteMember
@@ -32,7 +32,7 @@ class FollowedBegin(LedBegin):
 
     newest: Newest
     show: ShowState
-    timecode: Timecode
+    outside_clock: ExternalClock
     unix_s: Callable[[], float]
     member: SiteMember
     local: ShowBegin
@@ -44,9 +44,9 @@ class FollowedBegin(LedBegin):
         return None if led is None or show_run is None or led.hash != show_run.hash else led
 
     @property
-    def follows_timecode(self) -> bool:
+    def follows_clock(self) -> bool:
         led = self.member.show_traffic.led
-        return led is not None and led.timecode is not None and led.timecode.followed
+        return led is not None and led.outside is not None and led.outside.followed
 
     @property
     def waits(self) -> bool:
@@ -78,7 +78,7 @@ class FollowedBegin(LedBegin):
         """Begin with the lead, and show how it waits. Call once a tick at a station that does not lead."""
         show_run = self.show.run
         led, now_s = self._led(show_run), self.newest.state.time_s
-        self._watch_timecode(show_run, now_s)
+        self._watch_clock(show_run, now_s)
         if led is None or show_run is None:
             return
         show_run.begun, begin = led.begun, led.begin
@@ -91,20 +91,20 @@ class FollowedBegin(LedBegin):
             self.began_s = now_s
             self.local.begin_now(show_run, begins_s)
 
-    def _watch_timecode(self, show_run: ShowRun | None, now_s: float) -> None:
-        """Say that the own timecode is not followed, because another station leads."""
-        timecode, led = self.timecode, self.member.show_traffic.led
-        if timecode.settings is None:
+    def _watch_clock(self, show_run: ShowRun | None, now_s: float) -> None:
+        """Say that the own external clock is not followed, because another station leads."""
+        outside, led = self.outside_clock, self.member.show_traffic.led
+        if not outside.configured:
             return
         clock_s = nan if show_run is None or not show_run.begun else show_run.clock.show_s(now_s)
-        timecode.note_show(clock_s)
-        timecode.note_frozen(False, self.unix_s())
-        of_lead = None if led is None else led.timecode
+        outside.note_show(clock_s)
+        outside.note_frozen(False, self.unix_s())
+        of_lead = None if led is None else led.outside
         if of_lead is not None:
-            timecode.followed = of_lead.followed  # kept where this station leads next
-        only_here = timecode.runs(now_s) and not (of_lead is not None and of_lead.runs)
+            outside.followed = of_lead.followed  # kept where this station leads next
+        only_here = outside.runs(now_s) and not (of_lead is not None and of_lead.runs)
         name = self.member.site.lead.name
-        timecode.expected = not only_here
-        timecode.problem = f"not followed: station {name} leads"
+        outside.expected = not only_here
+        outside.problem = f"not followed: station {name} leads"
         if only_here:
-            timecode.problem += ", and no timecode arrives there"
+            outside.problem += f", and no {outside.name} arrives there"

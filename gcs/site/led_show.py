@@ -12,9 +12,9 @@ from typing import Any, Final
 
 from pydantic_core import from_json
 
+from gcs.flight.state.external_clock import ExternalClock
 from gcs.flight.state.running_show import ShowRun
 from gcs.flight.state.show_state import ShowState
-from gcs.flight.state.timecode import Timecode
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import ON_THE_GROUND
 from gcs.model.state import VehicleId
@@ -43,8 +43,8 @@ RATE_MAX: Final = 2.0
 
 
 @dataclass(frozen=True, slots=True)
-class LedTimecode:
-    """The timecode that a lead has configured."""
+class LedClock:
+    """The external clock that a lead has configured."""
 
     runs: bool
     followed: bool
@@ -64,7 +64,7 @@ class LedShow:
     begun: bool = False
     begin: BeginView | None = None  # how it waited then; None: it begins as soon as it can
     begins_s: float | None = None  # when it will begin; None: not known
-    timecode: LedTimecode | None = None  # None: the lead has none
+    outside: LedClock | None = None  # None: the lead has none
 
     @property
     def rate(self) -> float:
@@ -79,15 +79,17 @@ class LedShow:
 class ShowTraffic:
     """What of the show crosses the bus: the lead sends it, the others take it."""
 
-    def __init__(self, show: ShowState, timecode: Timecode, site: Site, ids: tuple[VehicleId, ...]) -> None:
+    def __init__(
+        self, show: ShowState, outside_clock: ExternalClock, site: Site, ids: tuple[VehicleId, ...]
+    ) -> None:
         """`ids`: all vehicles of the site, in the order of its file."""
-        self._show, self._timecode, self._site, self._ids = show, timecode, site, ids
+        self._show, self._outside_clock, self._site, self._ids = show, outside_clock, site, ids
         self._row_of = {name: row for row, name in enumerate(ids)}
         self.led: LedShow | None = None  # None: not known
         self._parts: tuple[str, dict[VehicleId, int]] = ("", {})  # of the show with this hash
         self._sent_parts: Mapping[VehicleId, int] | None = None
         self._due_s = self._parts_due_s = -inf
-        self._led_by_a_clock = False  # a show or a timecode, when the newest message was sent
+        self._led_by_a_clock = False  # a show or an external clock, when the newest message was sent
         self.begins_s: Callable[[float], float | None] = lambda _: None  # when the lead's show begins
 
     def parts_of(self, show_hash: str, count: int) -> dict[VehicleId, int]:
@@ -106,7 +108,7 @@ class ShowTraffic:
                 self._take_parts(read)
             else:
                 led = _led_show(read["show"], arrived_s - self._site.delays.one_way_s(number))
-                self.led = replace(led, timecode=_timecode(read["timecode"]))
+                self.led = replace(led, outside=_clock(read["outside"]))
         except (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError):
             raise LinkError("a show that cannot be read") from None
         if self.led is not None and not self.led.started:
@@ -122,14 +124,14 @@ class ShowTraffic:
     def messages(self, now_s: float) -> Iterator[tuple[str, bytes]]:
         """Topics and payloads that the lead sends after its tick."""
         show_run, term = self._show.run, self._site.lead.term
-        timecode = self._timecode
+        outside = self._outside_clock
         flies = self._show.phase not in ON_THE_GROUND
-        led_by_a_clock = show_run is not None or timecode.settings is not None
+        led_by_a_clock = show_run is not None or outside.configured
         if now_s >= self._due_s or (flies and (led_by_a_clock or self._led_by_a_clock)):
             self._due_s, self._led_by_a_clock = now_s + SLOWLY_S, led_by_a_clock
             about = None if show_run is None else _shown(show_run, now_s, self.begins_s(now_s))
-            led = None if timecode.settings is None else [timecode.runs(now_s), timecode.followed]
-            yield SHOW, json.dumps({"term": term, "show": about, "timecode": led}).encode()
+            led = [outside.runs(now_s), outside.followed] if outside.configured else None
+            yield SHOW, json.dumps({"term": term, "show": about, "outside": led}).encode()
         if show_run is None or not show_run.started:
             self._sent_parts = None
         elif now_s >= self._parts_due_s or show_run.parts is not self._sent_parts:
@@ -177,12 +179,12 @@ def _led_show(read: Mapping[str, Any] | None, made_s: float) -> LedShow:
     )
 
 
-def _timecode(read: Any) -> LedTimecode | None:
+def _clock(read: Any) -> LedClock | None:
     """Raises: ValueError, TypeError."""
     if read is None:
         return None
     runs, followed = read
-    return LedTimecode(bool(runs), bool(followed))
+    return LedClock(bool(runs), bool(followed))
 
 
 def _begin(read: Any) -> BeginView | None:

@@ -86,7 +86,7 @@ class SiteMember(Elsewhere):
         self.letters = {name: Letters(membership.session) for name in self.site.stations}
         self.received: list[tuple[str, dict[str, Any]]] = []  # requests and answers of this tick
         self.texts: dict[str, StationTexts] = {name: StationTexts() for name in self.site.stations}
-        self.show_traffic = ShowTraffic(flight.show, flight.timecode, site, self.all_ids)
+        self.show_traffic = ShowTraffic(flight.show, flight.outside_clock, site, self.all_ids)
         self.sender = SiteSender(flight, site, self.bus, self.letters, self.show_traffic)
         self.returns = self._returns = SiteReturns(
             site, self, self.sender, lambda: flight.newest.state.time_s

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from gcs.flight.shows.show_player import ShowPlayer
+from gcs.flight.state.external_clock import ExternalClock
 from gcs.flight.state.newest import Newest
 from gcs.flight.state.running_show import ShowRun
 from gcs.flight.state.show_state import ShowState
@@ -25,6 +26,7 @@ class SitePlayer:
 
     newest: Newest
     show: ShowState
+    outside_clock: ExternalClock
     unix_s: Callable[[], float]
     local: ShowPlayer
     member: SiteMember
@@ -80,17 +82,18 @@ class SitePlayer:
         begin = None if grounded else BeginView(BeginState.HELD, None, None)
         return replace(self.local.selected(), begin=begin)
 
-    def follow_timecode(self, follow: bool) -> None:
+    def follow_external_clock(self, follow: bool) -> None:
         if self.shows.leads:
-            self.local.follow_timecode(follow)
+            self.local.follow_external_clock(follow)
             return
         self._need_lead_here()
         led = self.member.show_traffic.led
-        if led is None or led.timecode is None:
+        if led is None or led.outside is None:
+            station = self.member.site.lead.name
             raise RefusedError(
-                f"no timecode is configured at station {self.member.site.lead.name}, which leads"
+                f"no {self.outside_clock.name} is configured at station {station}, which leads"
             )
-        self._ask("follow-timecode", "yes" if follow else "no")
+        self._ask("follow-external-clock", "yes" if follow else "no")
 
     def _need_lead(self, what: str) -> None:
         self.show.need_no_countdown()
@@ -130,8 +133,8 @@ class SitePlayer:
                 self.local.begin_at(float(request.value))
             case "cancel-begin":
                 self.local.cancel_begin()
-            case "follow-timecode":
-                self.local.follow_timecode(request.value == "yes")
+            case "follow-external-clock":
+                self.local.follow_external_clock(request.value == "yes")
 
     def advance(self) -> None:
         """Select the show that another station asked for, once its drawing is read; once a tick."""

@@ -129,7 +129,7 @@ class ShowChange:
     """Change the show at the lead."""
 
     by: Text
-    action: Literal["select", "deselect", "seek", "begin", "cancel-begin", "follow-timecode"]
+    action: Literal["select", "deselect", "seek", "begin", "cancel-begin", "follow-external-clock"]
     value: Text = ""  # the hash of a show that was sent before, a cue, a Unix time, yes or no
     kind: Literal["show-change"] = "show-change"
 

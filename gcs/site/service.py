@@ -100,14 +100,16 @@ class SiteService:
         holds = SiteHolds(
             newest, vehicles, show, member, pause, partial(commander.command_show, ShowAction.RESUME)
         )
-        begin = FollowedBegin(newest, show, flight.timecode, flight.unix_s, member, local.player.begin)
+        begin = FollowedBegin(newest, show, flight.outside_clock, flight.unix_s, member, local.player.begin)
         arrivals = ShowArrivals(local.shows, reading)
         member.shows = shows = SiteShows(
             newest, show, flight.in_force, vehicles, begin, local.player, member, arrivals
         )
 
         self.plan = SitePlanEditor(local.plan, member)
-        self.player = SitePlayer(newest, show, flight.unix_s, local.player, member, shows)
+        self.player = SitePlayer(
+            newest, show, flight.outside_clock, flight.unix_s, local.player, member, shows
+        )
         self.commands = SiteCommands(commander, member, shows, routing, holds)
         self.stations = SiteStations(member, display, standby, routing)
         self.preflight = SitePreflight(local.preflight, member, routing)

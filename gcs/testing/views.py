@@ -28,7 +28,7 @@ class VehicleView:
     heartbeat_age_s: float | None
     position_uncertainty_m: float
     limited_by: str
-    light: str | None
+    colour: str | None
 
 
 def vehicles_of(view: FleetView) -> tuple[VehicleView, ...]:
@@ -40,7 +40,7 @@ def vehicles_of(view: FleetView) -> tuple[VehicleView, ...]:
         *(map(bool, rows.armed), rows.landed, map(bool, rows.ready)),
         *(map(_triple, column.tolist()) for column in vectors),
         *(map(_known, column.tolist()) for column in values),
-        *(rows.uncertainty_m.tolist(), rows.limited_by, rows.lights()),
+        *(rows.uncertainty_m.tolist(), rows.limited_by, rows.colours()),
     )
     return tuple(VehicleView(*row) for row in zip(*columns, strict=True))
 

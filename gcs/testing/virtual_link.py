@@ -280,7 +280,6 @@ class VirtualLink(NativeLink):
             autopilots=[autopilot_of[name] for name in names],
             setpoint_timeout_s=config.setpoint_timeout_s,
             rates_hz=desired_rates(StreamSettings()),
-            lights=config.lights,
             clock=clock,
             ports=self.ports,
         )

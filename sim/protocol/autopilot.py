@@ -6,7 +6,7 @@ fleet at once (sim.fleet); this is a view of one row of its state.
 
 import math
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import ClassVar
@@ -15,7 +15,7 @@ from pymavlink.dialects.v20 import common
 
 from gcs.sim.protocol import reports
 from gcs.sim.protocol.base import MAX_MESSAGE_ID, BaseAutopilot, Params
-from gcs.sim.protocol.corrections import RTCM_PREAMBLE, Reassembly
+from gcs.sim.protocol.equipment import MESSAGES, SET_ACTUATOR
 from gcs.sim.protocol.frames import Message
 from gcs.sim.protocol.streams import Outbox, Schedule
 from gcs.sim.vehicle import px4
@@ -31,7 +31,6 @@ GCS_SILENT_AFTER_S = 2.5
 TEXT_LENGTH = 50
 FORCE = 21196  # param2 that overrides the checks: arms in any case, kills in the air
 CUSTOM_MODE_ENABLED = 1
-CUSTOM_PATTERN = 255  # LED_CONTROL_PATTERN_CUSTOM
 AUTOPILOT_VERSION_ID, PROTOCOL_VERSION_ID = 148, 300
 CAPABILITIES = (  # only those that hold here
     common.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
@@ -68,7 +67,6 @@ class Autopilot(BaseAutopilot):
             *(self._post_text, self._announce),
         )
         self._text_id = 0
-        self._corrections = Reassembly()
 
     @property
     def commander(self) -> Commander:
@@ -176,33 +174,8 @@ class Autopilot(BaseAutopilot):
         self.reply(self.parameter(name))
         self.reply(self.parameter(name), SECOND_PARAMETER_AFTER_S)
 
-    def _receive_led(self, message: Message) -> None:
-        """LED_CONTROL: no driver of stock PX4 reads it; this vehicle has one that does."""
-        if message.pattern == CUSTOM_PATTERN and message.custom_len == 3:
-            self._show_light(message.custom_bytes[:3])
-
-    def _receive_named_value(self, message: Message) -> None:
-        """Read NAMED_VALUE_FLOAT "rgb17" of system 17, which PX4 publishes as debug_key_value."""
-        if message.name == f"rgb{self.system_id}" and 0 <= message.value < 1 << 24:
-            self._show_light(int(message.value).to_bytes(3, "big"))
-
     def _set_actuator(self, params: Params) -> Result:
-        """MAV_CMD_DO_SET_ACTUATOR with red, green and blue from -1 to 1 in the first three."""
-        if params[6] != 0.0 or not all(-1.0 <= value <= 1.0 for value in params[:3]):
-            return Result.DENIED
-        self._show_light([round(127.5 * (value + 1.0)) for value in params[:3]])
-        return Result.ACCEPTED
-
-    def _receive_correction(self, message: Message) -> None:
-        """GPS_RTCM_DATA: a message counts once all its fragments are here, and its RTCM length is right."""
-        whole = self._corrections.take(message.flags, bytes(message.data[: message.len]))
-        if whole is not None and whole[:1] == RTCM_PREAMBLE:
-            size = int.from_bytes(whole[1:3], "big") & 0x3FF
-            self._state.correction_count[self.row] += len(whole) == size + 6
-
-    def _show_light(self, colour: Sequence[int]) -> None:
-        self._state.light[self.row] = list(colour)
-        self._state.light_count[self.row] += 1
+        return Result.ACCEPTED if self.equipment.set_actuator(params) else Result.DENIED
 
     def _gcs_listens(self) -> bool:
         return bool(self._state.now_s - self._state.station_s[self.row] <= GCS_SILENT_AFTER_S)
@@ -304,7 +277,7 @@ class Autopilot(BaseAutopilot):
             ),
             common.MAV_CMD_DO_SET_MODE: _set_mode,
             common.MAV_CMD_DO_FLIGHTTERMINATION: _terminate,
-            common.MAV_CMD_DO_SET_ACTUATOR: _set_actuator,
+            SET_ACTUATOR: _set_actuator,
             common.MAV_CMD_COMPONENT_ARM_DISARM: _arm_or_disarm,
             common.MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN: _reboot,
             common.MAV_CMD_GET_MESSAGE_INTERVAL: _get_interval,
@@ -319,9 +292,7 @@ class Autopilot(BaseAutopilot):
             "HEARTBEAT": _receive_heartbeat,
             "COMMAND_LONG": _receive_command,
             "COMMAND_INT": _receive_command,
-            "GPS_RTCM_DATA": _receive_correction,
-            "LED_CONTROL": _receive_led,
-            "NAMED_VALUE_FLOAT": _receive_named_value,
+            **dict.fromkeys(MESSAGES, lambda self, each: self.equipment.receive(each, self.system_id)),
             "PING": _receive_ping,
             "TIMESYNC": _receive_timesync,
             "PARAM_REQUEST_READ": _receive_parameter_read,

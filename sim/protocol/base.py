@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 from enum import Enum
 from typing import ClassVar, Protocol, TypeAlias
 
+from gcs.sim.protocol.equipment import Equipment
 from gcs.sim.protocol.frames import AUTOPILOT_COMPONENT, Message
 from gcs.sim.protocol.streams import Item, Outbox
 from gcs.sim.vehicle.parameters import Table
@@ -57,6 +58,7 @@ class BaseAutopilot(ABC):
         self.row = row
         self._state = state
         self._outbox = outbox
+        self.equipment = Equipment()
 
     @property
     @abstractmethod

@@ -1,4 +1,4 @@
-"""PX4's commander: the transitions of one vehicle. When they are due: sim.vehicle.transitions.
+"""PX4's commander: the transitions of one vehicle, and whether it can arm. When they are due: `transitions`.
 
 Two modes are kept apart, as in PX4: the one requested (intended) and the one flown (mode). They differ
 during a failsafe. Items in comments are those of FACTS, section 3.

@@ -143,9 +143,6 @@ class State:
         self.vertical_accuracy_m = np.full(count, 1.78)
         self.hdop = np.full(count, 0.7)
         self.vdop = np.full(count, 1.1)
-        self.light = np.zeros((count, 3), dtype=np.uint8)  # red, green, blue
-        self.light_count: Numbers = np.zeros(count, dtype=np.int64)  # colours received
-        self.correction_count: Numbers = np.zeros(count, dtype=np.int64)  # whole RTCM messages received
         self.fix_type: Numbers = np.full(count, FIX_3D)
         self.unhealthy_sensors: Numbers = np.zeros(count, dtype=np.int64)  # bits of MAV_SYS_STATUS_SENSOR
         self.unix_ahead_s = np.zeros(count)  # error of its receiver's time

@@ -95,7 +95,8 @@ async def fly(config: Config, loaded: LoadedShow, checked: dict[str, Any]) -> tu
         orchestrator.commands.command_show(ShowAction.START, show_hash=show_hash)
         await until("landed", WITHIN_S, lambda: view.value.show is ShowPhase.LANDED)
         await asyncio.sleep(1.0)  # what left has arrived
-        return view.value.tick, sum(link.counters.lights_sent for link in links)
+        lights = view.value.features.lights
+        return view.value.tick, 0 if lights is None else lights.sent
     finally:
         control.cancel()
         await asyncio.wait((control,))

@@ -29,7 +29,7 @@ def test_a_vehicle_is_found_by_its_lights(chrome: Browser, tmp_path: Path) -> No
         wait_until(
             "white light", SOON_S, lambda: str(last_truths(tmp_path / "truth.jsonl")[1]["light"]) == WHITE
         )
-        sent = running.client.fleet().lights
+        sent = running.client.fleet().features.lights
         assert sent is not None
         assert (sent.driver, sent.sent > 0) == ("led-control", True)
         assert ui.serious() == []
@@ -58,7 +58,7 @@ def test_corrections_are_shown_and_missed(chrome: Browser, tmp_path: Path) -> No
         def arrived() -> bool:
             for message in (base_message(), rtcm(1074, 300)):
                 base.sendto(message, ("127.0.0.1", port))
-            found = running.client.corrections()
+            found = running.client.features().corrections
             return found is not None and found.messages > 3
 
         wait_until("corrections", SOON_S, arrived)

@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Browser, expect
 
 from gcs.client import Client
-from gcs.service import TimecodeView
+from gcs.service.features import TimecodeView
 from gcs.shows.timecode.smpte import Label, parse_label
 from tests.browser.test_console_cut_off import SHOW
 from tests.browser.test_console_sizes import COMMANDS, UNREACHABLE
@@ -123,7 +123,7 @@ def test_a_show_is_ordered_to_begin_counted_down_and_cancelled(chrome: Browser, 
 
 
 def timecode(client: Client) -> TimecodeView:
-    found = client.fleet().timecode
+    found = client.fleet().features.timecode
     assert found is not None
     return found
 

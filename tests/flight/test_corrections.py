@@ -5,6 +5,7 @@ from collections import defaultdict
 import numpy as np
 from pymavlink.dialects.v20 import common
 
+from gcs.flight.state.corrections import Corrections
 from gcs.links.intake import Arrived
 from gcs.links.link import FrameDirection
 from gcs.model.errors import RefusedError
@@ -19,10 +20,14 @@ LED_CONTROL = 186
 RTK = {"rtk": {"source": "tcp://127.0.0.1:2101", "required": True, "age_max_s": 3.0}}
 
 
+def corrections(show: VirtualShow) -> Corrections:
+    return next(each for each in show.service.flight.features if isinstance(each, Corrections))
+
+
 async def supply(show: VirtualShow, seconds: float) -> None:
     """The base sends a message each second."""
     for _ in range(round(seconds)):
-        show.service.corrections.take(rtcm(1077, 400), BASE, show.now_s)
+        corrections(show).take(rtcm(1077, 400), BASE, show.now_s)
         await show.wait(1.0)
 
 
@@ -42,7 +47,12 @@ def test_start_needs_recent_corrections_where_required() -> None:
         assert not stopped(show)
         check = next(each for each in show.service.preflight.report().fleet if each.name == "corrections")
         assert check.passes
-        assert show.fleet.state.correction_count.tolist() == [2, 2, 2, 2]
+        assert [each.equipment.truth["corrections_received"] for each in show.fleet.autopilots] == [
+            2,
+            2,
+            2,
+            2,
+        ]
         show.service.commands.command_show(ShowAction.START)
 
     fly(story, show_config(4, **RTK))
@@ -58,12 +68,12 @@ def test_stopped_corrections_raise_an_alarm_and_margins_grow() -> None:
         await show.standby()
         await supply(show, 3.0)
         with_rtk_m = np.max(show.view.rows.uncertainty_m)
-        view = show.view.corrections
+        view = show.view.features.corrections
         assert view is not None
         assert (view.base_latitude_deg, view.messages, view.problem) == (BASE[0], 3, "")
         await show.until(lambda: stopped(show), 5.0)
-        assert show.view.corrections is not None
-        assert show.view.corrections.problem.startswith("none for ")
+        assert show.view.features.corrections is not None
+        assert show.view.features.corrections.problem.startswith("none for ")
         for name in show.config.ids:
             show.befall(name, "fix", type="3d")
             show.befall(name, "accuracy", eph_m=0.9, epv_m=1.8)
@@ -102,7 +112,7 @@ def test_a_flood_of_an_input_is_named_with_its_sender() -> None:
     async def story(show: VirtualShow) -> None:
         await show.standby()
         flood = [Arrived(b"\xd3\x03" * 700, ("192.0.2.9", 4711))] * 100
-        show.service.corrections.intakes[0].admit(flood, show.now_s)
+        corrections(show).intakes[0].admit(flood, show.now_s)
         await show.wait(0.5)
         texts = [alarm.text for alarm in show.view.alarms if alarm.cause is AlarmCause.INPUT_FLOODED]
         limit = "more than 64 kB or 1000 messages a second"

@@ -191,7 +191,7 @@ def test_a_time_that_is_past_or_far_is_refused(tmp_path: Path, ahead_s: float) -
         select(show, MOVING)
         refusal = await refused(show, lambda: player.begin_at(show.unix() + ahead_s))
         assert refusal.kind is InvalidError
-        refusal = await refused(show, lambda: player.follow_timecode(True))
+        refusal = await refused(show, lambda: player.follow_external_clock(True))
         assert "no timecode is configured" in refusal.text
 
     fly(story, config(tmp_path))

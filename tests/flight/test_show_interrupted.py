@@ -153,7 +153,7 @@ def test_written_show_resumes_where_it_was_and_as_checked(tmp_path: Path) -> Non
         assert 11.0 < selected.clock_s <= 12.2
         await show.show(ShowAction.RESUME)
         await show.until(lambda: show.view.selected is not None and show.view.selected.runs)
-        assert None not in [show.vehicle(name).light for name in ALL]
+        assert None not in [show.vehicle(name).colour for name in ALL]
         await show.until(lambda: show.view.selected is not None and show.view.selected.cue == "turn")
 
     configs = four(shows={"folder": str(shows)})

@@ -17,7 +17,8 @@ LED = {"lights": {"driver": "led-control"}}
 
 def light(show: VirtualShow, vehicle_id: str) -> tuple[int, ...]:
     """The colour that the fake vehicle received last."""
-    return tuple(show.fleet.state.light[show.config.ids.index(vehicle_id)].tolist())
+    truth = show.fleet.autopilots[show.config.ids.index(vehicle_id)].equipment.truth
+    return tuple(bytes.fromhex(truth["light"][1:]))
 
 
 def test_battery_is_shown_as_colour_on_the_ground() -> None:

@@ -13,8 +13,9 @@ import pytest
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.state import Array
-from gcs.service import SelectedShow, ShowAction, TimecodeView
+from gcs.service import SelectedShow, ShowAction
 from gcs.service.alarms import AlarmCause, AlarmSeverity
+from gcs.service.features import TimecodeView
 from gcs.shows.timecode import Rate
 from gcs.shows.timecode.midi import MidiTimecode
 from gcs.shows.timecode.smpte import Label, label_at
@@ -36,7 +37,7 @@ def selected(show: VirtualShow) -> SelectedShow:
 
 
 def timecode(show: VirtualShow) -> TimecodeView:
-    found = show.view.timecode
+    found = show.view.features.timecode
     assert found is not None
     return found
 
@@ -72,7 +73,7 @@ class Source:
             if self.drops(sent.at_s):
                 continue
             for reading in midi.take(sent.message):
-                self.show.service.timecode.take(reading, loop.time())
+                self.show.service.flight.outside_clock.take(reading, loop.time())
 
     def true_s(self, now_s: float) -> float:
         """The show's time that belongs to the timecode."""
@@ -199,7 +200,7 @@ def test_a_show_waits_for_its_timecode_and_is_let_go_by_hand(tmp_path: Path) -> 
             assert "past the show's beginning" in timecode(show).problem
         refusal = await refused(show, lambda: show.service.player.begin_at(show.unix() + 5.0))
         assert (refusal.kind, "follow the timecode" in refusal.text) == (RefusedError, True)
-        show.service.player.follow_timecode(False)
+        show.service.player.follow_external_clock(False)
         await show.reach(ShowPhase.RUNNING, 1.0)
         await show.wait(3.0)
         assert selected(show).clock_s == pytest.approx(3.0, abs=0.11)
@@ -216,7 +217,7 @@ def test_a_show_frozen_without_timecode_goes_on_by_the_clock(tmp_path: Path) -> 
         async with Source(show).runs(from_s=-2.0):
             await show.until(lambda: selected(show).clock_s > 3.0, 20.0)
         await show.until(lambda: timecode(show).tempo == 0.0, 5.0)
-        show.service.player.follow_timecode(False)
+        show.service.player.follow_external_clock(False)
         await show.wait(3.0)
         clock_s = selected(show).clock_s
         await show.wait(5.0)

@@ -137,8 +137,8 @@ def test_true_formation_turns_as_the_show_says(flight: Flight) -> None:
 
 def test_the_lights_are_the_vehicles_in_turn(flight: Flight) -> None:
     samples = running(flight).samples
-    assert [seen.light for seen in vehicles_of(samples[0].view)] == ["#ff0000", "#0000ff"] * 2
-    assert [seen.light for seen in vehicles_of(samples[-1].view)] == ["#00ff00"] * 4
+    assert [seen.colour for seen in vehicles_of(samples[0].view)] == ["#ff0000", "#0000ff"] * 2
+    assert [seen.colour for seen in vehicles_of(samples[-1].view)] == ["#00ff00"] * 4
 
 
 def test_pause_stops_show_clock_and_vehicles_setpoints_continue(flight: Flight) -> None:

@@ -48,10 +48,10 @@ def test_a_show_is_recorded_with_its_fence_and_its_lights(
     assert (fences_m[0], fences_m[-1]) == (service_m, 100.0)
     assert service_m > 100.0
     running = [tick for tick in ticks if tick.status.show == "running"]
-    colour, lit = layout.lights(running[20].vehicles)
+    colour, lit = layout.colours(running[20].vehicles)
     assert lit.all()
     np.testing.assert_array_equal(colour, [[255, 0, 0], [0, 0, 255], [255, 0, 0], [0, 0, 255]])
-    assert not layout.lights(ticks[0].vehicles)[1].any()
+    assert not layout.colours(ticks[0].vehicles)[1].any()
     capsys.readouterr()
     code = main(["report", str(file), "--json"])
     report = json.loads(capsys.readouterr().out)

@@ -58,8 +58,8 @@ def test_start_must_name_the_checked_show(tmp_path: Path) -> None:
         record = service.commands.command_show(ShowAction.START, ALL[:3], show_hash=show_hash)
         await show.reach(ShowPhase.RUNNING)
         assert service.command_log.get(record.id).outcomes["d4"].reason == "not chosen"
-        assert show.vehicle("d4").light is None
-        assert [show.vehicle(name).light for name in ALL[:3]] == ["#ff0000", "#0000ff", "#ff0000"]
+        assert show.vehicle("d4").colour is None
+        assert [show.vehicle(name).colour for name in ALL[:3]] == ["#ff0000", "#0000ff", "#ff0000"]
 
     async def start_refused_with_one_silent(show: VirtualShow, show_hash: str) -> str:
         show.ports.silence("d4")

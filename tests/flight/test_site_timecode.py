@@ -12,8 +12,9 @@ import pytest
 from gcs.config.schema import Config
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import ShowPhase
-from gcs.service import ShowAction, TimecodeView
+from gcs.service import ShowAction
 from gcs.service.alarms import AlarmCause
+from gcs.service.features import TimecodeView
 from gcs.shows.timecode import Rate
 from gcs.shows.timecode.midi import MidiTimecode
 from gcs.shows.timecode.smpte import Label, label_at
@@ -36,7 +37,7 @@ def config(folder: Path) -> Config:
 
 
 def timecode(show: SiteShow, station: str) -> TimecodeView:
-    found = show[station].view.timecode
+    found = show[station].view.features.timecode
     assert found is not None
     return found
 
@@ -65,7 +66,7 @@ class Source:
         for sent in running(start, rate):
             await asyncio.sleep(begin_s + sent.at_s + delay_s() - loop.time())
             for reading in midi.take(sent.message):
-                self.show[self.station].service.local.timecode.take(reading, loop.time())
+                self.show[self.station].service.local.flight.outside_clock.take(reading, loop.time())
 
 
 async def take_off(show: SiteShow) -> None:
@@ -103,7 +104,7 @@ def test_all_stations_follow_the_timecode_of_the_lead(tmp_path: Path) -> None:
         await show.wait(5.0)
         assert [selected(show, name).clock_s for name in show.stations] == pytest.approx(stopped_s, abs=1e-3)
         assert np.ptp(stopped_s) < ALLOWED_S
-        show["south"].service.player.follow_timecode(False)
+        show["south"].service.player.follow_external_clock(False)
         await show.wait(10.0)
         later_s = np.subtract([selected(show, name).clock_s for name in show.stations], stopped_s)
         assert later_s == pytest.approx([9.0, 9.0], abs=1.0)
@@ -139,6 +140,6 @@ def test_no_timecode_is_followed_where_the_lead_has_none(tmp_path: Path) -> None
         choose(show, "north")
         await show.wait(2.0)
         with pytest.raises(RefusedError, match="no timecode is configured at station north, which leads"):
-            show["south"].service.player.follow_timecode(True)
+            show["south"].service.player.follow_external_clock(True)
 
     fly_site(story, written_config(tmp_path, 2), **BUS)

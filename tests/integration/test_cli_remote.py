@@ -28,7 +28,7 @@ from gcs.client.fleet_client import PlaybackCalls, PreflightCalls, ShowsCalls
 from gcs.model.interrupted_flight import InterruptedFlight, Offer
 from gcs.model.lifecycle import Phase as LifePhase
 from gcs.model.lifecycle import ShowPhase
-from gcs.service import Outcome, SelectedShow
+from gcs.service import Features, Outcome, SelectedShow
 from gcs.service.access import Role
 from gcs.service.alarms import AlarmCause, Condition
 from gcs.shows import load, shipped
@@ -48,7 +48,7 @@ EVERYTHING = [
     "state",
     "phase",
     "facts",
-    "corrections",
+    "features",
     "whoami",
     "recorded",
     "playback show",
@@ -73,7 +73,7 @@ EVERYTHING = [
     "shows begin 9000000000",
     "shows cancel-begin",
     "timecode",
-    "shows follow-timecode no",
+    "shows follow-external-clock no",
     "shows deselect",
     "shows remove lighthouse",
     "exclude d1 --reason cracked",
@@ -173,7 +173,7 @@ def station(
 def become(service: FakeService, word: str, names: list[str]) -> None:
     """Have the service be of a site, or one of its stations lost, or have a timecode."""
     if word == "timecode":
-        service.timecode = VIEW
+        service.features = Features(timecode=VIEW)
     elif word == "!":
         service.join_site(names)
         service.fly()

@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.cli.kill_directly import KillPart, kill_directly
-from gcs.cli.kill_plan import KillPlan, links_of
+from gcs.cli.kill.directly import KillPart, kill_directly
+from gcs.cli.kill.plan import KillPlan, links_of
 from gcs.model.errors import ConfigError
 from tests.support.machine import free_ports
 

@@ -16,12 +16,15 @@ from typing import NamedTuple
 import pytest
 
 from gcs.flight.state.corrections import Corrections
+from gcs.flight.state.feature import Instant
+from gcs.links.features import RtkSettings
+from gcs.links.intake import Intake
 from gcs.links.native.link import NativeLink
-from gcs.links.rtcm_stream import Place
-from gcs.links.rtk import keep_receiving
-from gcs.links.settings import Listen, RtkSettings
+from gcs.links.rtk import CORRECTIONS, keep_receiving
+from gcs.links.settings import Listen
 from gcs.model.frames import ShowFrame
-from gcs.service.snapshots import CorrectionsView
+from gcs.model.lifecycle import ShowPhase
+from gcs.service.features import CorrectionsView
 from tests.support.link_bench import Ticks, running, until
 from tests.support.machine import free_ports
 from tests.support.processes import last_truths
@@ -77,9 +80,6 @@ async def supply(port: int, base_port: int, second: list[bytes]) -> Supplied:
     settings = RtkSettings(source=f"tcp://127.0.0.1:{base_port}")
     corrections = Corrections(settings, links, time.monotonic())
 
-    def take(message: bytes, place: Place | None) -> None:
-        corrections.take(message, place, time.monotonic())
-
     async with AsyncExitStack() as stack:
         ticks = [Ticks(link, *link.ids) for link in links]
         for link in links:
@@ -88,7 +88,7 @@ async def supply(port: int, base_port: int, second: list[bytes]) -> Supplied:
         for tick in ticks:
             await stack.enter_async_context(tick.running())
         server = await asyncio.start_server(lambda r, w: base(r, w, sent, second), "127.0.0.1", base_port)
-        receiving = asyncio.create_task(keep_receiving(settings, take, corrections.failed))
+        receiving = asyncio.create_task(corrections.receive())
         before = [link.counters.setpoints_sent for link in links]
         begun = [len(tick.times_s) for tick in ticks]
         began_s = time.monotonic()
@@ -97,7 +97,10 @@ async def supply(port: int, base_port: int, second: list[bytes]) -> Supplied:
             await asyncio.sleep(0.05)
         flown = [link.counters.setpoints_sent - count for link, count in zip(links, before, strict=True)]
         asked = [EACH * (len(tick.times_s) - count) for tick, count in zip(ticks, begun, strict=True)]
-        lasted_s, view = time.monotonic() - began_s, corrections.view(time.monotonic())
+        lasted_s, view = (
+            time.monotonic() - began_s,
+            corrections.view(Instant(time.monotonic(), ShowPhase.IDLE, None)),
+        )
         receiving.cancel()
         server.close()
     assert view is not None
@@ -143,12 +146,13 @@ def test_ntrip_caster_is_asked_with_the_password(tmp_path: Path) -> None:
         file = tmp_path / "password"
         source = f"ntrip://127.0.0.1:{port}/NEAR"
         settings = RtkSettings(source=source, user="anna", password_file=file)
+        intake = Intake("rtk", CORRECTIONS)
         found: list[bytes] = []
         failures: list[str] = []
         server = await asyncio.start_server(caster, "127.0.0.1", port)
         async with server:
             task = asyncio.create_task(
-                keep_receiving(settings, lambda each, _: found.append(each), failures.append)
+                keep_receiving(settings, lambda each, *_: found.append(each), failures.append, intake)
             )
             await until(lambda: len(found) == 2)
             task.cancel()
@@ -167,7 +171,8 @@ def test_serial_port_and_udp_port_are_sources_too() -> None:
         found: list[bytes] = []
         failures: list[str] = []
         settings = RtkSettings(source=source)
-        receiving = keep_receiving(settings, lambda each, _: found.append(each), failures.append)
+        intake = Intake("rtk", CORRECTIONS)
+        receiving = keep_receiving(settings, lambda each, *_: found.append(each), failures.append, intake)
         task = asyncio.create_task(receiving)
         while not found:
             send(rtcm(1077, 300))

@@ -11,9 +11,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gcs.links.features import LightSettings
+from gcs.links.lights import LightSender
 from gcs.links.mavsdk.link import MavsdkLink
 from gcs.links.native.link import NativeLink
-from gcs.links.settings import LightSettings, Listen
+from gcs.links.settings import Listen
 from gcs.mavlink.lights import LightDriver
 from gcs.model.frames import ShowFrame
 from tests.support.link_bench import AnyLink, Ticks, ready, running
@@ -34,25 +36,27 @@ def fake_fleet(port: int, truth: Path) -> Iterator[None]:
         process.terminate()
 
 
-def a_link(kind: type[AnyLink], port: int, driver: LightDriver) -> AnyLink:
+def a_link(kind: type[AnyLink], port: int) -> AnyLink:
     vehicles = {f"d{system_id}": system_id for system_id in range(1, COUNT + 1)}
     place, frame = Listen("127.0.0.1", port, COUNT), ShowFrame(47.397742, 8.545594, 488.0)
-    return kind("bench", vehicles, place, frame, lights=LightSettings(driver=driver, rate_hz=RATE_HZ))
+    return kind("bench", vehicles, place, frame)
 
 
-async def shine(link: AnyLink) -> tuple[int, list[int]]:
+async def shine(link: AnyLink, driver: LightDriver) -> tuple[int, list[int]]:
     """Change every colour at 4 Hz beside setpoints. Returns: colours that left, the last ones as 0xRRGGBB."""
+    sender = LightSender(LightSettings(driver=driver, rate_hz=RATE_HZ), link.outbox, link.budget)
     async with running(link):
         await ready(link)
         async with Ticks(link, *link.ids).running():
-            began_s, ours = time.monotonic(), np.ones(COUNT, np.bool_)
+            began_s = time.monotonic()
             while (passed_s := time.monotonic() - began_s) < LASTS_S + 0.5:  # the last one for longer
                 colour = np.full((COUNT, 3), int(min(passed_s, LASTS_S) * RATE_HZ) + 1, np.uint8)
                 colour[:, 2] = np.arange(COUNT)
-                link.send_lights(colour, ours)
+                if (reached := link.reached()) is not None:
+                    sender.send(colour, reached[1], reached[0])
                 await asyncio.sleep(0.05)
             await asyncio.sleep(0.3)
-    return link.counters.lights_sent, [int.from_bytes(bytes(each), "big") for each in colour]
+    return sender.sent, [int.from_bytes(bytes(each), "big") for each in colour]
 
 
 @pytest.mark.parametrize("driver", [each for each in LightDriver if each is not LightDriver.NONE])
@@ -62,7 +66,7 @@ def test_fake_vehicles_show_the_colours_sent(
 ) -> None:
     truth = tmp_path / "truth.jsonl"
     with fake_fleet(port := free_ports(COUNT), truth):
-        sent, last = asyncio.run(shine(a_link(kind, port, driver)))
+        sent, last = asyncio.run(shine(a_link(kind, port), driver))
     vehicles = last_truths(truth)
     received = sum(int(str(each["lights_received"])) for each in vehicles)
     print(f"{kind.__name__} {driver}: {received} of {sent} received, {sent / COUNT / LASTS_S:.2f} Hz")  # noqa: T201

@@ -5,8 +5,9 @@ from contextlib import suppress
 
 import pytest
 
-from gcs.links.rtk import keep_receiving
-from gcs.links.settings import RtkSettings
+from gcs.links.features import RtkSettings
+from gcs.links.intake import Intake
+from gcs.links.rtk import CORRECTIONS, keep_receiving
 from tests.support.link_bench import until
 from tests.support.machine import free_ports
 from tests.support.rtcm import rtcm
@@ -40,9 +41,10 @@ def answered(reply: bytes) -> tuple[list[bytes], str]:
 
     async def main(port: int) -> None:
         settings = RtkSettings(source=f"ntrip://127.0.0.1:{port}/NEAR")
+        intake = Intake("rtk", CORRECTIONS)
         async with await asyncio.start_server(caster, "127.0.0.1", port):
             task = asyncio.create_task(
-                keep_receiving(settings, lambda each, _: found.append(each), failures.append)
+                keep_receiving(settings, lambda each, *_: found.append(each), failures.append, intake)
             )
             await until(lambda: bool(failures))
             task.cancel()

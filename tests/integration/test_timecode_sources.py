@@ -15,10 +15,10 @@ from pathlib import Path
 
 import pytest
 
-from gcs.config.sections import TimecodeSettings
-from gcs.links.intake import MIDI, Intake
+from gcs.links.features import TimecodeSettings
+from gcs.links.intake import Intake
 from gcs.shows.timecode import Chase, Rate, Reading
-from gcs.shows.timecode.receiver import bound_of, keep_receiving
+from gcs.shows.timecode.receiver import MIDI, bound_of, keep_receiving
 from gcs.shows.timecode.smpte import Label
 from tests.support.machine import free_ports
 from tests.support.timecode import INVITATION, SYNC, pcm, rtp, running, sound
@@ -38,9 +38,9 @@ class Kept:
     intake: Intake = field(default_factory=lambda: Intake("timecode", MIDI))
     failures: list[str] = field(default_factory=list)
 
-    def take(self, reading: Reading) -> None:
+    def take(self, reading: Reading, now_s: float) -> None:
         self.readings.append(reading)
-        self.chase.take(reading, asyncio.get_running_loop().time())
+        self.chase.take(reading, now_s)
 
     def count(self, garbage: int) -> None:
         self.garbage = garbage

@@ -23,11 +23,9 @@ from gcs.service import (
     BeginState,
     BeginView,
     CommandRecord,
-    CorrectionsView,
     FleetView,
     FlightEnvelope,
     Latest,
-    LightsView,
     NoAudit,
     Outcome,
     Replaying,
@@ -36,13 +34,13 @@ from gcs.service import (
     Stations,
     StationView,
     TickView,
-    TimecodeView,
     VehicleAction,
 )
 from gcs.service.alarm_book import AlarmBook
 from gcs.service.alarms import Alarm, Condition
 from gcs.service.commands import CommandLog
 from gcs.service.event_log import LogEvent, Severity
+from gcs.service.features import Features, LightsView
 from gcs.service.histograms import TickHistogram
 from gcs.service.vehicle_table import VehicleTable
 from gcs.shows.library import ShowLibrary
@@ -146,8 +144,7 @@ class FakeService:
         self.selected: SelectedShow | None = None
         self.interrupted: InterruptedFlight | None = None
         self.start_unix_s: float | None = None
-        self.timecode: TimecodeView | None = None
-        self.corrections: CorrectionsView | None = None
+        self.features = Features(lights=LightsView("led-control", sent=120, dropped=30))
         self.conditions: tuple[Condition, ...] = ()
         self.happened: tuple[LogEvent, ...] = ()
         self.excluded: dict[str, Exclusion] = {}
@@ -257,10 +254,11 @@ class FakeService:
         self.selected = replace(self.selected, begin=None)
         return self.selected
 
-    def follow_timecode(self, follow: bool) -> None:
-        if self.timecode is None:
+    def follow_external_clock(self, follow: bool) -> None:
+        timecode = self.features.timecode
+        if timecode is None:
             raise RefusedError("no timecode is configured")
-        self.timecode = replace(self.timecode, followed=follow)
+        self.features = replace(self.features, timecode=replace(timecode, followed=follow))
 
     def report(self, vehicles: Sequence[str] | None = None) -> PreflightReport:
         self._known(vehicles)
@@ -367,13 +365,11 @@ class FakeService:
             interrupted=self.interrupted,
             playback=None if self.replaying is None else self.replaying.playback,
             start_unix_time_s=self.start_unix_s,
-            timecode=self.timecode,
             countdown_s=None if self.start_unix_s is None else max(0.0, self.start_unix_s - time.time()),
             alarms=self.book.alarms,
             histograms=HISTOGRAMS,
             stations=self._stations(),
-            corrections=self.corrections,
-            lights=LightsView("led-control", sent=120, dropped=30),
+            features=self.features,
         )
 
     def _rows(self) -> VehicleTable:

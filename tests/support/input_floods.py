@@ -14,8 +14,10 @@ from typing import Final
 
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.links.intake import CORRECTIONS, FORWARDED, MIDI, Bound, of_vehicles
+from gcs.links.intake import FORWARDED, Bound, of_vehicles
+from gcs.links.rtk import CORRECTIONS
 from gcs.shows.timecode.midi import quarter_frames
+from gcs.shows.timecode.receiver import MIDI
 from gcs.shows.timecode.smpte import Rate, label_at
 from tests.support.rtcm import rtcm
 

@@ -20,7 +20,7 @@ from functools import cache
 from pathlib import Path
 from typing import IO, TextIO
 
-import gcs.cli.kill
+import gcs.cli.kill.kill
 import gcs.cli.service.serve
 import gcs.sim.cli  # noqa: F401
 from gcs import control

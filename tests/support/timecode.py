@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gcs.model.state import Array
-from gcs.service import TimecodeView
+from gcs.service.features import TimecodeView
 from gcs.shows.timecode import ltc
 from gcs.shows.timecode.midi import PIECES, SYSEX, SYSEX_END, quarter_frames
 from gcs.shows.timecode.smpte import Label, Rate, label_at

@@ -61,13 +61,13 @@ class Bench:
         for frame in split(data).frames:
             row, now_s = np.array([self._rows[target_system(frame)]]), time.monotonic()
             if frame.message_id in SETPOINT_MESSAGES:
-                self.link._outbox.send(joined([frame.raw]), row, now_s, until_s=now_s + 60.0)
+                self.link.outbox.send(joined([frame.raw]), row, now_s, until_s=now_s + 60.0)
             else:
-                self.link._outbox.send_raw([frame.raw], row, now_s)
+                self.link.outbox.send_raw([frame.raw], row, now_s)
 
     def broadcast(self) -> None:
         """Send our heartbeat."""
-        self.link._outbox.broadcast(HEARTBEAT, heartbeats(1), time.monotonic())
+        self.link.outbox.broadcast(HEARTBEAT, heartbeats(1), time.monotonic())
 
     def address(self, system_id: int) -> Address | None:
         source = int(self.link._addresses.source[self._rows[system_id]])

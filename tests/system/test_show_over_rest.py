@@ -85,7 +85,7 @@ async def fly(config: Config) -> None:
             await asyncio.to_thread(client.resume)
             await until("running again", SOON_S, lambda: view.value.show is ShowPhase.RUNNING)
             fleet = await asyncio.to_thread(client.fleet)
-            assert [vehicle.light for vehicle in fleet.vehicles] == ["#ff0000"] * 3
+            assert [vehicle.colour for vehicle in fleet.vehicles] == ["#ff0000"] * 3
             await asyncio.to_thread(client.stop)
             await until("landed", SOON_S, lambda: view.value.show is ShowPhase.LANDED)
     finally:

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from gcs.links import intake
-from gcs.shows.timecode.receiver import SAMPLE_BYTES
+from gcs.links.rtk import CORRECTIONS
+from gcs.shows.timecode.receiver import MIDI, SAMPLE_BYTES
 
 ROOT = Path(__file__).parents[2]
 OPENS = {
@@ -30,7 +31,7 @@ LOCAL = {
     "gcs/shows/formats/csv_show.py": "writes a zip",
     "gcs/shows/formats/skybrush_writer.py": "writes a zip",
     "gcs/recording/audit_database.py": "the record, in a folder of our own",
-    "gcs/cli/kill_plan.py": "the record, in a folder of our own",
+    "gcs/cli/kill/plan.py": "the record, in a folder of our own",
 }
 """Files that open something, and read no stranger's bytes from it."""
 
@@ -87,8 +88,8 @@ def test_a_new_input_is_found(source: str) -> None:
 @pytest.mark.parametrize(
     ("name", "bound"),
     [
-        ("corrections for RTK", intake.CORRECTIONS),
-        ("timecode over RTP or UDP, a MIDI port", intake.MIDI),
+        ("corrections for RTK", CORRECTIONS),
+        ("timecode over RTP or UDP, a MIDI port", MIDI),
         ("timecode as sound", intake.sound(48_000.0, SAMPLE_BYTES)),
         ("further ground stations", intake.FORWARDED),
         ("vehicles over UDP", intake.of_vehicles(0)),

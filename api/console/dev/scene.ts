@@ -1,5 +1,5 @@
 // The scene alone, fed with made-up frames; for looking at it and for measuring it. Not part of the page that is built.
-// `npx vite`, then /dev/scene.html?n=200&night=0&camera=top&selected=d3&ghost=radius&lights=0&still=1&padding=60px_360px_120px_0
+// `npx vite`, then /dev/scene.html?n=200&night=0&camera=top&selected=d3&ghost=radius&lit=0&still=1&padding=60px_360px_120px_0
 
 import { Object3D } from "three";
 
@@ -53,7 +53,7 @@ function frameAt(time_s: number): Frame {
     heartbeat_age_s: columns(), uncertainty_m: columns(), link_quality: columns(), phase: bytes(), mode: bytes(), landed: bytes(),
     flags: bytes(), red: bytes(), green: bytes(), blue: bytes(),
   };
-  const lights = asked.get("lights") !== "0";
+  const lit = asked.get("lit") !== "0";
   for (let i = 0; i < n; i += 1) {
     const [x, y, h] = placeAt(i, time_s, center);
     const next = placeAt(i, time_s + 0.1, [6 + orbit_m * Math.cos(orbit + 0.012), 4 + orbit_m * Math.sin(orbit + 0.012), height_m]);
@@ -66,7 +66,7 @@ function frameAt(time_s: number): Frame {
     frame.setpoint_y_m_s[i] = frame.vy_m_s[i]!;
     frame.heading_deg[i] = (Math.atan2(y - center[1], x - center[0]) * 180) / Math.PI;
     frame.phase[i] = PHASES.indexOf("formation");
-    frame.flags[i] = FLAG.armed | FLAG.commanded | (lights ? FLAG.light : 0);
+    frame.flags[i] = FLAG.armed | FLAG.commanded | (lit ? FLAG.lit : 0);
     [frame.red[i], frame.green[i], frame.blue[i]] = hue((i / n + 0.03 * time_s) % 1);
   }
   if (asked.has("mixed")) {

@@ -1,6 +1,6 @@
 // Calls of the service. Each reports its result; the page shows no success before the service answers.
 
-import type { Corrections, Preview, Command, DrawnSamples, ImportedShow, PlacedShow, Placement, ShowCheck, State, Station, StoredShow } from "./state";
+import type { Features, Preview, Command, DrawnSamples, ImportedShow, PlacedShow, Placement, ShowCheck, State, Station, StoredShow } from "./state";
 import { decoded } from "./drawn/model";
 import { clockTime } from "./panels/format";
 import { texts } from "./texts";
@@ -24,8 +24,9 @@ export interface Actions {
   /** When the selected show begins to move. */
   begin(at_unix_time_s: number): Promise<boolean>;
   cancelBegin(): Promise<boolean>;
-  followTimecode(follow: boolean): Promise<boolean>;
   show(command: ShowCommand): Promise<boolean>;
+  /** A call of a feature's own; `text` is shown once it is accepted. */
+  ask<T>(name: string, call: (api: Api) => Call<T>, text: string): Promise<boolean>;
   vehicle(id: string, command: VehicleCommand): Promise<boolean>;
   /** One command for all of these. */
   fleet(command: FleetCommand, vehicles: readonly string[]): Promise<boolean>;
@@ -49,7 +50,7 @@ export interface Actions {
   loadPreflight(vehicles?: readonly string[] | null): Promise<boolean>;
   loadOrders(): Promise<boolean>;
   loadStations(): Promise<boolean>;
-  loadCorrections(): Promise<boolean>;
+  loadFeatures(): Promise<boolean>;
   /** Have the station that answers this page lead. */
   takeLead(): Promise<boolean>;
   loadShows(): Promise<boolean>;
@@ -161,8 +162,7 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
     begin: (at_unix_time_s) =>
       done(texts.begin.title, api.POST("/api/v1/show/begin", { body: { at_unix_time_s } }), texts.begin.given(clockTime(at_unix_time_s))),
     cancelBegin: () => done(texts.begin.cancel, api.DELETE("/api/v1/show/begin"), texts.begin.cancelled),
-    followTimecode: (follow) =>
-      done(texts.timecode.title, api.POST("/api/v1/show/timecode", { body: { follow } }), follow ? texts.timecode.follows : texts.timecode.letGo),
+    ask: (name, call, text) => done(name, call(api), text),
     show: (command) => commanded(texts.commands.show[command], api.POST(`/api/v1/show/${command}`)),
     vehicle: (id, command) =>
       commanded(texts.commands.vehicle(texts.vehicle.actions[command], id), api.POST(`/api/v1/vehicles/{vehicle_id}/${command}`, ofVehicle(id))),
@@ -242,9 +242,9 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
       if (result.ok) dispatch({ kind: "stations", stations: result.data });
       return result.ok;
     },
-    async loadCorrections() {
-      const result: Outcome<Corrections | null> = await outcome(api.GET("/api/v1/corrections"));
-      if (result.ok) dispatch({ kind: "corrections", corrections: result.data });
+    async loadFeatures() {
+      const result: Outcome<Features> = await outcome(api.GET("/api/v1/features"));
+      if (result.ok) dispatch({ kind: "features", features: result.data });
       return result.ok;
     },
     async takeLead() {

@@ -6,7 +6,7 @@ import type { PlacingMessage } from "./placing/model";
 import type { PanelState, Layout } from "./panels/state";
 import type { Choice, Selection } from "./selection";
 import type {
-  Access, Corrections, ReportBody, Connection, Frame, Preview, KillArmed, Command, PreflightReport, ReplayMarks, ShowCheck, Station, Status, StoredShow, View,
+  Access, Features, ReportBody, Connection, Frame, Preview, KillArmed, Command, PreflightReport, ReplayMarks, ShowCheck, Station, Status, StoredShow, View,
 } from "./state";
 
 export type Message =
@@ -20,7 +20,7 @@ export type Message =
   | { kind: "preflight"; report: PreflightReport | null; vehicles?: readonly string[] | null }
   | { kind: "shows"; shows: readonly StoredShow[] }
   | { kind: "check"; check: ShowCheck | null }
-  | { kind: "corrections"; corrections: Corrections | null }
+  | { kind: "features"; features: Features }
   | { kind: "stations"; stations: readonly Station[] }
   | { kind: "marks"; marks: ReplayMarks | null }
   | { kind: "flightReport"; flightReport: ReportBody | null }

@@ -16,10 +16,8 @@ export type StoredShow = Schemas["StoredShow"];
 export type DrawnSamples = Schemas["DrawnSamples"];
 export type PlacedShow = Schemas["PlacedShow"];
 export type Placement = Schemas["Placement"];
-/** Corrections for RTK, from a base to all vehicles. */
-export type Corrections = Schemas["CorrectionsView"];
-/** The timecode that shows follow. */
-export type Timecode = NonNullable<Status["timecode"]>;
+/** What each feature beside the formation reports. */
+export type Features = Schemas["Features"];
 export type ImportedShow = Schemas["ImportedShow"];
 export type ShowCheck = Schemas["ShowCheck"];
 export type ReplayMarks = Schemas["ReplayMarks"];
@@ -45,7 +43,7 @@ export const SHOW_PHASES = [
   "uncontrolled",
 ] as const satisfies readonly ShowPhase[];
 
-export const FLAG = { armed: 1, ready: 2, limited: 4, commanded: 8, light: 16 } as const;
+export const FLAG = { armed: 1, ready: 2, limited: 4, commanded: 8, lit: 16 } as const;
 
 export interface Tick {
   rate_hz: number;
@@ -93,11 +91,11 @@ export interface Frame extends Numbers {
   assembled_s: number;
   /** Until all have landed at their pads, if the return began now. */
   home_s: number;
-  /** Hours, minutes, seconds and frames; "": none. */
-  timecode: string;
-  /** By how much the show is behind its timecode; NaN: it follows none. */
+  /** Of the clock that the show follows: hours, minutes, seconds and frames; "": none. */
+  label: string;
+  /** By how much the show is behind it; NaN: it follows none. */
   behind_s: number;
-  /** How fast the show runs by its timecode. */
+  /** How fast the show runs by it. */
   tempo: number;
   /** Row of the vehicle with the least battery; beyond all rows: none. */
   batteryLeastRow: number;

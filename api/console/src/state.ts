@@ -5,7 +5,7 @@ import { initialAttention, type Attention } from "./alarms/attentionState";
 import type { DrawnPreview } from "./drawn/model";
 import type { Placing } from "./placing/model";
 import { NOTHING_SELECTED, type Selection } from "./selection";
-import type { Corrections, ReportBody, Frame, KillArmed, Command, PreflightReport, ReplayMarks, Status } from "./snapshot";
+import type { Features, ReportBody, Frame, KillArmed, Command, PreflightReport, ReplayMarks, Status } from "./snapshot";
 
 export * from "./snapshot";
 
@@ -88,8 +88,8 @@ export interface State {
   drawn: DrawnPreview | null;
   /** A drawn show that is moved and turned beside the vehicles. */
   placing: Placing | null;
-  /** As read last; null: none are configured, or not read yet. */
-  corrections: Corrections | null;
+  /** What features report, as read last; null: as the status has it. */
+  features: Features | null;
   kill: Kill | null;
   attention: Attention;
   /** State of the panels alone. */
@@ -134,7 +134,7 @@ export function initial(now_ms: number): State {
     preview: null,
     drawn: null,
     placing: null,
-    corrections: null,
+    features: null,
     kill: null,
     attention: initialAttention(true),
     panels: initialDesk(),

@@ -66,8 +66,8 @@ function updateShared(state: State, message: Message): State {
     case "placed-at":
     case "placing-busy":
       return { ...state, placing: updatePlacing(state.placing, message, state.page_ms) };
-    case "corrections":
-      return { ...state, corrections: message.corrections };
+    case "features":
+      return { ...state, features: message.features };
     case "kill-armed":
       return { ...state, kill: { armed: message.armed, until_ms: state.page_ms + 1000 * message.armed.valid_s } };
     case "kill-over":
@@ -113,7 +113,7 @@ function onStatus(state: State, status: Status): State {
     return { ...state, status, view, drawn: isDown ? state.drawn : null, placing: isDown ? state.placing : null };
   }
   const panels = { ...state.panels, shows: null, checks: {}, showsRefused: {} };
-  return { ...state, status, view, panels, frame: null, previous: null, preflight: null, marks: null, drawn: null, placing: null, corrections: null, kill: null, commands: [], history: NO_HISTORY };
+  return { ...state, status, view, panels, frame: null, previous: null, preflight: null, marks: null, drawn: null, placing: null, features: null, kill: null, commands: [], history: NO_HISTORY };
 }
 
 function onFrame(state: State, frame: Frame): State {

@@ -11,14 +11,14 @@ describe("a frame", () => {
       { x_m: -4, phase: "lost" as const },
       { phase: "killed" as const },
     ];
-    const code = { timecode: [1, 0, 2, 12] as const, behind_s: -0.25 };
+    const code = { label: [1, 0, 2, 12] as const, behind_s: -0.25 };
     const read = frame({ ...code, time_s: 99.5, unix_time_s: 1_790_000_000.25, center_m: [7, 8, 9], radius_m: 12, vehicles }, 55);
     expect(read).toMatchObject({
       n: 3, revision: 7, time_s: 99.5, unix_time_s: 1_790_000_000.25, received_ms: 55, controlAlive: true,
       showPhase: "running", center_m: [7, 8, 9], target_m: [1.5, -2.5], radius_m: 12, minimumSeparation_m: 3.25,
       tick: { rate_hz: 20, count: 1234, missed: 3, p50_ms: 1, p99_ms: 2, lateness_p99_ms: 0.5 },
       setpointsSent: 4_000_000_000, interventions: 17, clock_s: 42.5, countdown_s: NaN,
-      timecode: "01:00:02:12", behind_s: -0.25, tempo: 1,
+      label: "01:00:02:12", behind_s: -0.25, tempo: 1,
     });
     expect([...read.x_m]).toEqual([1, -4, NaN]);
     expect([...read.height_m]).toEqual([3, NaN, NaN]);
@@ -28,7 +28,7 @@ describe("a frame", () => {
   });
 
   test("without a formation has no centre, and an empty fleet is one", () => {
-    expect(frame({})).toMatchObject({ n: 0, center_m: null, timecode: "", behind_s: NaN });
+    expect(frame({})).toMatchObject({ n: 0, center_m: null, label: "", behind_s: NaN });
   });
 
   test.each([

@@ -29,7 +29,7 @@ export interface Written {
   assembled_s?: number;
   home_s?: number;
   batteryLeastRow?: number;
-  timecode?: readonly [number, number, number, number];
+  label?: readonly [number, number, number, number];
   behind_s?: number;
   vehicles?: readonly Vehicle[];
 }
@@ -59,7 +59,7 @@ export function bytes(written: Written): ArrayBuffer {
   const { batteryLeast, batteryMedian, assembled_s, home_s, batteryLeastRow } = written;
   [batteryLeast, batteryMedian, assembled_s, home_s].forEach((value, k) => view.setFloat32(100 + 4 * k, value ?? NaN, true));
   view.setUint32(116, batteryLeastRow ?? 0xffffffff, true);
-  (written.timecode ?? [255, 255, 255, 255]).forEach((value, k) => view.setUint8(44 + k, value));
+  (written.label ?? [255, 255, 255, 255]).forEach((value, k) => view.setUint8(44 + k, value));
   view.setFloat32(120, written.behind_s ?? NaN, true);
   view.setFloat32(124, 1, true);
   vehicles.forEach((each, i) => {

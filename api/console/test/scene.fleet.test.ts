@@ -51,7 +51,7 @@ function looked(one: Frame, { isFresh = true, selected = [] as number[], palette
 const tintOf = (appearance: Appearance, i: number): number[] => [...appearance.tints.subarray(4 * i, 4 * i + 3)].map((each) => Math.round(each * 255));
 
 test("a vehicle with a light has the light's colour, others their phase's", () => {
-  const one = frame({ vehicles: [at(0, 0, 20, { flags: FLAG.light }), at(9, 0, 20, { phase: "landing" })] });
+  const one = frame({ vehicles: [at(0, 0, 20, { flags: FLAG.lit }), at(9, 0, 20, { phase: "landing" })] });
   [one.red[0], one.green[0], one.blue[0]] = [255, 128, 0];
   const appearance = looked(one);
   expect(tintOf(appearance, 0)).toEqual([255, 128, 0]);
@@ -60,13 +60,13 @@ test("a vehicle with a light has the light's colour, others their phase's", () =
 });
 
 test("a light that is off does not shine, but the vehicle is still seen", () => {
-  const appearance = looked(frame({ vehicles: [at(0, 0, 20, { flags: FLAG.light })] }));
+  const appearance = looked(frame({ vehicles: [at(0, 0, 20, { flags: FLAG.lit })] }));
   expect(appearance.tints[3]).toBe(0);
   expect(tintOf(appearance, 0)[0]).toBeGreaterThan(50);
 });
 
 test("what is old is grey and does not shine, be it one vehicle or the whole connection", () => {
-  const one = frame({ vehicles: [at(0, 0, 20, { flags: FLAG.light }), at(9, 0, 20, { flags: FLAG.light | FLAG.limited })] });
+  const one = frame({ vehicles: [at(0, 0, 20, { flags: FLAG.lit }), at(9, 0, 20, { flags: FLAG.lit | FLAG.limited })] });
   one.red.fill(255);
   one.position_age_s.set([1.2, 0.1]);
   expect([0, 1].map((i) => isStale(one, i, true))).toEqual([true, false]);

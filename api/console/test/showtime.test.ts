@@ -3,12 +3,12 @@
 import { describe, expect, it } from "vitest";
 
 import type { Actions } from "../src/actions";
+import { apart, catchesUp, t, timecode } from "../src/features/timecode";
 import { beginOrder, beginStrip, beginTime, whyNotBegin } from "../src/panels/begin";
 import { utcTime } from "../src/panels/format";
 import { whyNotStart } from "../src/panels/start";
-import { apart, catchesUp, timecodeStrip } from "../src/panels/timecode";
 import { topbar } from "../src/panels/topbar";
-import { type State, type Status, type Timecode } from "../src/state";
+import type { Features, State, Status } from "../src/state";
 import { texts } from "../src/texts";
 import { frame } from "./frames";
 import { access, live, panelsOver } from "./pages";
@@ -21,6 +21,7 @@ const SHOW: NonNullable<Status["show"]["selected"]> = {
   name: "circle", hash: "ab", cue: "stand", cues: ["stand"], clock_s: 0, duration_s: 60, runs: false, target_is_live: false,
   track_rms_m: null, track_max_m: null, spares: [], begin: null, begun: false,
 };
+type Timecode = NonNullable<Features["timecode"]>;
 const CODE: Timecode = {
   source: "rtp-midi://0.0.0.0:5004", followed: true, state: "running", label: "01:00:02:12", frame_rate: "25", age_s: 0.01, behind_s: 0.012,
   slope: 1, tempo: 1, problem: "", readings: 80, garbage: 0, dropped: 0, frozen_since_unix_time_s: null,
@@ -46,9 +47,9 @@ function state(given: Given = {}): State {
   const station = { name: "north", own: true, leads: true, received: true, silent_s: 0, show: phase, vehicles: 1, delay_s: 0, term: 1, offers: [] };
   return {
     ...state,
-    frame: frame({ unix_time_s: NOW_S, vehicles: [{}], ...(given.code && { timecode: given.code }), ...(given.behind_s && { behind_s: given.behind_s }) }),
+    frame: frame({ unix_time_s: NOW_S, vehicles: [{}], ...(given.code && { label: given.code }), ...(given.behind_s && { behind_s: given.behind_s }) }),
     status: status({
-      timecode, stations: Array(given.stations ?? 0).fill(station),
+      features: { ...status().features, timecode }, stations: Array(given.stations ?? 0).fill(station),
       ...(phase === "idle" && { counts: GROUNDED }), show: { ...status().show, phase, possible: ["start"], selected: { ...SHOW, begin, begun } },
     }),
     panels: { ...state.panels, drafts: given.drafts ?? {}, beginAt: given.beginAt ?? false },
@@ -59,7 +60,7 @@ function state(given: Given = {}): State {
 function asking(first: State, refuses: readonly string[] = []) {
   const asked: unknown[] = [];
   const call = (name: string) => (...given: unknown[]) => (asked.push([name, ...given]), Promise.resolve(!refuses.includes(name)));
-  const names = ["begin", "cancelBegin", "followTimecode", "start"] as const;
+  const names = ["begin", "cancelBegin", "ask", "start"] as const;
   return { asked, ...panelsOver(first, () => Object.fromEntries(names.map((name) => [name, call(name)])) as unknown as Actions) };
 }
 
@@ -83,7 +84,7 @@ describe("a time to begin", () => {
   it("cannot be given to a show that has begun, or follows timecode; of a site it can", () => {
     const drafts = { "begin-time": "21:30:00" };
     expect(whyNotBegin(state({ drafts, begun: true }))).toBe(texts.begin.begun);
-    expect(whyNotBegin(state({ drafts, timecode: CODE }))).toBe(texts.begin.byTimecode);
+    expect(whyNotBegin(state({ drafts, timecode: CODE }))).toBe(t.begins);
     expect(whyNotBegin(state({ drafts, timecode: { ...CODE, followed: false } }))).toBe("");
     expect(whyNotBegin(state({ drafts, stations: 2 }))).toBe("");
     expect(whyNotBegin({ ...state({ drafts }), access: access(["watch"]) })).toBe(texts.flight.watcher);
@@ -145,13 +146,13 @@ describe("a show that waits", () => {
 });
 
 describe("timecode", () => {
-  const strip = (given: Given) => textOf(timecodeStrip(state(given), asking(state(given)).actions));
+  const strip = (given: Given) => textOf(timecode.strip!(state(given), asking(state(given)).actions, ""));
   const lost: Timecode = { ...CODE, state: "lost", problem: "no timecode arrives any more", frozen_since_unix_time_s: NOW_S - 12 };
 
   it("is shown with its source, state and time, and how the show stands to it", () => {
     const text = strip({ phase: "running", begun: true, timecode: CODE, code: [1, 0, 2, 12], behind_s: 0.012 });
     for (const part of ["01:00:02:12", "rtp-midi://0.0.0.0:5004", "running", "show 12 ms behind"]) expect(text).toContain(part);
-    expect(text).not.toContain(texts.timecode.frozen);
+    expect(text).not.toContain(t.frozen);
     expect([apart(-0.25), apart(1.25), apart(NaN)]).toEqual(["show 250 ms ahead", "show 1.3 s behind", ""]);
     expect([catchesUp(1.1), catchesUp(1.004), catchesUp(NaN)]).toEqual(["at 1.10 of its speed", "", ""]);
     expect(strip({ timecode: null })).not.toContain("timecode");
@@ -160,25 +161,25 @@ describe("timecode", () => {
   it("says since when a show is frozen, and why; red where timecode is lost", () => {
     const frozen = { phase: "running" as const, begun: true };
     const text = strip({ ...frozen, timecode: lost });
-    for (const part of [texts.timecode.frozen, "12 s", "timecode lost since 21:25:36", "timecode-strip missing", "LOST"]) expect(text).toContain(part);
+    for (const part of [t.frozen, "12 s", "timecode lost since 21:25:36", "timecode-strip missing", "LOST"]) expect(text).toContain(part);
     const stopped = strip({ ...frozen, timecode: { ...lost, state: "stopped", problem: "the timecode has stopped" } });
-    for (const part of [texts.timecode.frozen, "timecode stopped since", "timecode-strip frozen"]) expect(stopped).toContain(part);
+    for (const part of [t.frozen, "timecode stopped since", "timecode-strip frozen"]) expect(stopped).toContain(part);
     const now = state({ ...frozen, timecode: lost });
-    expect(textOf(topbar(now, asking(now).actions))).toContain(`>${texts.timecode.phase}<`);
+    expect(textOf(topbar(now, asking(now).actions))).toContain(`>${t.phase}<`);
   });
 
   it("says why a show waits for it, and that it is not followed", () => {
     const problem = "the timecode comes to where the show is in 12 s";
     expect(strip({ timecode: { ...CODE, problem } })).toContain(`The show waits: ${problem}`);
-    expect(strip({ timecode: { ...CODE, followed: false } })).toContain(texts.timecode.notFollowed);
+    expect(strip({ timecode: { ...CODE, followed: false } })).toContain(t.notFollowed);
   });
 
   it("is let go with the second press where the show is frozen", () => {
     const ui = asking(state({ phase: "running", begun: true, timecode: lost }));
-    const click = (): void => press(timecodeStrip(ui.state(), ui.actions), "follow");
+    const click = (): void => press(timecode.strip!(ui.state(), ui.actions, ""), "follow");
     click();
     expect(ui.asked).toEqual([]);
     click();
-    expect(ui.asked).toEqual([["followTimecode", false]]);
+    expect(ui.asked).toEqual([["ask", t.title, expect.any(Function), t.letGo]]);
   });
 });

@@ -12,7 +12,7 @@ from gcs.api.auth.middleware import EmergencyLane
 from gcs.api.auth.tokens import Tokens
 from gcs.api.map_tiles import GroundMap, open_map
 from gcs.api.server import serve_on
-from gcs.cli.kill_without_control import KillWithoutControl
+from gcs.cli.kill.without_control import KillWithoutControl
 from gcs.cli.service.api_settings import ApiProcessSettings
 from gcs.cli.service.process import set_up_log
 from gcs.model.errors import ConfigError, LinkError

@@ -10,7 +10,6 @@ import sys
 from collections.abc import AsyncIterator, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager, nullcontext
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
@@ -37,12 +36,9 @@ from gcs.config.setting_errors import Misfit, explained
 from gcs.config.site import station_config
 from gcs.config.yaml_files import Source
 from gcs.flight.orchestrator import Heart, Orchestrator
-from gcs.flight.state.timecode import Timecode
-from gcs.links import rtk
 from gcs.links.batch_link import Link
 from gcs.links.mavsdk.link import MavsdkLink
 from gcs.links.native.link import NativeLink
-from gcs.links.rtcm_stream import Place
 from gcs.links.settings import Listen, TcpIn
 from gcs.links.signing import Signing
 from gcs.links.stream_requests import desired_rates
@@ -55,7 +51,6 @@ from gcs.recording.session import Record
 from gcs.service import FleetView, ShowAction
 from gcs.service.access import ACCESS_OFF, is_loopback
 from gcs.service.folder_lock import owned
-from gcs.shows.timecode import Reading, receiver
 from gcs.site.member import Membership
 from gcs.site.service import SiteService
 
@@ -84,7 +79,6 @@ def make_link(settings: LinkSettings, config: Config, record: Path | None = None
         record=record,
         signing=None if signing is None else Signing(signing.key_file, signing.link_id),
         forward=settings.forward,
-        lights=config.lights,
         extra_bytes_per_s=settings.extra_share_bytes_per_s,
     )
 
@@ -144,10 +138,7 @@ async def _served(
             try:
                 async with asyncio.TaskGroup() as group:
                     control = group.create_task(service.run(), name="service")
-                    sources = [
-                        group.create_task(keep_corrections(config, local), name="rtk"),
-                        group.create_task(keep_timecode(config, local), name="timecode"),
-                    ]
+                    sources = [group.create_task(each.receive()) for each in local.flight.features]
                     await api.tried.wait()
                     yield service, api.port
                     for source in sources:
@@ -156,41 +147,6 @@ async def _served(
             finally:
                 keeper.cancel()
                 await asyncio.wait((keeper,))
-
-
-async def keep_corrections(config: Config, orchestrator: Orchestrator) -> None:
-    """Give what the base sends to control, without end; at once over where no base is configured."""
-    if config.rtk is None:
-        return
-    clock, corrections = asyncio.get_running_loop().time, orchestrator.corrections
-
-    def take(message: bytes, base: Place | None) -> None:
-        corrections.take(message, base, clock())
-
-    await rtk.keep_receiving(config.rtk, take, corrections.failed, *corrections.intakes)
-
-
-async def keep_timecode(config: Config, orchestrator: Orchestrator) -> None:
-    """Give the timecode to control, without end; at once over where none is configured."""
-    if config.timecode is not None:
-        timecode = orchestrator.timecode
-        await receiver.keep_receiving(config.timecode, TimecodeSink(timecode), *timecode.intakes)
-
-
-@dataclass(frozen=True, slots=True)
-class TimecodeSink:
-    """Gives readings to control, with the time of their arrival. Implements `receiver.Sink`."""
-
-    timecode: Timecode
-
-    def take(self, reading: Reading) -> None:
-        self.timecode.take(reading, asyncio.get_running_loop().time())
-
-    def count(self, garbage: int) -> None:
-        self.timecode.count(garbage)
-
-    def failed(self, why: str) -> None:
-        self.timecode.failed(why)
 
 
 def make_membership(config: Config, site: Config) -> Membership:

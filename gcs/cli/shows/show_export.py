@@ -5,7 +5,7 @@ from pathlib import Path
 
 from gcs.cli.output import answer
 from gcs.cli.progress import share_of
-from gcs.cli.shows.drawn_record import flown
+from gcs.cli.shows.export_record import flown
 from gcs.model.errors import ConfigError
 from gcs.shows import find, load
 from gcs.shows.drawn import DrawnShow

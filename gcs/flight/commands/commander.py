@@ -41,7 +41,6 @@ class Commander(VehicleCommands):
         refusals: Refusals,
         places: LandingPlaces,
         maneuvers: Maneuvers,
-        find: Callable[[VehicleId], None],
         show_player: ShowPlayer,
         preflight_gate: PreflightGate,
         planning: Executor,
@@ -51,7 +50,7 @@ class Commander(VehicleCommands):
 
         `interruption` is a flight that was interrupted before this service began.
         """
-        super().__init__(flight, refusals, places, maneuvers, find)
+        super().__init__(flight, refusals, places, maneuvers)
         self._planning = planning
         self._commanded: ShowEvent | None = None  # newest command to all, if vehicles may be awaited
         self.collective_return: CollectiveReturn | None = None  # the newest

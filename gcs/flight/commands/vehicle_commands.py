@@ -1,7 +1,7 @@
 """Executes commands to single vehicles and groups, and chooses where they land."""
 
 import logging
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -38,7 +38,6 @@ class VehicleCommands:
     refusals: Refusals
     places: LandingPlaces
     maneuvers: Maneuvers
-    find: Callable[[VehicleId], None]  # lets a vehicle blink
 
     def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> CommandRecord:
         vehicle = self.flight.vehicles.named(vehicle_id)
@@ -47,7 +46,8 @@ class VehicleCommands:
 
     def _command(self, vehicle: Vehicle, action: VehicleAction) -> CommandRecord:
         if action is VehicleAction.FIND:
-            self.find(vehicle.id)
+            for feature in self.flight.features:
+                feature.find(vehicle)
             return self.flight.book.done(action, [vehicle.id])
         self._require(vehicle, action)
         if action is VehicleAction.CONFIRM_DOWN:

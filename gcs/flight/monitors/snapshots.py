@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from itertools import chain
 from typing import Final
 
 import numpy as np
@@ -22,6 +21,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array, Landed, Mask
 from gcs.service import ActiveFailsafe, FleetView, FlightEnvelope, TickView
 from gcs.service.alarms import Alarm
+from gcs.service.features import Features
 from gcs.service.histograms import TickHistogram
 from gcs.service.vehicle_table import VehicleTable
 
@@ -75,7 +75,7 @@ def fleet_view(
         countdown_s=None if start_unix_s is None else max(0.0, start_unix_s - unix_time_s),
         failsafes=tuple(failsafes),
         alarms=tuple(alarms),
-        **dict(chain.from_iterable(each.views(flight.instant).items() for each in flight.features)),
+        features=Features(**{each.name: each.view(flight.instant) for each in flight.features}),  # type: ignore[arg-type]
     )
 
 

@@ -1,23 +1,21 @@
 """Colours of the vehicles' own lights: those of the show in the air, those of the battery on the ground."""
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gcs.config.schema import Config
 from gcs.flight.state.feature import Feature, Instant
 from gcs.flight.state.newest import Newest
 from gcs.flight.state.show_state import ShowState
-from gcs.flight.state.vehicle import FlightVehicles
+from gcs.flight.state.vehicle import FlightVehicles, Vehicle
 from gcs.links.batch_link import Link
-from gcs.links.lights import Colours
+from gcs.links.lights import Colours, LightSender
 from gcs.mavlink.lights import LightDriver
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import GROUNDED, Phase
 from gcs.model.state import Array, Mask, VehicleId
-from gcs.service import LightsView
+from gcs.service.features import LightsView
 
 OFF = (0, 0, 0)
 FULL, MEDIUM, LOW, UNKNOWN = (0, 96, 0), (96, 48, 0), (128, 0, 0), (0, 0, 48)
@@ -43,6 +41,8 @@ def battery_colours(remaining: Array, battery_min: float) -> Colours:
 class Lights(Feature):
     """Decides the colours of one fleet, and sends them over its links."""
 
+    name = "lights"
+
     def __init__(
         self,
         newest: Newest,
@@ -54,22 +54,19 @@ class Lights(Feature):
     ) -> None:
         """Sends to the `owned` vehicles (n,): others may be flown by another station."""
         self._newest, self._vehicles, self._show, self._config = newest, vehicles, show, config
-        self._links, self._owned = links, owned
-        self._rows: Mapping[str, NDArray[np.intp]] = {
-            link.name: np.array([vehicles[name].row for name in link.ids], np.intp) for link in links
-        }
+        self._owned = owned
         self._blinks_until_s: dict[VehicleId, float] = {}
+        rows = [np.array([vehicles[name].row for name in link.ids], np.intp) for link in links]
+        senders = [LightSender(config.lights, link.outbox, link.budget) for link in links]
+        self._senders = [*zip(links, senders, rows, strict=True)]
 
-    def find(self, vehicle_id: VehicleId) -> None:
-        """Let a vehicle on the ground blink. Raises: RefusedError, UnknownError."""
-        vehicle, settings = self._vehicles.named(vehicle_id), self._config.lights
+    def find(self, vehicle: Vehicle) -> None:
+        name, settings = vehicle.id, self._config.lights
         if settings.driver is LightDriver.NONE:
-            raise RefusedError(f"{vehicle_id} has no lights: lights.driver of the configuration is none")
+            raise RefusedError(f"{name} has no lights: lights.driver of the configuration is none")
         if vehicle.phase is not Phase.STANDBY:
-            raise RefusedError(
-                f"{vehicle_id} is {vehicle.phase}: find is for vehicles received on the ground"
-            )
-        self._blinks_until_s[vehicle_id] = self._newest.state.time_s + settings.find_s
+            raise RefusedError(f"{name} is {vehicle.phase}: find is for vehicles received on the ground")
+        self._blinks_until_s[name] = self._newest.state.time_s + settings.find_s
 
     def send(self) -> None:
         """Send what is due; once a tick, after its setpoints."""
@@ -77,15 +74,15 @@ class Lights(Feature):
             return
         colour = self.colours()
         ours = self._owned()
-        for link in self._links:
-            rows = self._rows[link.name]
-            link.send_lights(colour[rows], ours[rows])
+        for link, sender, rows in self._senders:
+            if (reached := link.reached()) is not None:
+                now_s, connected = reached
+                sender.send(colour[rows], ours[rows] & connected, now_s)
 
-    def views(self, at: Instant) -> Mapping[str, Any]:  # noqa: ARG002
-        links = self._links
-        sent = sum(link.counters.lights_sent for link in links)
-        dropped = sum(link.counters.lights_dropped for link in links)
-        return {"lights": LightsView(self._config.lights.driver.value, sent, dropped)}
+    def view(self, at: Instant) -> LightsView:  # noqa: ARG002
+        sent = sum(sender.sent for _, sender, _ in self._senders)
+        dropped = sum(sender.dropped for _, sender, _ in self._senders)
+        return LightsView(self._config.lights.driver.value, sent, dropped)
 
     def colours(self) -> Colours:
         """(n, 3) red, green, blue; rows as in FleetState."""

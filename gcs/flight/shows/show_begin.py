@@ -1,4 +1,4 @@
-"""When the selected show begins to move, and how fast it then runs: a clock time, a timecode, or at once.
+"""When the selected show begins to move, and how fast it runs: at a time, by another clock, or at once.
 
 A show that waits stays in `assembling`, its vehicles where it begins. The tick's phase is shifted, a little
 with each tick, until a tick falls on the time of the beginning: then the first setpoints of motion leave.
@@ -12,10 +12,10 @@ from math import inf, isnan, nan
 from typing import Final
 
 from gcs.flight.state.elsewhere import Elsewhere
+from gcs.flight.state.external_clock import ExternalClock
 from gcs.flight.state.newest import Newest
 from gcs.flight.state.running_show import LONGEST_STEP_S, ShowRun
 from gcs.flight.state.show_state import ShowState
-from gcs.flight.state.timecode import Timecode
 from gcs.flight.state.vehicle import FlightVehicles
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.lifecycle import ON_THE_GROUND, ShowEvent, ShowPhase
@@ -47,7 +47,7 @@ class ShowBegin:
     newest: Newest
     vehicles: FlightVehicles
     show: ShowState
-    timecode: Timecode
+    outside_clock: ExternalClock
     unix_s: Callable[[], float]
     clock_problem: Callable[[], str]
     assembled: Callable[[], bool]
@@ -73,8 +73,8 @@ class ShowBegin:
     def check(self, at_unix_s: float) -> ShowRun:
         """Check whether the selected show can begin then. Raises: InvalidError, RefusedError."""
         show_run = self._unbegun("a time to begin")
-        if self.follows_timecode:
-            raise RefusedError("shows follow the timecode, which says when they begin")
+        if self.follows_clock:
+            raise RefusedError(f"shows follow the {self.outside_clock.name}, which says when they begin")
         ahead_s = at_unix_s - self.unix_s()
         if not 0.0 < ahead_s <= AHEAD_MAX_S:
             allowed = f"ahead by at most {AHEAD_MAX_S / 3600.0:g} h; it is {self.unix_s():.1f} now"
@@ -89,10 +89,10 @@ class ShowBegin:
         return show_run
 
     @property
-    def follows_timecode(self) -> bool:
-        """Whether a timecode says when the show begins."""
+    def follows_clock(self) -> bool:
+        """Whether an external clock says when the show begins."""
         led = self.elsewhere().shows.begin
-        return self.timecode.followed if led is None else led.follows_timecode
+        return self.outside_clock.followed if led is None else led.follows_clock
 
     def cancel(self) -> None:
         """Forget the time. Raises: RefusedError."""
@@ -102,15 +102,15 @@ class ShowBegin:
         self._show(show_run)
         log.info("show_begin_cancelled", extra={"show": show_run.name, "held": self._held})
 
-    def follow_timecode(self, follow: bool) -> None:
-        """Follow the timecode, or this station's clock. Raises: RefusedError."""
-        timecode = self.timecode
-        if timecode.settings is None:
-            raise RefusedError("no timecode is configured")
-        timecode.followed = follow
+    def follow_external_clock(self, follow: bool) -> None:
+        """Follow the external clock, or this station's. Raises: RefusedError."""
+        outside = self.outside_clock
+        if not outside.configured:
+            raise RefusedError(f"no {outside.name} is configured")
+        outside.followed = follow
         if follow:
-            self.forget("it follows the timecode")
-        log.info("timecode_followed", extra={"followed": follow})
+            self.forget(f"it follows the {outside.name}")
+        log.info("external_clock_followed", extra={"clock": outside.name, "followed": follow})
 
     def forget(self, why: str) -> None:
         """Forget the time, and log it if there was one."""
@@ -148,7 +148,7 @@ class ShowBegin:
         if (led := self.elsewhere().shows.begin) is not None:
             return led.waits
         given = self._held or self._at_unix_s is not None
-        return self.show.run is not None and (given or self.timecode.followed)
+        return self.show.run is not None and (given or self.outside_clock.followed)
 
     # once a tick
 
@@ -156,13 +156,13 @@ class ShowBegin:
         """When a tick should come, on the loop's clock; None: any time is as good."""
         if (led := self.elsewhere().shows.begin) is not None:
             return led.due_s(now_s)
-        show_run, timecode = self.show.run, self.timecode
+        show_run, outside = self.show.run, self.outside_clock
         if show_run is None or not self._ready or self.show.phase is not ShowPhase.ASSEMBLING:
             return None
         left_s = inf
-        if timecode.followed:
-            if timecode.runs(now_s):
-                left_s = (show_run.clock.show_s(now_s) - timecode.show_s(now_s)) / timecode.slope
+        if outside.followed:
+            if outside.runs(now_s):
+                left_s = (show_run.clock.show_s(now_s) - outside.show_s(now_s)) / outside.slope
         elif self._at_unix_s is not None:
             left_s = self._at_unix_s - self.unix_s()
         return now_s + left_s if 0.0 < left_s < ALIGNS_S else None
@@ -178,8 +178,8 @@ class ShowBegin:
             self.forget("the show is over, or none is selected")
         if show_run is None:
             return
-        if self.timecode.settings is not None:
-            self.timecode.problem, self.timecode.expected = "", False
+        if self.outside_clock.configured:
+            self.outside_clock.problem, self.outside_clock.expected = "", False
             self._keep_time(show_run, now_s, 0.0 if before_s is None else now_s - before_s)
         if self.show.phase is not ShowPhase.ASSEMBLING:
             self._ready = False
@@ -194,19 +194,18 @@ class ShowBegin:
 
     def _begins_s(self, show_run: ShowRun, now_s: float) -> float | None:
         """When the show begins, at the latest now; None: not yet."""
-        timecode = self.timecode
-        if timecode.followed:
-            timecode.problem = why = timecode.why_not(now_s)
+        outside = self.outside_clock
+        if outside.followed:
+            outside.problem = why = outside.why_not(now_s)
             if why:
                 return None
-            over_s = timecode.show_s(now_s) - show_run.clock.show_s(now_s)
+            over_s = outside.show_s(now_s) - show_run.clock.show_s(now_s)
             if over_s < -EARLY_S:
-                timecode.expected = True
-                timecode.problem = f"the timecode comes to where the show is in {-over_s:.0f} s"
+                outside.expected = True
+                outside.problem = f"the {outside.name} comes to where the show is in {-over_s:.0f} s"
                 return None
-            most_s = timecode.settings.jump_max_s if timecode.settings is not None else 0.0
-            if over_s > most_s and not show_run.begun:
-                timecode.problem = f"the timecode is {over_s:.1f} s past the show's beginning"
+            if over_s > outside.jump_max_s and not show_run.begun:
+                outside.problem = f"the {outside.name} is {over_s:.1f} s past the show's beginning"
                 return None
             return now_s - over_s if over_s < LONGEST_STEP_S else now_s
         if self._at_unix_s is None:
@@ -232,17 +231,17 @@ class ShowBegin:
         )
 
     def _keep_time(self, show_run: ShowRun, now_s: float, dt_s: float) -> None:
-        """Set the tempo of a show that runs by its timecode."""
-        timecode, settings = self.timecode, self.timecode.settings
+        """Set the tempo of a show that runs by an external clock."""
+        outside = self.outside_clock
         clock_s = show_run.clock.show_s(now_s) - (1.0 - show_run.rate) * min(dt_s, LONGEST_STEP_S)
-        timecode.note_show(clock_s if show_run.begun else nan)
+        outside.note_show(clock_s if show_run.begun else nan)
         stands, desired = False, 1.0
-        if show_run.clock.runs and timecode.followed and settings is not None:
-            behind_s = timecode.show_s(now_s) - clock_s
-            timecode.problem = timecode.why_not(now_s)
-            stands = bool(timecode.problem) or isnan(behind_s)
-            desired = 0.0 if stands else desired_rate(behind_s, timecode.slope, settings.catch_up)
-        timecode.note_frozen(stands, self.unix_s())
+        if show_run.clock.runs and outside.followed and outside.configured:
+            behind_s = outside.show_s(now_s) - clock_s
+            outside.problem = outside.why_not(now_s)
+            stands = bool(outside.problem) or isnan(behind_s)
+            desired = 0.0 if stands else desired_rate(behind_s, outside.slope, outside.catch_up)
+        outside.note_frozen(stands, self.unix_s())
         if show_run.clock.runs:
             show_run.tempo = show_run.tempo.step(desired, min(dt_s, LONGEST_STEP_S))
 

@@ -170,8 +170,8 @@ class ShowPlayer:
         self.begin.cancel()
         return self.selected()
 
-    def follow_timecode(self, follow: bool) -> None:
-        self.begin.follow_timecode(follow)
+    def follow_external_clock(self, follow: bool) -> None:
+        self.begin.follow_external_clock(follow)
 
     def selected(self) -> SelectedShow:
         """The selected show. Raises: RefusedError without one."""

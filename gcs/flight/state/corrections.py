@@ -1,36 +1,38 @@
 """Corrections for RTK: what arrived from the base, and how old it is."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from gcs.flight.state.feature import Feature, Instant
 from gcs.links.batch_link import Link
-from gcs.links.intake import CORRECTIONS, Intake
-from gcs.links.settings import RtkSettings
-from gcs.mavlink.rtcm import LONGEST_BYTES
+from gcs.links.corrections import LONGEST_BYTES, CorrectionSender
+from gcs.links.features import RtkSettings
+from gcs.links.intake import Intake
+from gcs.links.rtk import CORRECTIONS, keep_receiving
 from gcs.model.preflight_report import Check, State
 from gcs.service.alarms import AlarmCause, Condition
-from gcs.service.snapshots import CorrectionsView
+from gcs.service.features import CorrectionsView
 
 
 class Corrections(Feature):
     """Corrections of one station; without settings none are expected. Used on the event loop only."""
 
+    name = "corrections"
+
     def __init__(self, settings: RtkSettings | None, links: Sequence[Link], now_s: float) -> None:
         self.settings = settings
-        self._intake = Intake(f"rtk {settings.source}" if settings else "rtk", CORRECTIONS)
-        self._links = tuple(links)
+        self.intakes = (Intake(f"rtk {settings.source}" if settings else "rtk", CORRECTIONS),)
+        self._senders = [(link, CorrectionSender(link.outbox, link.budget)) for link in links]
         self._began_s = now_s
         self._arrived_s = -np.inf
         self._messages = self._bytes = self._too_long = 0
         self._base: tuple[float, float, float] | None = None
         self._problem = ""
 
-    @property
-    def intakes(self) -> tuple[Intake]:
-        return (self._intake,)
+    async def receive(self) -> None:
+        if self.settings is not None:
+            await keep_receiving(self.settings, self.take, self.failed, *self.intakes)
 
     def take(self, message: bytes, base: tuple[float, float, float] | None, now_s: float) -> None:
         """Queue one RTCM message for all vehicles; `base` is where the base is, None: not known yet."""
@@ -41,18 +43,17 @@ class Corrections(Feature):
         if len(message) > LONGEST_BYTES:
             self._too_long += 1
             return
-        for link in self._links:
-            link.add_correction(message)
+        for _, sender in self._senders:
+            sender.add(message, now_s)
 
     def failed(self, why: str) -> None:
         """Note why nothing arrives."""
         self._problem = why
 
     def send(self) -> None:
-        """Send what waits; once a tick, after its setpoints and before lights."""
-        if self.settings is not None:
-            for link in self._links:
-                link.send_corrections()
+        for link, sender in self._senders:
+            if (reached := link.reached()) is not None:
+                sender.send(reached[0])
 
     def why_stopped(self, now_s: float) -> str:
         """Why there are no recent corrections, in words; empty while there are, or none are expected."""
@@ -82,15 +83,12 @@ class Corrections(Feature):
             consequence = "Margins grow with the accuracy that the vehicles report."
             yield Condition(AlarmCause.CORRECTIONS_STOPPED, why, consequence=consequence)
 
-    def views(self, at: Instant) -> Mapping[str, Any]:
-        return {"corrections": self.view(at.time_s)}
-
-    def view(self, now_s: float) -> CorrectionsView | None:
-        """What displays need; None: none are expected."""
+    def view(self, at: Instant) -> CorrectionsView | None:
+        now_s = at.time_s
         if self.settings is None:
             return None
         latitude_deg, longitude_deg, height_m = self._base or (np.nan,) * 3
-        late = sum(link.counters.corrections_dropped for link in self._links)
+        late = sum(sender.dropped for _, sender in self._senders)
         return CorrectionsView(
             source=self.settings.source,
             age_s=max(0.0, now_s - self._arrived_s) if np.isfinite(self._arrived_s) else np.nan,
@@ -100,6 +98,6 @@ class Corrections(Feature):
             base_height_m=height_m,
             messages=self._messages,
             received_bytes=self._bytes,
-            sent=sum(link.counters.corrections_sent for link in self._links),
-            dropped=self._too_long + self._intake.dropped + late,
+            sent=sum(sender.sent for _, sender in self._senders),
+            dropped=self._too_long + self.intakes[0].dropped + late,
         )

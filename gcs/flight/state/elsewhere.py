@@ -87,8 +87,8 @@ class LedBegin(Protocol):
     """When the selected show begins, where another flight decides it."""
 
     @property
-    def follows_timecode(self) -> bool:
-        """Whether a timecode says when."""
+    def follows_clock(self) -> bool:
+        """Whether an external clock says when."""
 
     @property
     def waits(self) -> bool:

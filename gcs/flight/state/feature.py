@@ -1,17 +1,19 @@
-"""What a flight can do beside flying a formation: corrections, lights, timecode.
+"""What a flight can do beside flying a formation.
 
 A feature has its settings in the configuration, and is one object in `Flight.features`. The tick, the checks
 before a start, the alarms and the view ask every feature; none of them knows one by name.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 from gcs.flight.state.running_show import ShowRun
+from gcs.flight.state.vehicle import Vehicle
 from gcs.links.intake import Intake
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.preflight_report import Check
 from gcs.service.alarms import Condition
+from gcs.service.features import FeatureView
 
 
 class Instant(NamedTuple):
@@ -25,10 +27,17 @@ class Instant(NamedTuple):
 class Feature:
     """One of them; what it does not need stays as it is here."""
 
-    @property
-    def intakes(self) -> Sequence[Intake]:
-        """What bounds its input."""
-        return ()
+    name: str
+    """Its field of `gcs.service.features.Features`."""
+
+    intakes: Sequence[Intake] = ()
+    """What bounds its input."""
+
+    async def receive(self) -> None:
+        """Receive its input, without end; at once over where it has none."""
+
+    def find(self, vehicle: Vehicle) -> None:
+        """Let a vehicle on the ground be found. Raises: RefusedError."""
 
     def send(self) -> None:
         """Send what waits, within the links' budgets: once a tick, after the setpoints."""
@@ -41,6 +50,6 @@ class Feature:
         """What operators must know of it."""
         return ()
 
-    def views(self, at: Instant) -> Mapping[str, Any]:  # noqa: ARG002
-        """Its fields of `FleetView`."""
-        return {}
+    def view(self, at: Instant) -> FeatureView | None:  # noqa: ARG002
+        """What it reports; None: it is not configured."""
+        return None

@@ -26,7 +26,6 @@ from gcs.estimation.link_health import LinkQuality, SetpointGaps
 from gcs.estimation.positioning import uncertainty_m
 from gcs.estimation.touch_down import height_error_m
 from gcs.failsafe.autopilot_failsafe import TEXTS_COUNT_S, FailsafeInputs
-from gcs.flight.state.corrections import Corrections
 from gcs.flight.state.elsewhere import Elsewhere
 from gcs.flight.state.feature import Feature, Instant
 from gcs.flight.state.newest import InForce, Newest
@@ -174,9 +173,8 @@ class Flight:
         self.show = ShowState(lambda: self.newest.state.time_s)
         self.columns = ""  # how many pairs will be stacked, in words; as of the last start
         self.excluded: dict[VehicleId, Exclusion] = {}  # taken out of the show by an operator
-        self.corrections = Corrections(config.rtk, self.links, now_s)
-        self.timecode = Timecode(config.timecode)
-        self.features: list[Feature] = [self.corrections, self.timecode]
+        self.outside_clock = Timecode(config.timecode)  # that shows follow
+        self.features: list[Feature] = []
         self.newest.memory = Memory.fresh(len(self.vehicles), now_s)
         self.changed_parameters: dict[VehicleId, dict[str, str]] = {}  # changed from what preflight requires
         received_in = [name for link in links for name in link.ids]

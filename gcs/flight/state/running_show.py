@@ -58,7 +58,7 @@ class ShowRun:
     lags_reported: bool = False
     spares: tuple[VehicleId, ...] = ()  # on the ground, in the fleet's order
     arriving: set[VehicleId] = field(default_factory=set)  # spares that are not at their trajectories yet
-    tempo: Tempo = Tempo()  # of the clock beside the pace: a timecode changes it
+    tempo: Tempo = Tempo()  # of the clock beside the pace: an external clock changes it
     begun: bool = False  # its clock has run since the start
     begins_s: float | None = None  # the tick's time from which the clock runs, once it runs; None: at once
     begin: BeginView | None = None  # how it waits for its beginning; None: it begins as soon as it can

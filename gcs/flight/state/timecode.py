@@ -1,18 +1,19 @@
 """The timecode of one station: what arrived, and how the selected show stands to it."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from math import isnan, nan
-from typing import Any, Final
+from typing import Final
 
-from gcs.config.sections import TimecodeSettings
-from gcs.flight.state.feature import Feature, Instant
+from gcs.flight.state.external_clock import ExternalClock
+from gcs.flight.state.feature import Instant
 from gcs.flight.state.running_show import ShowRun
+from gcs.links.features import TimecodeSettings
 from gcs.links.intake import Intake
 from gcs.model.lifecycle import ShowPhase
-from gcs.service import TimecodeView
 from gcs.service.alarms import AlarmCause, AlarmSeverity, Condition
+from gcs.service.features import TimecodeView
 from gcs.shows.timecode import Chase, ChaseState, Rate, Reading
-from gcs.shows.timecode.receiver import bound_of
+from gcs.shows.timecode.receiver import bound_of, keep_receiving
 from gcs.shows.timecode.smpte import label_at, parse_label
 
 WHY = {
@@ -29,30 +30,26 @@ APART_S: Final = 1.0
 """From here on a show that is not where its timecode is gives an alarm."""
 
 
-class Timecode(Feature):
-    """Takes what arrives. Every `now_s` is the loop's clock; used on the event loop only.
+class Timecode(ExternalClock):
+    """Takes what arrives; without settings there is none."""
 
-    Without settings there is none, and shows run by this station's clock.
-    """
+    name = "timecode"
 
     def __init__(self, settings: TimecodeSettings | None) -> None:
         self.settings = settings
-        self.followed = settings is not None
-        self.problem = ""  # why the show waits or stands still
-        self.frozen_since_unix_s: float | None = None  # a running show stands still, or comes to rest
-        self.expected = False  # it waits as it should: the timecode comes to where the show is
-        freewheel_s, jump_max_s = (
-            (1.0, 1.0) if settings is None else (settings.freewheel_s, settings.jump_max_s)
-        )
-        self._chase = Chase(freewheel_s, jump_max_s)
+        self.configured = settings is not None
+        self.jump_max_s, self.catch_up = (settings.jump_max_s, settings.catch_up) if settings else (1.0, 0.0)
+        super().__init__()
+        self._chase = Chase(settings.freewheel_s if settings else 1.0, self.jump_max_s)
         self._failed = ""
         self._readings = self._garbage = 0
-        self._intake = Intake(f"timecode {settings.source}" if settings else "timecode", bound_of(settings))
+        source = settings.source if settings else "none"
+        self.intakes = (Intake(f"timecode {source}", bound_of(settings)),)
         self._begins: tuple[Rate, float] | None = None  # the timecode of a show's beginning, at that rate
 
-    @property
-    def intakes(self) -> tuple[Intake]:
-        return (self._intake,)
+    async def receive(self) -> None:
+        if self.settings is not None:
+            await keep_receiving(self.settings, self, *self.intakes)
 
     def take(self, reading: Reading, now_s: float) -> None:
         """Take a reading that has just arrived."""
@@ -69,7 +66,6 @@ class Timecode(Feature):
         self._failed = why
 
     def runs(self, now_s: float) -> bool:
-        """Whether the show has a timecode to follow."""
         return self._chase.runs(now_s)
 
     @property
@@ -77,14 +73,12 @@ class Timecode(Feature):
         return self._chase.slope()
 
     def show_s(self, now_s: float) -> float:
-        """The show's time that belongs to the timecode now; NaN: there is none."""
         settings, rate = self.settings, self._chase.rate
         if settings is None or rate is None:
             return nan
         return self._chase.time_s(now_s) - self._begins_s(settings, rate) - settings.delay_s
 
     def note_show(self, show_s: float) -> None:
-        """Note the show's time, by which jumps are judged; NaN: it has not begun."""
         settings, rate = self.settings, self._chase.rate
         if settings is not None and rate is not None:
             self._chase.show_s = show_s + self._begins_s(settings, rate) + settings.delay_s
@@ -95,18 +89,10 @@ class Timecode(Feature):
         return self._begins[1]
 
     def why_not(self, now_s: float) -> str:
-        """Why there is no timecode to follow, in words; empty while there is."""
         text = WHY.get(self._chase.state(now_s), "").format(
             jump_s=self._chase.jump_s, most_s=self._chase.jump_max_s
         )
         return f"{text} ({self._failed})" if text and self._failed else text
-
-    def note_frozen(self, frozen: bool, unix_s: float) -> None:
-        """Note whether the running show stands still for want of timecode, or comes to rest."""
-        if not frozen:
-            self.frozen_since_unix_s = None
-        elif self.frozen_since_unix_s is None:
-            self.frozen_since_unix_s = unix_s
 
     def is_missing(self, now_s: float) -> bool:
         """Whether the show stands still, and no source has said that it shall."""
@@ -131,12 +117,8 @@ class Timecode(Feature):
             severity = AlarmSeverity.WARNING if self.is_missing(now_s) else None
             yield Condition(AlarmCause.TIMECODE, why, consequence=consequence, severity=severity)
 
-    def views(self, at: Instant) -> Mapping[str, Any]:
-        return {"timecode": self.view(at.show_run, at.time_s)}
-
-    def view(self, show_run: ShowRun | None, now_s: float) -> TimecodeView | None:
-        """What displays need; None: none is configured."""
-        settings, chase = self.settings, self._chase
+    def view(self, at: Instant) -> TimecodeView | None:
+        settings, chase, now_s, show_run = self.settings, self._chase, at.time_s, at.show_run
         if settings is None:
             return None
         time_s, rate = chase.time_s(now_s), chase.rate
@@ -155,5 +137,5 @@ class Timecode(Feature):
             frozen_since_unix_time_s=self.frozen_since_unix_s if follows else None,
             readings=self._readings,
             garbage=self._garbage,
-            dropped=self._intake.dropped,
+            dropped=self.intakes[0].dropped,
         )

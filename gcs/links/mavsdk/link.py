@@ -176,7 +176,7 @@ class MavsdkLink(Link):
     def _prepare(self) -> None:
         n = len(self.ids)
         self._setpoint_filter = SetpointFilter(
-            self._outbox, self._system_ids, self._latch, self._sent, self.counters, self._clock
+            self.outbox, self._system_ids, self._latch, self._sent, self.counters, self._clock
         )
         self._room = mmsg.Batch(_ROOM, _LONGEST_BYTES)
         self._frame_filter = FrameFilter(n, self._station_id)

@@ -46,14 +46,14 @@ class NativeLink(Link):
     def _expect_setpoints(self, batch: SetpointBatch) -> None:
         """Encode them all at once; nothing leaves but what `_send_setpoints` is given."""
         about = batch.rows, batch.velocity_ned_m_s, batch.yaw_rad
-        self._expected = self._outbox.encode_setpoints(*about, time_s=self._clock())
+        self._expected = self.outbox.encode_setpoints(*about, time_s=self._clock())
 
     def _send_setpoints(self, desired: SetpointBatch) -> None:
         rows, now_s = desired.rows, self._clock()
         if not len(rows):
             return
         frames, self._expected = self._expected.cut(len(rows))
-        left = self._outbox.send(frames, rows, now_s, until_s=desired.until_s)
+        left = self.outbox.send(frames, rows, now_s, until_s=desired.until_s)
         left_s, count = self._clock(), int(np.count_nonzero(left))  # never earlier than the datagrams
         if left_s > desired.until_s:
             self.counters.setpoints_dropped += len(left) - count

@@ -339,7 +339,7 @@ class Replay:
         about, table, n = self._data.about, flown.vehicles, len(flown.vehicles)
         position_m = layout.vectors(table, layout.POSITION).astype(np.float64)
         latitude_deg, longitude_deg, altitude_m = self.frame.geodetic(position_m)
-        colour, lit = layout.lights(table)
+        colour, lit = layout.colours(table)
         limited_by = flown.tick.limited_by
         numbers = {
             **unknown(n),

@@ -1,4 +1,4 @@
-"""Messages of the service port, and the table of what may be asked.
+"""Messages of the service port between the API's process and control, and the table of what may be asked.
 
 A message is its length in four bytes, then its content. A request is two lines of JSON: what is asked
 (`Request`), and the arguments. An answer is a pickle of `Answer`; a message without content says that the

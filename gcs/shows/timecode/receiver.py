@@ -14,8 +14,8 @@ from typing import Final, Protocol, TypeAlias
 
 import numpy as np
 
-from gcs.config.sections import TimecodeSettings
-from gcs.links.intake import MIDI, Arrived, Bound, Intake, sound
+from gcs.links.features import TimecodeSettings
+from gcs.links.intake import Arrived, Bound, Intake, sound
 from gcs.links.reading import BUFFER_BYTES, Reader
 from gcs.model.errors import LinkError
 from gcs.shows.timecode.ltc import LinearTimecode
@@ -24,6 +24,9 @@ from gcs.shows.timecode.rtp_midi import MidiSession
 from gcs.shows.timecode.smpte import Reading
 
 log = logging.getLogger(__name__)
+
+MIDI: Final = Bound(10_000, 1000)
+"""Timecode is 120 messages a second of 2 bytes, of about 30 over RTP; a cable carries 3,125 bytes."""
 
 RETRY_S: Final = 2.0
 
@@ -41,7 +44,7 @@ _FULL_SCALE: Final = 32768.0
 class Sink(Protocol):
     """Takes what a source sends."""
 
-    def take(self, reading: Reading) -> None:
+    def take(self, reading: Reading, now_s: float) -> None:
         """Take a reading."""
 
     def count(self, garbage: int) -> None:
@@ -83,8 +86,9 @@ async def keep_receiving(settings: TimecodeSettings, sink: Sink, intake: Intake)
 
 def _give(sink: Sink, readings: Sequence[Reading]) -> None:
     """Give readings that arrived at once to the sink: the newest, if there are too many."""
+    now_s = asyncio.get_running_loop().time()
     for reading in readings[-READINGS_MAX:]:
-        sink.take(reading)
+        sink.take(reading, now_s)
 
 
 async def _receive_udp(host: str, port: int, sink: Sink, intake: Intake) -> None:

@@ -15,7 +15,8 @@ from gcs.api.schemas.fleet import FRAME_COLUMNS
 from gcs.estimation.time_estimates import Estimates
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Mode
-from gcs.service import SelectedShow
+from gcs.service import Features, SelectedShow
+from gcs.service.features import NO_LABEL
 from gcs.testing.views import vehicles_of
 from tests.support.api_fake_service import FRAME, FakeService
 from tests.support.timecode import VIEW
@@ -87,12 +88,12 @@ def test_unknown_values_are_absent_from_the_frame() -> None:
 
 
 def test_timecode_is_in_the_header() -> None:
-    header, _ = encoded(FakeService(), timecode=VIEW)
-    assert header["timecode"].tolist() == [1, 0, 2, 12]
+    header, _ = encoded(FakeService(), features=Features(timecode=VIEW))
+    assert header["label"].tolist() == [1, 0, 2, 12]
     assert (header["behind_s"], header["tempo"]) == pytest.approx((0.012, 1.001))
     for nowhere in (None, replace(VIEW, label="", behind_s=np.nan, tempo=np.nan)):
-        header, _ = encoded(FakeService(), timecode=nowhere)
-        assert tuple(header["timecode"].tolist()) == frames.NO_TIMECODE
+        header, _ = encoded(FakeService(), features=Features(timecode=nowhere))
+        assert tuple(header["label"].tolist()) == NO_LABEL
         assert np.isnan([header["behind_s"], header["tempo"]]).all()
 
 

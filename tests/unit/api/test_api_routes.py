@@ -8,8 +8,9 @@ from gcs.api.schemas import fleet as schemas
 from gcs.cli.status import board
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Direction, Formation, LawName, YawPolicy
-from gcs.service import CorrectionsView, Outcome, ShowAction, VehicleAction
+from gcs.service import Features, Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause, Condition
+from gcs.service.features import CorrectionsView
 from tests.support.api_fake_service import FakeService
 from tests.support.api_harness import Api
 
@@ -350,9 +351,8 @@ def test_the_law_is_chosen_by_name(api: Api) -> None:
 def test_corrections_report_their_age_and_base() -> None:
     service = FakeService()
     api = Api(service)
-    assert api("GET", "/api/v1/corrections").json() is None
-    assert api("GET", "/api/v1/status").json()["corrections"] is False
-    service.corrections = CorrectionsView(
+    assert api("GET", "/api/v1/features").json()["corrections"] is None
+    corrections = CorrectionsView(
         "ntrip://192.0.2.7:2101/BASE",
         0.4,
         "",
@@ -364,19 +364,20 @@ def test_corrections_report_their_age_and_base() -> None:
         sent=18,
         dropped=1,
     )
+    service.features = Features(corrections=corrections)
     service.tick()
-    found = api("GET", "/api/v1/corrections").json()
+    found = api("GET", "/api/v1/features").json()["corrections"]
     assert (found["age_s"], found["messages"], found["base_latitude_deg"]) == (0.4, 9, 47.4)
     assert found["base_height_m"] is None
-    assert api("GET", "/api/v1/fleet").json()["corrections"] == found
-    assert api("GET", "/api/v1/status").json()["corrections"] is True
+    for path in ("fleet", "status"):
+        assert api("GET", f"/api/v1/{path}").json()["features"]["corrections"] == found
 
 
 def test_lights_report_their_driver_and_counts() -> None:
     api = Api(FakeService())
-    assert api("GET", "/api/v1/fleet").json()["lights"] == {
+    assert api("GET", "/api/v1/fleet").json()["features"]["lights"] == {
         "driver": "led-control",
         "sent": 120,
         "dropped": 30,
     }
-    assert api("GET", "/api/v1/status").json()["lights"] == "led-control"
+    assert api("GET", "/api/v1/status").json()["features"]["lights"]["driver"] == "led-control"

@@ -9,6 +9,7 @@ import httpx
 import pytest
 
 from gcs.api.context import Feed
+from gcs.service import Features
 from gcs.shows import load, shipped
 from gcs.shows.library import FILES_MAX, SIZE_MAX_BYTES
 from tests.support.api_fake_service import FakeService
@@ -181,16 +182,16 @@ def test_a_time_to_begin_is_set_shown_and_cancelled(api: Api) -> None:
 
 
 def test_timecode_is_shown_and_let_go(api: Api) -> None:
-    follow = "/api/v1/show/timecode"
+    follow = "/api/v1/show/external-clock"
     assert "no timecode is configured" in detail(api("POST", follow, json={"follow": False}), 409)
-    assert api("GET", "/api/v1/fleet").json()["timecode"] is None
-    api.service.timecode = VIEW
+    assert api("GET", "/api/v1/fleet").json()["features"]["timecode"] is None
+    api.service.features = Features(timecode=VIEW)
     api.service.tick()
-    shown = api("GET", "/api/v1/fleet").json()["timecode"]
+    shown = api("GET", "/api/v1/fleet").json()["features"]["timecode"]
     assert (shown["label"], shown["behind_s"], shown["age_s"]) == ("01:00:02:12", 0.012, None)
     assert api("POST", follow, json={"follow": False}).status_code == 204
     api.service.tick()
-    assert not api("GET", "/api/v1/fleet").json()["timecode"]["followed"]
+    assert not api("GET", "/api/v1/fleet").json()["features"]["timecode"]["followed"]
     text = api("GET", "/metrics").text
     assert 'gcs_timecode_state{state="running"} 1.0' in text
     assert "gcs_timecode_behind_seconds 0.012" in text
@@ -204,7 +205,7 @@ def test_a_running_timecode_causes_no_new_status(api: Api) -> None:
     api("POST", f"{PATH}/select", json={"hash": pass_check(api)})
     api("POST", "/api/v1/show/begin", json={"at_unix_time_s": 9e9})
     feed, service = Feed(api.service, "off", str), api.service
-    service.timecode = VIEW
+    service.features = Features(timecode=VIEW)
     service.tick()
     first, text = feed.status(0.0)
     assert '"label":"01:00:02:12"' in text
@@ -212,10 +213,11 @@ def test_a_running_timecode_causes_no_new_status(api: Api) -> None:
     moved = replace(
         VIEW, label="01:00:09:00", age_s=0.02, behind_s=-0.01, slope=0.999, tempo=1.0, readings=99
     )
-    service.timecode = moved
+    service.features = Features(timecode=moved)
     service.tick()
     assert feed.status(1.0)[0] == first
-    service.timecode = replace(moved, state="lost", problem="gone", frozen_since_unix_time_s=1.8e9)
+    lost = replace(moved, state="lost", problem="gone", frozen_since_unix_time_s=1.8e9)
+    service.features = Features(timecode=lost)
     service.tick()
     revision, text = feed.status(2.0)
     assert revision == first + 1

@@ -9,7 +9,8 @@ from rich.console import Console
 
 from gcs.api.schemas import fleet as schemas
 from gcs.cli.status import COLUMNS, SORTED, _columns, board, station_board
-from gcs.service import BeginState, BeginView, SelectedShow, TimecodeView
+from gcs.service import BeginState, BeginView, SelectedShow
+from gcs.service.features import Features, TimecodeView
 from tests.support.api_fake_service import FakeService
 from tests.support.status_example import NOT_ORDINARY, PILOT, example_fleet
 
@@ -191,16 +192,16 @@ def test_status_has_the_timecode_and_how_the_show_stands(fleet: schemas.Fleet) -
         garbage=0,
         dropped=0,
     )
-    shown = "\n".join(lines(fleet.model_copy(update={"timecode": timecode}), 160))
+    shown = "\n".join(lines(fleet.model_copy(update={"features": Features(timecode=timecode)}), 160))
     where = "01:00:02:12 25 stopped, udp-midi://127.0.0.1:5006"
     assert f"{where}, show -1200 ms behind, tempo 0.000, the timecode has stopped" in shown
     since_s = fleet.unix_time_s - 12.0
     frozen = replace(timecode, frozen_since_unix_time_s=since_s)
-    shown = "\n".join(lines(fleet.model_copy(update={"timecode": frozen}), 160))
+    shown = "\n".join(lines(fleet.model_copy(update={"features": Features(timecode=frozen)}), 160))
     assert f"{where}, SHOW FROZEN for 12 s, show" in shown
     let_go = replace(timecode, followed=False)
     assert "shows run by this station's clock" in "\n".join(
-        lines(fleet.model_copy(update={"timecode": let_go}), 160)
+        lines(fleet.model_copy(update={"features": Features(timecode=let_go)}), 160)
     )
 
 

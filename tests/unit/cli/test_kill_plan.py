@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from gcs.cli.kill_plan import links_in, links_of, plan_of
-from gcs.cli.kill_ports import ports_of
+from gcs.cli.kill.plan import links_in, links_of, plan_of
+from gcs.cli.kill.ports import ports_of
 from gcs.config import schema as configuration
 from gcs.config.yaml_files import CONFIGURATIONS
 from gcs.links.settings import SPARE_ID

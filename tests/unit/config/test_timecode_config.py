@@ -3,7 +3,7 @@
 import pytest
 from pydantic import ValidationError
 
-from gcs.config.sections import TimecodeSettings
+from gcs.links.features import TimecodeSettings
 
 
 @pytest.mark.parametrize(

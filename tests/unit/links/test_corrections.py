@@ -8,15 +8,14 @@ from pymavlink.dialects.v20 import common
 from pyrtcm import calc_crc24q
 
 from gcs.links.address_book import Addresses
-from gcs.links.budget import Budget
-from gcs.links.corrections import AT_ONCE_MAX, OLD_S, WAITING_MAX, CorrectionSender
+from gcs.links.corrections import AT_ONCE_MAX, LONGEST_BYTES, OLD_S, WAITING_MAX, CorrectionSender, fragments
+from gcs.links.features import RtkSettings
 from gcs.links.link import Counters
 from gcs.links.rtcm_stream import RtcmStream
+from gcs.links.send_budget import Budget
 from gcs.links.sender import Outbox
-from gcs.links.settings import RtkSettings
 from gcs.mavlink.codec import encode
-from gcs.mavlink.rtcm import LONGEST_BYTES, fragments
-from gcs.sim.protocol.corrections import Reassembly
+from gcs.sim.protocol.equipment import Reassembly
 from tests.support.kept_ports import KeptPorts
 from tests.support.rtcm import BASE, base_message, rtcm
 

@@ -13,15 +13,16 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common as dialect
 
-from gcs.links.intake import CORRECTIONS, FORWARDED, MIDI, SAVED_S, TURN_S, Arrived, Bound, Intake, sound
+from gcs.links.intake import FORWARDED, SAVED_S, TURN_S, Arrived, Bound, Intake, sound
 from gcs.links.ntrip import Chunked
 from gcs.links.reading import READS_MAX, Reader
 from gcs.links.rtcm_stream import RtcmStream
+from gcs.links.rtk import CORRECTIONS
 from gcs.mavlink.codec import split
 from gcs.model.errors import LinkError
 from gcs.shows.timecode import Chase
 from gcs.shows.timecode.midi import MidiTimecode, quarter_frames
-from gcs.shows.timecode.receiver import READINGS_MAX, SAMPLE_BYTES, pcm_decoder
+from gcs.shows.timecode.receiver import MIDI, READINGS_MAX, SAMPLE_BYTES, pcm_decoder
 from gcs.shows.timecode.rtp_midi import MidiSession
 from gcs.shows.timecode.smpte import Rate, label_at
 from tests.support.rtcm import base_message, rtcm

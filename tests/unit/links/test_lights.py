@@ -8,11 +8,12 @@ import pytest
 from pymavlink.dialects.v20 import ardupilotmega
 
 from gcs.links.address_book import Addresses
-from gcs.links.budget import Budget
+from gcs.links.features import LightSettings
 from gcs.links.lights import LightSender, most_urgent
 from gcs.links.link import Counters
+from gcs.links.send_budget import Budget
 from gcs.links.sender import Outbox
-from gcs.links.settings import LightSettings, Listen, SerialPort, extra_bytes_per_s
+from gcs.links.settings import Listen, SerialPort, extra_bytes_per_s
 from gcs.mavlink.codec import encode
 from gcs.mavlink.lights import LightDriver, light_messages
 from tests.support.kept_ports import KeptPorts

@@ -53,7 +53,7 @@ def mutated(source: random.Random, pool: Sequence[bytes]) -> bytes:
 
 
 def state_size(made: Bench) -> int:
-    addresses, ports, signatures = made.link._addresses, made.link._ports, made.link._outbox.signatures
+    addresses, ports, signatures = made.link._addresses, made.link._ports, made.link.outbox.signatures
     assert isinstance(ports, LinkPorts)
     refused = 0 if signatures is None else len(signatures._refused)
     return len(addresses._strangers) + refused + len(ports.failures) + len(addresses._conflicts)

@@ -93,12 +93,12 @@ def shown(file: Path, *places_s: float) -> list[FleetView]:
 
 def test_lights_are_replayed_as_the_show_gave_them(file: Path) -> None:
     before, early, late = shown(file, 0.5, 2.0, 8.0)
-    assert before.rows.lights() == [None] * COUNT
+    assert before.rows.colours() == [None] * COUNT
     desired = {}
     for name, tick, view in (("early", 40, early), ("late", 160, late)):
-        desired[name] = samples()[tick].view.rows.lights()
+        desired[name] = samples()[tick].view.rows.colours()
         assert [colour is not None for colour in desired[name]] == [True, False, True]
-        assert view.rows.lights() == desired[name]
+        assert view.rows.colours() == desired[name]
     assert desired["early"] != desired["late"]
 
 

@@ -63,7 +63,7 @@ CALLS: dict[str, dict[str, Any]] = {
     "player.seek": {"cue": "climb"},
     "player.begin_at": {"at_unix_time_s": 1.8e9 + 1e-6},
     "player.cancel_begin": {},
-    "player.follow_timecode": {"follow": False},
+    "player.follow_external_clock": {"follow": False},
     "preflight.report": {"vehicles": [f"vehicle-{row}" for row in range(2000)]},
     "preflight.exclude": {"vehicle_id": "d1", "reason": "bent"},
     "preflight.include": {"vehicle_id": "d1"},

@@ -38,7 +38,7 @@ export type DrawnMessage =
 export function decoded({ show, vehicles, duration_s, from_s, rate_hz, positions_m, colours, cues }: Samples): Drawing {
   const [n, times] = [vehicles.length, positions_m.length];
   const places = new Float32Array(3 * n * times).fill(NaN);
-  const lights = new Uint8Array(3 * n * times);
+  const shines = new Uint8Array(3 * n * times);
   const low = [Infinity, Infinity, Infinity] as [number, number, number];
   const high = [-Infinity, -Infinity, -Infinity] as [number, number, number];
   positions_m.forEach((row, k) => {
@@ -48,9 +48,9 @@ export function decoded({ show, vehicles, duration_s, from_s, rate_hz, positions
       high[at % 3] = Math.max(high[at % 3]!, value);
     });
     const hex = colours[k] ?? "";
-    for (let at = 0; at < hex.length / 2; at += 1) lights[3 * n * k + at] = Number.parseInt(hex.slice(2 * at, 2 * at + 2), 16);
+    for (let at = 0; at < hex.length / 2; at += 1) shines[3 * n * k + at] = Number.parseInt(hex.slice(2 * at, 2 * at + 2), 16);
   });
-  return { show, n, duration_s, from_s, rate_hz, times, positions_m: places, colours: lights, cues, box: [low, high] };
+  return { show, n, duration_s, from_s, rate_hz, times, positions_m: places, colours: shines, cues, box: [low, high] };
 }
 
 /** The show's time that is shown now. */

@@ -10,7 +10,7 @@ import type { PanelState, Group, LeftPanel, RightPanel, Sheet } from "./state";
 export type PanelName = LeftPanel | RightPanel;
 
 export interface PanelActions
-  extends Pick<Actions, "removeObstacle" | "checkShow" | "selectShow" | "deselectShow" | "removeShow" | "seek" | "changeOrbit" | "changeYaw"> {
+  extends Pick<Actions, "ask" | "removeObstacle" | "checkShow" | "selectShow" | "deselectShow" | "removeShow" | "seek" | "changeOrbit" | "changeYaw"> {
   /** As it is now: what a view was drawn of may be a tenth of a second old, and keys come faster. */
   now(): State;
   dispatch(message: Message): void;
@@ -41,7 +41,6 @@ export interface PanelActions
   /** At the typed time. */
   begin(): void;
   cancelBegin(): void;
-  followTimecode(follow: boolean): void;
   vehicle(id: string, command: VehicleCommand): void;
   /** To every selected vehicle, as one command. */
   fleet(command: FleetCommand): void;

@@ -1,6 +1,7 @@
 /** The clock time at which the selected show begins to move: ordered, counted down, cancelled. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
+import { begunBy } from "../features";
 import type { ShowPhase, State } from "../state";
 import { texts } from "../texts";
 import type { PanelActions } from "./actions";
@@ -40,7 +41,7 @@ function whyNotOffered({ status }: State): string {
   const selected = status?.show.selected;
   if (!selected) return t.noShow;
   if (selected.begun) return t.begun;
-  return status?.timecode?.followed ? t.byTimecode : "";
+  return begunBy(status);
 }
 
 /** Why the typed time cannot be ordered now; "" where it can. Pure. */

@@ -232,7 +232,6 @@ export function createDeskActions(
       }
     },
     cancelBegin: () => void service.cancelBegin(),
-    followTimecode: (follow) => void service.followTimecode(follow),
     vehicle: (id, command) => void service.vehicle(id, command),
     fleet: (command) => void service.fleet(command, state().view.selection),
     exclude: (id) => void excluded(id),
@@ -276,6 +275,7 @@ export function createDeskActions(
       set({ sure: "" });
       void service.takeLead();
     },
+    ask: service.ask,
     checkShow: service.checkShow,
     selectShow: service.selectShow,
     deselectShow: service.deselectShow,

@@ -1,6 +1,7 @@
 /** The panels around the scene: a pure function of the state. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
+import { features } from "../features";
 import { flightReport } from "../replay/report";
 import { drawnBar } from "../drawn/bar";
 import { placingBar } from "../placing/panel";
@@ -15,7 +16,6 @@ import { begin, beginStrip } from "./begin";
 import { banner, toasts } from "./banners";
 import { camera } from "./camera";
 import { button } from "./controls";
-import { corrections } from "./corrections";
 import { energy } from "./energy";
 import { events } from "./events";
 import { fleet } from "./fleet";
@@ -35,7 +35,7 @@ import { shows } from "./shows";
 import { start } from "./start";
 import type { LeftPanel, RightPanel, Sheet } from "./state";
 import { isSite, missing, stations } from "./stations";
-import { timecodeStrip } from "./timecode";
+import { whyNot } from "./rights";
 import { timeline } from "./timeline";
 import { life, topbar } from "./topbar";
 import { vehicle } from "./vehicle";
@@ -170,14 +170,14 @@ export function panels(state: State, actions: PanelActions): TemplateResult {
   ];
   return html`<div class=${names.filter(Boolean).join(" ")} data-testid="panels" data-life=${now} data-layout=${layout}>
     ${topbar(state, actions)}
-    <div class="banners">${banner(state)} ${timecodeStrip(state, actions)} ${beginStrip(state, actions)}</div>
+    <div class="banners">${banner(state)} ${features.map((each) => each.strip?.(state, actions, whyNot(state, "feature")) ?? nothing)} ${beginStrip(state, actions)}</div>
     ${isSmall(layout) ? nothing : recovery(state)}
     <div class="alarms" data-region="alarms">${isSmall(layout) ? recovery(state) : nothing} ${alarms(state, actions)}</div>
     <div class="rails">
       ${rail(state, actions, "left", isReplay ? LEFT.filter((each) => !DEAD_IN_REPLAY.has(each)) : LEFT)} ${rail(state, actions, "right", rightTabs(state.status))}
     </div>
     ${panel(state, actions, "left")} ${panel(state, actions, "right")}
-    <div class="room" data-room><div class="room-low">${corrections(state)} ${energy(state)} ${isSmall(layout) ? nothing : camera(state, actions)}</div></div>
+    <div class="room" data-room><div class="room-low">${features.map((each) => each.glance?.(state) ?? nothing)} ${energy(state)} ${isSmall(layout) ? nothing : camera(state, actions)}</div></div>
     <div class="center-low">${sheet(state, actions)} ${previewBar(state, actions)} ${toasts(state, actions)}</div>
     <footer class="bottom">${placingBar(state, actions)} ${band(state, actions)} ${isReplay ? replayBar(state, actions) : html`${offers(state, actions)} ${flight(state, actions)}`}</footer>
     ${login(state, actions)} ${announcer(state)}

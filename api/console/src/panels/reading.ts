@@ -1,6 +1,7 @@
 /** Data that the stream lacks are requested while their panel is open: preflight, commands, delays of stations, show files. */
 
 import type { Actions } from "../actions";
+import { features } from "../features";
 import { startOrder } from "./start";
 import { same } from "../placing/model";
 import { shownPanels } from "./layout";
@@ -11,13 +12,13 @@ const PREFLIGHT_MS = 2000;
 const PREFLIGHT_UNSEEN_MS = 8000; // for the number beside its name
 const ORDERS_MS = 2000;
 const STATIONS_MS = 1000;
-const CORRECTIONS_MS = 1000;
+const FEATURES_MS = 1000;
 /** Pads that were moved are matched with the vehicles anew once they rest for so long. */
 const PLACED_MS = 600;
 
 /** Call it a few times a second. One request of a kind at a time, so that a slow service gets no more. */
-export function createReader(service: Pick<Actions, "loadPreflight" | "loadOrders" | "loadStations" | "loadCorrections" | "loadPlacement" | "loadShows" | "loadMarks">): (state: State) => void {
-  const asked_ms = { preflight: -Infinity, commands: -Infinity, stations: -Infinity, corrections: -Infinity };
+export function createReader(service: Pick<Actions, "loadPreflight" | "loadOrders" | "loadStations" | "loadFeatures" | "loadPlacement" | "loadShows" | "loadMarks">): (state: State) => void {
+  const asked_ms = { preflight: -Infinity, commands: -Infinity, stations: -Infinity, features: -Infinity };
   const busy = new Set<string>();
   let showsFor: string | null = null;
   let marksFor = NaN;
@@ -55,9 +56,9 @@ export function createReader(service: Pick<Actions, "loadPreflight" | "loadOrder
       asked_ms.stations = page_ms;
       ask("stations", service.loadStations);
     }
-    if (status.corrections && page_ms - asked_ms.corrections >= CORRECTIONS_MS) {
-      asked_ms.corrections = page_ms;
-      ask("corrections", service.loadCorrections);
+    if (features.some((each) => each.isRead?.(status)) && page_ms - asked_ms.features >= FEATURES_MS) {
+      asked_ms.features = page_ms;
+      ask("features", service.loadFeatures);
     }
     const { placing } = state;
     const isResting = placing !== null && placing.busy === "" && page_ms - placing.changed_ms >= PLACED_MS;

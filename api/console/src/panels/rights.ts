@@ -1,5 +1,6 @@
 /** What may be pressed now; where not, why, in words. Pure. "" means that it may. */
 
+import { whyNoFeature } from "../features";
 import { fresh, may, type Phase, type ShowAction, type State } from "../state";
 import { texts } from "../texts";
 
@@ -55,7 +56,8 @@ export function whyNotShow(state: State, action: ShowAction): string {
 export function whyNotVehicle(state: State, action: VehicleAction, phase: Phase): string {
   const why = whyNot(state, action);
   if (why !== "" || !fresh(state)) return why;
-  if (action === "find" && state.status?.lights === "none") return texts.vehicle.noLights;
+  const lacks = whyNoFeature(state, action);
+  if (lacks !== "") return lacks;
   return FROM[action].includes(phase) ? "" : texts.vehicle.notIn(texts.fleet.phases[phase]);
 }
 

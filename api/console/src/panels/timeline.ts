@@ -8,7 +8,7 @@ import { minutes } from "./format";
 import { icon } from "./icons";
 import { place } from "./place";
 import { whyNot, whyNotOnGround } from "./rights";
-import { isFrozen } from "./timecode";
+import { halted } from "../features";
 
 export interface Segment {
   cue: string;
@@ -34,7 +34,7 @@ export function timeline(state: State, actions: PanelActions): TemplateResult {
     </section>`;
   }
   const clock_s = state.frame && Number.isFinite(state.frame.clock_s) ? state.frame.clock_s : show.clock_s;
-  const runs = show.runs && !isFrozen(state.status);
+  const runs = show.runs && halted(state.status) === "";
   const all = segments(state.status.timeline, show.duration_s);
   const now = playing(all, clock_s);
   const why = whyNot(state, "seek") || whyNotOnGround(state);

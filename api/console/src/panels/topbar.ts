@@ -10,7 +10,7 @@ import { button } from "./controls";
 import { clockTime, minutes, withUnit } from "./format";
 import { icon, type IconName } from "./icons";
 import { isSmall } from "./layout";
-import { isFrozen } from "./timecode";
+import { halted } from "../features";
 
 type Life = keyof typeof texts.bar.states;
 
@@ -59,8 +59,8 @@ function gauge(name: string, value: string, id: string, more: string = ""): Temp
 function showState(state: State): TemplateResult {
   const show = state.status?.show;
   const phase = show?.phase ?? "idle";
-  const frozen = phase === "running" && isFrozen(state.status);
-  const known = show === undefined ? "–" : frozen ? texts.timecode.phase : texts.phases[phase];
+  const frozen = phase === "running" ? halted(state.status) : "";
+  const known = show === undefined ? "–" : frozen || texts.phases[phase];
   return html`<div class="show-state phase-${frozen ? "paused" : phase} value" data-testid="show-state" role="status" title=${show?.reason || nothing}>
     ${icon(frozen ? "pause" : SHOW_ICON[phase])}
     <span class="show-words">

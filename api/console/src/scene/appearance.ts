@@ -47,7 +47,7 @@ export class Appearance {
 
 function litOf(frame: Frame, i: number, palette: Palette): readonly [Rgb, number] {
   const phase = phaseOf(frame, i);
-  if ((frame.flags[i]! & FLAG.light) === 0) {
+  if ((frame.flags[i]! & FLAG.lit) === 0) {
     return [palette.phase[phase], ON_GROUND.has(phase) ? 0 : FAINT];
   }
   const [red, green, blue] = [frame.red[i]! / 255, frame.green[i]! / 255, frame.blue[i]! / 255];

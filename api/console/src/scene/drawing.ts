@@ -21,20 +21,20 @@ const STEP_LEAST_S = 0.25;
 export class DrawnLayer {
   readonly #table = new Table(REPORTED);
   readonly #vehicles;
-  readonly #lights;
+  readonly #glows;
   readonly #paths;
   #moved: Placing | null = null;
 
   constructor(shared: Shared, into: Group) {
     this.#vehicles = new Vehicles(shared);
-    this.#lights = new Billboards(shared);
+    this.#glows = new Billboards(shared);
     this.#paths = new Strokes(shared, ORDER.strokes);
-    into.add(this.#vehicles.mesh, this.#lights.mesh, this.#paths.mesh);
+    into.add(this.#vehicles.mesh, this.#glows.mesh, this.#paths.mesh);
   }
 
   dress(palette: Palette): void {
     this.#vehicles.dress(palette);
-    this.#lights.dress(palette);
+    this.#glows.dress(palette);
   }
 
   /** A show that is being placed moves with its pads. */
@@ -49,7 +49,7 @@ export class DrawnLayer {
     }
     this.#paths.commit();
     this.#vehicles.draw(this.#table, n);
-    this.#lights.draw(this.#table, n);
+    this.#glows.draw(this.#table, n);
   }
 
   #tell(drawing: Drawing, time_s: number): void {
@@ -86,7 +86,7 @@ export class DrawnLayer {
   }
 
   dispose(): void {
-    for (const each of [this.#vehicles, this.#lights, this.#paths]) {
+    for (const each of [this.#vehicles, this.#glows, this.#paths]) {
       each.dispose();
     }
     this.#table.texture.dispose();

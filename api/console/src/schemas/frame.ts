@@ -5,8 +5,8 @@ import { SHOW_PHASES, type Frame, type FrameColumn, type Numbers } from "../stat
 export const VERSION = 4;
 export const HEADER_BYTES = 128;
 const BYTES = 7;
-/** Of each number of a timecode that there is none. */
-const NO_TIMECODE = 255;
+/** Of each number of a label that there is none. */
+const NO_LABEL = 255;
 
 /** Bytes of a frame of n vehicles with so many columns of numbers. */
 export const size = (n: number, floats: number): number => HEADER_BYTES + n * (4 * floats + BYTES);
@@ -70,7 +70,7 @@ export function decode(buffer: ArrayBuffer, received_ms: number, columns: readon
     assembled_s: float(108),
     home_s: float(112),
     batteryLeastRow: header.getUint32(116, true),
-    timecode: label.includes(NO_TIMECODE) ? "" : label.map((part) => String(part).padStart(2, "0")).join(":"),
+    label: label.includes(NO_LABEL) ? "" : label.map((part) => String(part).padStart(2, "0")).join(":"),
     behind_s: float(120),
     tempo: float(124),
     phase: bytes(0),

@@ -126,6 +126,10 @@ export interface components {
          * @enum {string}
          */
         CheckState: "waiting" | "running" | "done" | "failed";
+        /** @description Whether shows follow the external clock that is configured. */
+        ClockBody: {
+            follow: boolean;
+        };
         /** @description An accepted command and its outcome for each vehicle. */
         CommandRecord: {
             accepted_unix_time_s: number;
@@ -150,10 +154,11 @@ export interface components {
             base_longitude_deg: number | null;
             /** @description Too old, too many, or longer than MAVLink can carry. */
             dropped: number;
-            /** @description That arrived from the base. */
+            /** @description RTCM messages that arrived from the base. */
             messages: number;
             /** @description Why there are no recent ones; empty while there are. */
             problem: string;
+            /** @description Bytes of these. */
             received_bytes: number;
             /** @description Messages that left, summed over the links. */
             sent: number;
@@ -274,6 +279,12 @@ export interface components {
              */
             reason: string;
         };
+        /** @description What each feature reports; null: it is not configured, or this is a replay. */
+        Features: {
+            corrections: components["schemas"]["CorrectionsView"] | null;
+            lights: components["schemas"]["LightsView"] | null;
+            timecode: components["schemas"]["TimecodeView"] | null;
+        };
         /** @description One invalid field. */
         FieldProblem: {
             /**
@@ -304,18 +315,16 @@ export interface components {
             control_alive: boolean;
             /** @description Why control is not alive, empty when it is. */
             control_reason: string;
-            /** @description For RTK; null: none are configured. */
-            corrections: components["schemas"]["CorrectionsView"] | null;
             counts: components["schemas"]["Counts"];
             /** @description Estimates at `time_s`; null in a replay. */
             estimates: components["schemas"]["Estimates"] | null;
+            /** @description What each feature reports, with the values at `time_s`. */
+            features: components["schemas"]["Features"];
             /** @description Setpoints that the safety filter has changed, counted per vehicle and tick. */
             filter_interventions: number;
             formation: components["schemas"]["Formation"];
             /** @description An interrupted flight that is not settled yet; null: none. */
             interrupted: components["schemas"]["InterruptedFlight"] | null;
-            /** @description Of the vehicles; null: a replay. */
-            lights: components["schemas"]["LightsView"] | null;
             minimum_separation_m: number | null;
             /** @description Positions of the obstacles at `time_s`. */
             obstacles: components["schemas"]["Obstacle"][];
@@ -332,8 +341,6 @@ export interface components {
             tick: components["schemas"]["TickView"];
             /** @description The service's monotonic clock. */
             time_s: number;
-            /** @description That shows follow, with the values at `time_s`; null: none is configured. */
-            timecode: components["schemas"]["TimecodeView"] | null;
             unix_time_s: number;
             vehicles: components["schemas"]["Vehicle"][];
             yaw: components["schemas"]["Yaw"];
@@ -515,7 +522,7 @@ export interface components {
              * @example led-control
              */
             driver: string;
-            /** @description Colours that another one replaced before they left: the rate is limited. */
+            /** @description Colours replaced before they left, for the rate. */
             dropped: number;
             /** @description Colours that left. */
             sent: number;
@@ -737,13 +744,13 @@ export interface components {
                     };
                 };
             };
-            "/api/v1/corrections": {
+            "/api/v1/features": {
                 get: {
                     parameters: Record<string, never>;
                     responses: {
                         200: {
                             content: {
-                                "application/json": components["schemas"]["CorrectionsView"] | null;
+                                "application/json": components["schemas"]["Features"];
                             };
                         };
                     };
@@ -1152,6 +1159,21 @@ export interface components {
                     };
                 };
             };
+            "/api/v1/show/external-clock": {
+                post: {
+                    parameters: Record<string, never>;
+                    requestBody: {
+                        content: {
+                            "application/json": components["schemas"]["ClockBody"];
+                        };
+                    };
+                    responses: {
+                        204: {
+                            content: Record<string, never>;
+                        };
+                    };
+                };
+            };
             "/api/v1/show/pause": {
                 post: {
                     parameters: Record<string, never>;
@@ -1230,21 +1252,6 @@ export interface components {
                             content: {
                                 "application/json": components["schemas"]["CommandRecord"];
                             };
-                        };
-                    };
-                };
-            };
-            "/api/v1/show/timecode": {
-                post: {
-                    parameters: Record<string, never>;
-                    requestBody: {
-                        content: {
-                            "application/json": components["schemas"]["TimecodeBody"];
-                        };
-                    };
-                    responses: {
-                        204: {
-                            content: Record<string, never>;
                         };
                     };
                 };
@@ -2243,22 +2250,17 @@ export interface components {
             columns: components["schemas"]["FrameColumn"][];
             /** @description Why control is not alive, empty when it is. */
             control_reason: string;
-            /** @description Corrections for RTK are configured: GET /api/v1/corrections returns their age. */
-            corrections: boolean;
             counts: components["schemas"]["Counts"];
             /** @description Estimates at `time_s`; null in a replay. */
             estimates: components["schemas"]["Estimates"] | null;
             /** @description The newest 100, the newest last. */
             events: components["schemas"]["LogEvent"][];
+            /** @description What each feature reports, with the values at `time_s`. */
+            features: components["schemas"]["Features"];
             flight_envelope: components["schemas"]["FlightEnvelope"];
             formation: components["schemas"]["Formation"];
             /** @description An interrupted flight that is not settled yet; null: none. */
             interrupted: components["schemas"]["InterruptedFlight"] | null;
-            /**
-             * @description Driver of the vehicles' lights; none: none are sent.
-             * @example led-control
-             */
-            lights: string;
             /** @description Reasons for which the safety filter limits vehicles now, each once. */
             limits: string[];
             /** @description null: none is configured. */
@@ -2282,8 +2284,6 @@ export interface components {
             target: components["schemas"]["Target"];
             /** @description The service's monotonic clock. */
             time_s: number;
-            /** @description That shows follow, with the values at `time_s`; null: none is configured. */
-            timecode: components["schemas"]["TimecodeView"] | null;
             /** @description Cues of the selected show, loops written out. */
             timeline: components["schemas"]["CueMark"][];
             unix_time_s: number;
@@ -2328,10 +2328,6 @@ export interface components {
              */
             scheduling: components["schemas"]["Scheduling"];
         };
-        /** @description Whether shows follow the timecode. */
-        TimecodeBody: {
-            follow: boolean;
-        };
         /** @description The timecode that shows follow. */
         TimecodeView: {
             /** @description Since the newest reading that was followed; null: none. */
@@ -2355,14 +2351,14 @@ export interface components {
             label: string;
             /** @description Why the show waits or stands still; empty: it does not. */
             problem: string;
-            /** @description That arrived. */
+            /** @description Readings that arrived. */
             readings: number;
             /** @description How fast it runs by this station's clock; 1 at its rate. */
             slope: number | null;
             /** @example rtp-midi://0.0.0.0:5004 */
             source: string;
             /**
-             * @description stopped: its source says so. lost: nothing arrives any more. refused: it has jumped to where the show does not follow.
+             * @description How it is. stopped: its source says so. lost: nothing arrives any more. refused: it has jumped to where the show does not follow.
              * @enum {string}
              */
             state: "none" | "running" | "dropped-out" | "stopped" | "lost" | "refused";
@@ -2378,6 +2374,11 @@ export interface components {
             autopilot: string;
             /** @description Remaining share of the battery, 0 to 1. Measured by the autopilot. */
             battery: number | null;
+            /**
+             * @description Colour of the vehicle in the show now; null: it flies in no show.
+             * @example #ff8000
+             */
+            colour: string | null;
             /** @description Time until the battery is empty; null: not known yet. Measured by the station. */
             empty_s: number | null;
             /** @description GPS_FIX_TYPE of its receiver, 3 and more with a height; null: not known. */
@@ -2398,11 +2399,6 @@ export interface components {
             landed: string;
             /** @description Latitude, WGS84. Measured by the autopilot. */
             latitude_deg: number | null;
-            /**
-             * @description Colour of the vehicle in the show now; null: it flies in no show.
-             * @example #ff8000
-             */
-            light: string | null;
             /** @description Why the safety filter limits the vehicle; empty: it does not. */
             limited_by: string;
             link: string;

@@ -8,8 +8,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-from gcs.cli.kill_directly import KillPart, kill_directly
-from gcs.cli.kill_plan import KillPlan, links_of, plan_of
+from gcs.cli.kill.directly import KillPart, kill_directly
+from gcs.cli.kill.plan import KillPlan, links_of, plan_of
 from gcs.model.errors import GcsError
 from gcs.model.state import VehicleId
 from gcs.service import CALLER, CommandRecord, Outcome, VehicleOutcome
@@ -67,7 +67,7 @@ class KillWithoutControl:
 
 
 def _recorded(record: Path, parts: Mapping[VehicleId, KillPart], began_unix_s: float, caller: str) -> None:
-    from gcs.cli.kill_record import record_kill  # noqa: PLC0415 (a second, only where control hangs)
+    from gcs.cli.kill.record import record_kill  # noqa: PLC0415 (a second, only where control hangs)
 
     if problem := record_kill(record, parts, began_unix_s, caller):
         log.error("recording_failed", extra={"what": "kills", "cause": problem})

@@ -43,7 +43,7 @@ def flown(path: Path) -> DrawnShow:
     if not rows:
         raise GcsError(f"{data.path}: no position of any vehicle is known")
     trajectories = [_trajectory(times_s, path_m[:, row]) for row in rows]
-    colours = np.stack([layout.lights(vehicles)[0] for vehicles in table])
+    colours = np.stack([layout.colours(vehicles)[0] for vehicles in table])
     standard = Standard.of(data.about.config, str(data.path))
     return DrawnShow(
         title=str(path),

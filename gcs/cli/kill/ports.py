@@ -10,7 +10,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from typing import TYPE_CHECKING, Final, Protocol
 
-from gcs.cli.kill_plan import KillLink
+from gcs.cli.kill.plan import KillLink
 from gcs.model.errors import ConfigError
 
 if TYPE_CHECKING:

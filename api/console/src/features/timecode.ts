@@ -1,15 +1,39 @@
 /** The timecode that shows follow: where it is, how the show stands to it, and that the show is frozen without it. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
-import type { State, Status, Timecode } from "../state";
-import { texts } from "../texts";
-import type { PanelActions } from "./actions";
-import { twice } from "./controls";
-import { clockTime, fixed, minutes, seconds, UNKNOWN } from "./format";
-import { icon, type IconName } from "./icons";
-import { whyNot } from "./rights";
+import type { PanelActions } from "../panels/actions";
+import { twice } from "../panels/controls";
+import { clockTime, fixed, minutes, seconds, UNKNOWN } from "../panels/format";
+import { icon, type IconName } from "../panels/icons";
+import type { Features, State } from "../state";
+import type { Feature } from "./feature";
 
-const t = texts.timecode;
+type Timecode = NonNullable<Features["timecode"]>;
+
+export const t = {
+  title: "Timecode",
+  begins: "With the timecode",
+  short: "TC",
+  rateHint: (rate: string): string => (rate === "" ? "Frames a second: not known yet" : `${rate} frames a second`),
+  states: { none: "none yet", running: "running", "dropped-out": "drop-out", stopped: "stopped", lost: "LOST", refused: "jumped: not followed" },
+  why: {
+    none: "no timecode", running: "timecode runs", "dropped-out": "timecode runs", stopped: "timecode stopped", lost: "timecode lost", refused: "timecode jumped too far",
+  },
+  since: (time: string): string => `since ${time}`,
+  phase: "frozen",
+  frozen: "SHOW FROZEN",
+  behind: (size: string): string => `show ${size} behind`,
+  ahead: (size: string): string => `show ${size} ahead`,
+  tempo: (rate: string): string => `at ${rate} of its speed`,
+  waits: (why: string): string => `The show waits: ${why}`,
+  notFollowed: "Not followed: the show runs by the station's clock",
+  byClock: "Run by clock",
+  sureByClock: "Yes, go on by the clock now",
+  follow: "Follow timecode",
+  sureFollow: "Yes, follow the timecode now",
+  follows: "The show follows the timecode",
+  letGo: "The show runs by the station's clock",
+};
 
 const STATE_ICON: Record<Timecode["state"], IconName> = {
   none: "question",
@@ -19,11 +43,6 @@ const STATE_ICON: Record<Timecode["state"], IconName> = {
   lost: "warning",
   refused: "cross",
 };
-
-/** Whether the running show stands still because its timecode does. Pure. */
-export function isFrozen(status: Status | null): boolean {
-  return status?.timecode?.frozen_since_unix_time_s != null;
-}
 
 /** By how much the show is off, in words; "" where it does not follow. Pure. */
 export function apart(behind_s: number): string {
@@ -58,11 +77,15 @@ function stance(state: State, found: Timecode): TemplateResult {
   return html`<span data-testid="timecode-stance">${text}</span>${off} ${catchesUp(frame?.tempo ?? NaN)}`;
 }
 
+function follow(actions: PanelActions, follow: boolean): void {
+  void actions.ask(t.title, (api) => api.POST("/api/v1/show/external-clock", { body: { follow } }), follow ? t.follows : t.letGo);
+}
+
 /** Across the page wherever timecode is configured; red while the show is frozen without it. */
-export function timecodeStrip(state: State, actions: PanelActions): TemplateResult | typeof nothing {
-  const found = state.status?.timecode;
-  if (!found || state.status?.replay) return nothing;
-  const frozen = isFrozen(state.status);
+function strip(state: State, actions: PanelActions, why: string): TemplateResult | null {
+  const found = state.status?.features.timecode;
+  if (!found || state.status?.replay) return null;
+  const frozen = found.frozen_since_unix_time_s !== null;
   const isMissing = frozen && (found.state === "lost" || found.state === "none");
   const look = isMissing ? "missing" : frozen ? "frozen" : "";
   const isOffered = frozen || !found.followed;
@@ -70,7 +93,7 @@ export function timecodeStrip(state: State, actions: PanelActions): TemplateResu
     <div class="strip-words">
       <span class="strip-group" title=${t.rateHint(found.frame_rate)}>
         ${icon(STATE_ICON[found.state])}<span class="dim">${t.short}</span>
-        <span class="value big-figure" data-testid="timecode-label">${state.frame?.timecode || UNKNOWN}</span>
+        <span class="value big-figure mono" data-testid="timecode-label">${state.frame?.label || UNKNOWN}</span>
         <span data-testid="timecode-state">${t.states[found.state]}</span>
       </span>
       <span class="strip-source dim" data-testid="timecode-source">${found.source}</span>
@@ -82,9 +105,15 @@ export function timecodeStrip(state: State, actions: PanelActions): TemplateResu
           label: found.followed ? t.byClock : t.follow,
           sure: found.followed ? t.sureByClock : t.sureFollow,
           about: `follow:${!found.followed}`,
-          why: whyNot(state, "timecode"),
-          press: () => actions.followTimecode(!found.followed),
+          why,
+          press: () => follow(actions, !found.followed),
         })
       : nothing}
   </section>`;
 }
+
+export const timecode: Feature = {
+  strip,
+  halts: ({ features }) => (features.timecode?.frozen_since_unix_time_s == null ? "" : t.phase),
+  begins: ({ features }) => (features.timecode?.followed ? t.begins : ""),
+};

@@ -25,7 +25,7 @@ from gcs.client.http import Exchange
 from gcs.model.errors import GcsError, InvalidError, LinkError, RefusedError
 
 if TYPE_CHECKING:
-    from gcs.cli.kill_plan import KillPlan
+    from gcs.cli.kill.plan import KillPlan
 
 RECORD: Final = "runs"
 ANSWER_S: Final = 2.0
@@ -117,7 +117,7 @@ def _known(arguments: argparse.Namespace, named: Sequence[str]) -> Sequence[str]
 
 
 def _plan(arguments: argparse.Namespace) -> "KillPlan":
-    from gcs.cli.kill_plan import links_in, plan_of  # noqa: PLC0415 (a call that is only sent needs none of it)
+    from gcs.cli.kill.plan import links_in, plan_of  # noqa: PLC0415 (a call that is only sent needs none of it)
 
     links = [] if arguments.config is None else links_in(arguments.config)
     return plan_of(Path(arguments.record), links, arguments.config)
@@ -244,7 +244,7 @@ class Kill:
         self._reports.put((BY_SERVICE, report))
 
     def _without_service(self, plan: "KillPlan") -> None:
-        from gcs.cli.kill_directly import kill_directly  # noqa: PLC0415 (only where the service is late)
+        from gcs.cli.kill.directly import kill_directly  # noqa: PLC0415 (only where the service is late)
 
         if not self._arguments.direct:
             why = self._service.problem or "the service is late"
@@ -276,7 +276,7 @@ class Kill:
         """Record what was done without the service, once the motors are off."""
         if plan.record is None or not self._direct.outcomes:
             return
-        from gcs.cli.kill_record import record_kill  # noqa: PLC0415 (a second, which no kill waits for)
+        from gcs.cli.kill.record import record_kill  # noqa: PLC0415 (a second, which no kill waits for)
 
         done = {name: (one.done, one.reason) for name, one in self._direct.outcomes.items()}
         if problem := record_kill(

@@ -1,4 +1,4 @@
-"""What lights and corrections may use of a link, so that setpoints and telemetry have the rest."""
+"""What features may use of a link, so that setpoints and telemetry have the rest."""
 
 from dataclasses import dataclass, field
 from math import inf

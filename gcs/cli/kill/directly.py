@@ -12,8 +12,8 @@ from typing import Any, Final, NamedTuple
 
 from pymavlink.dialects.v20 import common as mavlink
 
-from gcs.cli.kill_plan import KillLink, KillPlan
-from gcs.cli.kill_ports import Address, Port, ports_of
+from gcs.cli.kill.plan import KillLink, KillPlan
+from gcs.cli.kill.ports import Address, Port, ports_of
 from gcs.model.errors import ConfigError, LinkError
 
 WITHIN_S: Final = 5.0

@@ -1,0 +1,22 @@
+/** The features of this page. A new one is its module, and its name here. */
+
+import type { VehicleCommand } from "../actions";
+import type { State, Status } from "../state";
+import { corrections } from "./corrections";
+import type { Feature } from "./feature";
+import { lights } from "./lights";
+import { timecode } from "./timecode";
+
+export const features: readonly Feature[] = [timecode, corrections, lights];
+
+const first = (status: Status | null, word: (feature: Feature, status: Status) => string | undefined): string =>
+  status === null ? "" : (features.map((each) => word(each, status)).find((found) => found) ?? "");
+
+/** What a running show is that stands still; "": it does not. */
+export const halted = (status: Status | null): string => first(status, (each, now) => each.halts?.(now));
+
+/** What says when the show begins, instead of a time; "": nothing. */
+export const begunBy = (status: Status | null): string => first(status, (each, now) => each.begins?.(now));
+
+/** Why no vehicle can be commanded so; "" where it can. */
+export const whyNoFeature = ({ status }: State, command: VehicleCommand): string => first(status, (each, now) => each.whyNot?.(now, command));

@@ -1,0 +1,1 @@
+"""`gcs kill`: stops motors, through the service and without it."""

@@ -1,0 +1,215 @@
+"""What each feature beside the formation reports: for displays, metrics, frames and `gcs status`.
+
+A feature is one class here and one field of `Features`; REST, metrics and `gcs status` follow from them.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from math import nan
+from typing import Annotated, Any, ClassVar, Final, Literal, TypeAlias, get_args, get_type_hints
+
+from pydantic import Field, GetJsonSchemaHandler
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
+
+from gcs.model.settings import PUBLISHED, Measured
+
+NO_LABEL: Final[tuple[int, ...]] = (255, 255, 255, 255)
+
+Line: TypeAlias = Iterator[tuple[str, Literal["", "bad", "urgent"]]]
+"""Parts of a line, each with how much it matters."""
+
+
+@dataclass(frozen=True, slots=True)
+class Described:
+    """What a field is, for the schema and its metric: a gauge, a count of whole numbers, or a word."""
+
+    text: str
+    metric: str = ""  # empty: it has none
+    moves: bool = True  # it changes by itself, and no display is sent a new status for it
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        return handler(schema) | {"description": self.text}
+
+
+class FeatureView:
+    """What one feature reports."""
+
+    __slots__ = ()
+    described: ClassVar[dict[str, tuple[Any, Described]]]  # type of each such field, and what it is
+
+    def __init_subclass__(cls) -> None:
+        hints = {key: get_args(hint) for key, hint in get_type_hints(cls, include_extras=True).items()}
+        cls.described = {
+            key: (kind[0], about)
+            for key, kind in hints.items()
+            for about in kind[1:]
+            if isinstance(about, Described)
+        }
+
+    def line(self, unix_time_s: float) -> Line:  # noqa: ARG002
+        """How it is, for `gcs status`; without parts: nothing is to be said."""
+        return iter(())
+
+    @property
+    def metrics(self) -> Iterator[tuple[Described, str, int | float | str | None, tuple[str, ...]]]:
+        """What describes a field, its name, its value, and what it may be; nothing: any, or a number."""
+        for key, (kind, about) in self.described.items():
+            value = getattr(self, key)
+            if about.metric:
+                words = get_args(kind) if isinstance(value, str) else ()
+                yield about, key, value, words
+
+    def at_rest(self) -> "FeatureView":
+        """Return it without what moves, to be compared."""
+        moving = [key for key, (_, about) in self.described.items() if about.moves]
+        return replace(self, **dict.fromkeys(moving))  # type: ignore[type-var]
+
+
+def _number(value: float | None) -> str:
+    return "?" if value is None else f"{value:.1f}"
+
+
+@dataclass(frozen=True, slots=True)
+class CorrectionsView(FeatureView):
+    """Corrections for RTK, from a base to all vehicles."""
+
+    __pydantic_config__ = PUBLISHED
+
+    source: Annotated[str, Field(examples=["ntrip://192.0.2.7:2101/BASE"])]
+    age_s: Annotated[
+        Measured, Described("Since the newest arrived; null: none has.", "gcs_corrections_age_seconds")
+    ]
+    problem: Annotated[str, Described("Why there are no recent ones; empty while there are.")]
+    base_latitude_deg: Annotated[Measured, Field(description="As the base reports; null: not yet.")]
+    base_longitude_deg: Measured
+    base_height_m: Annotated[Measured, Field(description="Above the ellipsoid.")]
+    messages: Annotated[
+        int, Described("RTCM messages that arrived from the base.", "gcs_corrections_received")
+    ]
+    received_bytes: Annotated[int, Described("Bytes of these.", "gcs_corrections_received_bytes")]
+    sent: Annotated[int, Described("Messages that left, summed over the links.", "gcs_corrections_sent")]
+    dropped: Annotated[
+        int, Described("Too old, too many, or longer than MAVLink can carry.", "gcs_corrections_dropped")
+    ]
+
+    def line(self, unix_time_s: float) -> Line:  # noqa: ARG002
+        yield (self.problem, "bad") if self.problem else (f"{_number(self.age_s)} s old", "")
+        if self.base_latitude_deg is not None and self.base_longitude_deg is not None:
+            yield f", base at {self.base_latitude_deg:.7f}, {self.base_longitude_deg:.7f}", ""
+            yield f", {_number(self.base_height_m)} m above the ellipsoid", ""
+
+
+TimecodeState: TypeAlias = Literal["none", "running", "dropped-out", "stopped", "lost", "refused"]
+
+
+@dataclass(frozen=True, slots=True)
+class TimecodeView(FeatureView):
+    """The timecode that shows follow."""
+
+    __pydantic_config__ = PUBLISHED
+
+    source: Annotated[str, Field(examples=["rtp-midi://0.0.0.0:5004"])]
+    followed: Annotated[bool, Field(description="false: an operator has shows run by this station's clock.")]
+    state: Annotated[
+        TimecodeState,
+        Described(
+            "How it is. stopped: its source says so. lost: nothing arrives any more."
+            " refused: it has jumped to where the show does not follow.",
+            "gcs_timecode_state",
+            moves=False,
+        ),
+    ]
+    label: Annotated[
+        str, Described("Where it is, or stands; empty: nowhere yet."), Field(examples=["01:00:02:12"])
+    ]
+    frame_rate: Annotated[str, Field(examples=["25"])]
+    age_s: Annotated[
+        Measured,
+        Described("Since the newest reading that was followed; null: none.", "gcs_timecode_age_seconds"),
+    ]
+    behind_s: Annotated[
+        Measured,
+        Described(
+            "By how much the show is behind it; null while the show does not follow.",
+            "gcs_timecode_behind_seconds",
+        ),
+    ]
+    slope: Annotated[Measured, Described("How fast it runs by this station's clock; 1 at its rate.")]
+    tempo: Annotated[
+        Measured, Described("How fast the show runs; 0: it stands still; null: none.", "gcs_show_tempo")
+    ]
+    problem: Annotated[str, Field(description="Why the show waits or stands still; empty: it does not.")]
+    readings: Annotated[int, Described("Readings that arrived.", "gcs_timecode_readings")]
+    garbage: Annotated[int, Described("Messages that make no sense.", "gcs_timecode_garbage")]
+    dropped: Annotated[int, Described("Dropped unread: too many, or too long.", "gcs_timecode_dropped")]
+    frozen_since_unix_time_s: Annotated[
+        float | None,
+        Field(
+            description="Since when a running show stands still, or comes to rest, because the timecode does;"
+            " null: it does not. `state` and `problem` say why."
+        ),
+    ] = None
+
+    def line(self, unix_time_s: float) -> Line:
+        yield f"{self.label or 'none yet'} {self.frame_rate} {self.state}, {self.source}", ""
+        if not self.followed:
+            yield ", not followed: shows run by this station's clock", ""
+            return
+        if self.frozen_since_unix_time_s is not None:
+            yield f", SHOW FROZEN for {unix_time_s - self.frozen_since_unix_time_s:.0f} s", "urgent"
+        if self.behind_s is not None:
+            off = f", show {1e3 * self.behind_s:+.0f} ms behind, tempo {self.tempo or 0.0:.3f}"
+            yield off, ""
+        if self.problem:
+            yield f", {self.problem}", "bad"
+
+
+@dataclass(frozen=True, slots=True)
+class LightsView(FeatureView):
+    """Colours for the vehicles' own lights, summed over the links."""
+
+    __pydantic_config__ = PUBLISHED
+
+    driver: Annotated[
+        str,
+        Described("lights.driver; none: none are sent.", "gcs_lights", moves=False),
+        Field(examples=["led-control"]),
+    ]
+    sent: Annotated[int, Described("Colours that left.", "gcs_lights_sent")]
+    dropped: Annotated[
+        int, Described("Colours replaced before they left, for the rate.", "gcs_lights_dropped")
+    ]
+
+    def line(self, unix_time_s: float) -> Line:  # noqa: ARG002
+        if self.driver != "none":
+            yield f"{self.driver}  {self.sent} colours sent, {self.dropped} dropped by the rate", ""
+
+
+@dataclass(frozen=True, slots=True)
+class Features:
+    """What each feature reports; null: it is not configured, or this is a replay."""
+
+    __pydantic_config__ = PUBLISHED
+
+    corrections: CorrectionsView | None = None
+    timecode: TimecodeView | None = None
+    lights: LightsView | None = None
+
+    @property
+    def reporting(self) -> dict[str, FeatureView]:
+        """Those that are there, by name."""
+        views: dict[str, Any] = {each.name: getattr(self, each.name) for each in fields(self)}
+        return {name: view for name, view in views.items() if view is not None}
+
+    @property
+    def show_clock(self) -> tuple[tuple[int, ...], float, float]:
+        """Of the clock that the show follows: its label, by how much the show is behind, and its tempo."""
+        view = self.timecode
+        if view is None:
+            return NO_LABEL, nan, nan
+        label = tuple(map(int, view.label.split(":"))) if view.label else NO_LABEL
+        behind_s, tempo = (nan if each is None else each for each in (view.behind_s, view.tempo))
+        return label, behind_s, tempo

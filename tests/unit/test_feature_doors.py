@@ -1,0 +1,86 @@
+"""A feature has few doors: files that name it in their code, without comments and docstrings, are counted."""
+
+import io
+import re
+import tokenize
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Final, NamedTuple
+
+import pytest
+
+ROOT: Final = Path(__file__).parents[2]
+SOURCES: Final = ("gcs", "api", "sim")
+LEFT_OUT: Final = (
+    "gcs/testing",
+    "api/console/test",
+    "api/console/src/schemas/schema.ts",
+    "gcs/api",
+    "gcs/sim",
+)
+"""Tests, what is generated of other files, and links to folders that are counted themselves."""
+COMMENT: Final = re.compile(r"/\*.*?\*/|(?<![:\"'])//[^\n]*", re.DOTALL)
+
+
+class Named(NamedTuple):
+    """How code names a feature, and in how many files at most: its own, by their paths, and others."""
+
+    words: str
+    own: str
+    own_max: int
+    others_max: int
+
+
+FEATURES: Final = {
+    "corrections": Named(
+        r"rtcm|RTCM|RtkSettings|\brtk\b(?!-)|(?<![a-z])corrections(?![a-z])|Correction|CORRECTIONS",
+        r"corrections|rtcm|rtk",
+        4,
+        6,
+    ),
+    "timecode": Named(r"[Tt]imecode|TIMECODE", r"timecode", 9, 6),
+    "lights": Named(
+        r"(?<![A-Za-z])[Ll]ights?(?![a-z])|(?<![A-Z])LIGHTS?(?![A-Z])",
+        r"lights?|shows|drawn_\w+",  # a show's lights are its content
+        19,
+        5,
+    ),
+}
+
+
+def python_code(text: str) -> Iterator[str]:
+    """What runs: not comments, nor strings that stand alone."""
+    begins = True
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type in {tokenize.NEWLINE, tokenize.NL, tokenize.INDENT, tokenize.DEDENT}:
+            begins = begins or token.type == tokenize.NEWLINE
+        elif token.type != tokenize.COMMENT:
+            if not (begins and token.type == tokenize.STRING):
+                yield token.string
+            begins = False
+
+
+def code(file: Path) -> str:
+    text = file.read_text(encoding="utf-8")
+    return " ".join(python_code(text)) if file.suffix == ".py" else COMMENT.sub("", text)
+
+
+def sources(root: Path) -> dict[str, str]:
+    """Code of each file, by its path."""
+    files = [file for name in SOURCES for file in (root / name).rglob("*") if file.suffix in {".py", ".ts"}]
+    named = {file.relative_to(root).as_posix(): file for file in files if "node_modules" not in file.parts}
+    return {name: code(file) for name, file in named.items() if not name.startswith(LEFT_OUT)}
+
+
+@pytest.fixture(scope="module")
+def found() -> dict[str, str]:
+    return sources(ROOT)
+
+
+@pytest.mark.parametrize("feature", FEATURES)
+def test_few_files_beside_its_own_name_a_feature(feature: str, found: dict[str, str]) -> None:
+    words, own, own_max, others_max = FEATURES[feature]
+    named = {name for name, text in found.items() if re.search(words, text)}
+    own_files = {name for name in named if re.search(rf"(?<![a-z])(?:{own})(?![a-z])", name)}
+    assert len(own_files) <= own_max, sorted(own_files)
+    assert len(named - own_files) <= others_max, sorted(named - own_files)
