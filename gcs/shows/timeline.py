@@ -246,9 +246,12 @@ class Timeline:
         return self.drawing.yaw.at(at_s)
 
     def colours_at(self, time_s: float) -> NDArray[np.uint8]:
-        """(n, 3) Red, green and blue of every vehicle's light, in the order of the drawing or the fleet."""
+        """(n, 3) Red, green and blue of every vehicle's light, in the order of the drawing or the fleet.
+
+        After the last part of a drawing its lights go on to their own end, also while the vehicles return.
+        """
         if self.drawing is not None and (at_s := self.drawn_s(time_s)) is not None:
-            return self.drawing.lights.colours_at(at_s)
+            return self.drawing.lights.colours_at(at_s + max(time_s - self.parts[-1].end_s, 0.0))
         return np.asarray(np.rint(self.lights.value(time_s)).astype(np.uint8))
 
     def cue_at(self, time_s: float) -> Played:
