@@ -39,6 +39,7 @@ from gcs.service import Audit, FleetView, Latest, NoAudit, Scheduling
 from gcs.service.commands import CommandLog
 from gcs.service.event_log import EventLog, attached
 from gcs.shows.library import ShowLibrary
+from gcs.shows.station_rules import StationRules
 
 WARM_UPS: Final = (
     warm_up,
@@ -117,8 +118,8 @@ class Orchestrator:
         self.replaying = None
         self.audit: Audit = NoAudit() if record is None else record.audit
         self.events = EventLog()
-        take_off = config.operation.takeoff_height_m, config.operation.takeoff_stagger_s
-        self.shows = ShowLibrary(None if config.shows is None else config.shows.folder, take_off)
+        rules = StationRules.of(config.control, config.operation)
+        self.shows = ShowLibrary(None if config.shows is None else config.shows.folder, rules)
         self.player = ShowPlayer(flight, self.shows)
         self.preflight = PreflightGate(flight, parameter_reader, self.player)
         self.plan = PlanEditor(flight, self.player, maneuvers, loop.time)
