@@ -20,6 +20,7 @@ LOW_M: Final = 10.0
 FENCE_MARGIN_M: Final = 10.0
 PAD_SPACING_MIN_M: Final = 3.0
 NAME_MAX: Final = 60
+YAW: Final = "The drawing has yaw: it is flown with 'yaw: drawn' in 'drawing'"
 CUES_NAMED: Final = 5
 """Most cues that a note names."""
 
@@ -97,6 +98,7 @@ def show_file(
     }
     lines = [
         f"# Imported from {source}: {len(drawing)} vehicles.",
+        *([f"# {YAW}."] if drawing.yaw.turns else []),
         f"about: {_quoted(drawing.title or f'A drawn show, {source}')}",
         "kind: trajectories",
         f"drawing: {{source: {source}, sha256: {sha256}{lands}}}",
@@ -116,8 +118,6 @@ def show_file(
         *_cues(parts),
     ]
     notes = [*drawing.notes, *_left_out(drawing, parts)]
-    if drawing.yaw.turns:
-        notes.append("yaw: write 'yaw: drawn' into the show's drawing to fly it")
     return ShowFile("\n".join(lines) + "\n", (begin_s, end_s), tuple(notes))
 
 

@@ -42,7 +42,7 @@ class StationRules(Settings):
             takeoff_stagger_s=operation.takeoff_stagger_s,
             exchanges_pads=operation.setpoint_loss_action != "return",
             limits=ShowLimits(**within),
-            fence=ShowFence(**safety.fence.model_dump()),
+            fence=ShowFence(**safety.fence.model_dump(include=set(ShowFence.model_fields))),
         )
 
     @property

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gcs.model.plan import Direction, Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array
+from gcs.safety.fenced_areas import FencedArea
 from gcs.shows.drawn import DrawnShow, Motion
 from gcs.shows.drawn_parts import PlayedPart, drawn_s
 from gcs.shows.format import Box, Cue, Loop, Path, Place, Show, Spin
@@ -166,6 +167,11 @@ class Timeline:
     def of(show: Show, drawing: DrawnShow | None = None) -> "Timeline":
         """Expand the loops and lay out every transition. The show must be valid (`gcs.shows.validation`)."""
         return replace(_Writer(show).written(), drawing=drawing)
+
+    @property
+    def areas(self) -> tuple[FencedArea, ...]:
+        """Areas of the drawing's own fence, as placed."""
+        return () if self.drawing is None else tuple(polygon.area for polygon in self.drawing.fence)
 
     def plan_at(
         self, time_s: float, *, clock_s: float | None = None, runs: bool = True, live: Target | None = None

@@ -23,7 +23,7 @@ from gcs.model.errors import ConfigError, InvalidError, ShowError
 from gcs.model.frames import ShowFrame
 from gcs.shows import find, load, parse
 from gcs.shows.formats import read_drawing
-from gcs.shows.importing import show_file
+from gcs.shows.importing import YAW, show_file
 from gcs.shows.station_rules import StationRules
 
 NAME_MAX: Final = 60
@@ -79,7 +79,8 @@ def import_show(arguments: argparse.Namespace) -> int:
     }
     flown = "flown from {:.1f} to {:.1f} s".format(*written.flown_s)
     words = f"{target}: {len(drawing)} vehicles, {drawing.duration_s:.1f} s, {flown}; drawing {beside}"
-    answer(arguments, document, "\n".join([words, *(f"not used: {note}" for note in written.notes)]))
+    lines = [words, *(f"not used: {note}" for note in written.notes), *([YAW] if drawing.yaw.turns else [])]
+    answer(arguments, document, "\n".join(lines))
     return 0
 
 

@@ -125,8 +125,9 @@ class ShowPlayer:
             return
         if flight.show_run is None:
             self._reported = flight.plan
-        show = show_run.timeline.show
-        flight.show_run, flight.control = show_run, control_of(show.limits, show.fence, flight.config.control)
+        show, areas = show_run.timeline.show, show_run.timeline.areas
+        flight.show_run = show_run
+        flight.control = control_of(show.limits, show.fence, flight.config.control, areas)
 
     @with_alternative
     def deselect(self) -> None:

@@ -29,7 +29,8 @@ def test_import_writes_a_show_and_its_drawing(tmp_path: Path, capsys: pytest.Cap
     assert main(["show", "import", str(SHIPPED), "-o", str(target), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
     assert (found["vehicles"], found["duration_s"], found["flown_s"]) == (30, 70.0, [0.0, 70.0])
-    assert found["notes"] == ["yaw: write 'yaw: drawn' into the show's drawing to fly it"]
+    assert found["notes"] == []
+    assert "# The drawing has yaw: it is flown with 'yaw: drawn'" in target.read_text()
     assert load(target).show.fleet.vehicles == 30
     assert (tmp_path / "night.skyc").read_bytes() == SHIPPED.read_bytes()
 

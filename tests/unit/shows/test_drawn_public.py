@@ -2,7 +2,7 @@
 
 import json
 from base64 import b64encode
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +10,13 @@ import numpy as np
 import pytest
 
 from gcs.cli.main import main
+from gcs.flight.state.running_show import ShowRun
 from gcs.model.errors import ConfigError, DrawingError
 from gcs.model.frames import ShowFrame
+from gcs.model.lifecycle import ShowPhase
 from gcs.shows import load
 from gcs.shows.drawn import DrawnShow
+from gcs.shows.drawn_checks import examine
 from gcs.shows.formats import parse_drawing, write_drawing
 from gcs.shows.importing import show_file
 from gcs.shows.station_rules import StationRules
@@ -352,3 +355,140 @@ def test_binary_samples_of_one_point_are_a_place() -> None:
     points = b64encode(np.array([[0.0, 1, 2, 5]], "<f4").tobytes()).decode()
     show = parse_drawing(zipped(skyc({"trajectory": {"version": 2, "points": points}}, HOVER)), "a.skyc")
     assert show.trajectories.at(7.0).position_m[0].tolist() == [1.0, -2.0, -5.0]
+
+
+def test_lights_go_on_while_the_vehicles_return(tmp_path: Path) -> None:
+    """The show ends at 10 s of the drawing: red until 30 s, then black, on the way home."""
+    drone = {**flight([0, [0, 0, 5]], [10, [0, 0, 9]]), "lights": light(*RED_30_S, 6, 50, 0)}
+    (tmp_path / "in.skyc").write_bytes(zipped(skyc(drone)))
+    target = tmp_path / "a.yaml"
+    assert main(["show", "import", str(tmp_path / "in.skyc"), "-o", str(target), "--origin", "-1,2,3,4"]) == 0
+    run = ShowRun("a", load(target).timeline, started=True, parts={"d1": 0})
+    assert run.timeline.duration_s == 10.0
+
+    def colour(now_s: float) -> list[int]:
+        return list(run.colours(["d1"], now_s)[0][0].tolist())
+
+    run.follow(ShowPhase.RUNNING, 100.0)
+    assert colour(109.0) == RED
+    run.follow(ShowPhase.RETURNING, 110.05)
+    assert [colour(now_s) for now_s in (111.0, 129.0, 131.0, 999.0)] == [RED, RED, BLACK, BLACK]
+    run.follow(ShowPhase.LANDED, 140.0)
+    assert colour(141.0) == RED  # its beginning: vehicles on the ground show their batteries
+
+
+def test_lights_of_a_show_that_is_stopped_early_stay(tmp_path: Path) -> None:
+    drone = {**flight([0, [0, 0, 5]], [60, [0, 0, 9]]), "lights": light(*RED_30_S, 6, 50, 0)}
+    (tmp_path / "in.skyc").write_bytes(zipped(skyc(drone)))
+    target = tmp_path / "a.yaml"
+    assert main(["show", "import", str(tmp_path / "in.skyc"), "-o", str(target), "--origin", "-1,2,3,4"]) == 0
+    run = ShowRun("a", load(target).timeline, started=True, parts={"d1": 0})
+    run.follow(ShowPhase.RUNNING, 100.0)
+    run.follow(ShowPhase.RETURNING, 110.0)
+    assert run.colours(["d1"], 180.0)[0][0].tolist() == RED
+
+
+def blender() -> dict[str, Any]:
+    """Skybrush Studio for Blender: references, whole numbers of 1e-7 degrees, cubic curves, lights, cues."""
+    entries: dict[str, Any] = skyc(
+        *(
+            {
+                "name": f"Drone {row + 1}",
+                "home": [0.0, 5.0 * row, 0.0],
+                "landAt": [0.0, 5.0 * row, 0.0],
+                "trajectory": {"$ref": f"./drones/Drone {row + 1}/trajectory.json#"},
+                "lights": {"$ref": f"./drones/Drone {row + 1}/lights.json#"},
+            }
+            for row in range(3)
+        ),
+        settings={"cues": {"$ref": "./cues.json"}, "validation": {"maxAltitude": 150, "minDistance": 3}},
+        environment={
+            "type": "outdoor",
+            "location": {"origin": [-338567000, 1512153000, 20000], "orientation": 0},
+        },
+        meta={"title": "Harbour", "segments": {"takeoff": [0, 10], "show": [10, 40], "landing": [40, 60]}},
+        media={"audio": {"url": "./music.mp3"}},
+    )
+    entries["cues.json"] = {
+        "version": 1,
+        "items": [{"time": 0, "name": "Takeoff"}, {"time": 20, "name": "Wall"}],
+    }
+    for row in range(3):
+        y_m = 5.0 * row
+        points = [
+            [0, [0, y_m, 0], []],
+            [10, [0, y_m, 10], [[0, y_m, 2], [0, y_m, 8]]],
+            [40, [6, y_m, 12], [[2, y_m, 10], [5, y_m, 12]]],
+            [60, [0, y_m, 0], [[6, y_m, 12], [0, y_m, 4]]],
+        ]
+        entries[f"drones/Drone {row + 1}/trajectory.json"] = {
+            "version": 1,
+            "points": points,
+            "takeoffTime": 0,
+        }
+        entries[f"drones/Drone {row + 1}/lights.json"] = light(7, 50, 8, 255, 0, 0, 100, 10, 50, 0)
+    return entries
+
+
+def skyc_utils() -> dict[str, Any]:
+    """AIMotionLab: degree 7, yaw as a fourth coordinate, parameters, no place on Earth, an empty media."""
+    rest = [[0.0, 0.0, 5.5, 0.0]] * 3
+    points = [[0.0, [0, 0, 5.5, 0], []], [20.0, [3, 0, 5.5, 90], [*rest, *[[3.0, 0.0, 5.5, 90.0]] * 3]]]
+    drone = {
+        "trajectory": {"$ref": "./drones/drone_0/trajectory.json#"},
+        "home": [0, 0, 5.5],
+        "startYaw": 0,
+        "landAt": [3, 0, 5.5],
+        "name": "drone_0",
+        "parameters": [[1.0, "stabilizer.controller", 2]],
+    }
+    trajectory = {
+        "version": 1,
+        "points": points,
+        "takeoffTime": 0.0,
+        "landingTime": 20.0,
+        "type": "COMPRESSED",
+    }
+    root = skyc(drone, environment={"type": "indoor"}, meta={"id": "a.py", "inputs": ["a.py"]}, media={})
+    return {**root, "drones/drone_0/trajectory.json": trajectory}
+
+
+def legacy() -> dict[str, Any]:
+    """Older exporters: samples, everything in one document, no lights."""
+    rows = [[at_s, 2.0 * np.sin(at_s / 9), 0.0, min(at_s, 9.0)] for at_s in range(60)]
+    return skyc({"trajectory": {"version": 0, "points": rows}})
+
+
+def binary() -> dict[str, Any]:
+    """Samples as 32-bit floats."""
+    rows = np.array([[at_s, at_s / 10, 4.0, 8.0] for at_s in np.arange(0, 40, 0.25).tolist()], "<f4")
+    return skyc({"trajectory": {"version": 2, "points": b64encode(rows.tobytes()).decode()}})
+
+
+def scripts() -> dict[str, Any]:
+    """Scripts of single users: points without controls, a name for each, what they made up beside it."""
+    drones = [
+        {**flight(*([at_s, [x_m, 0, z_m]] for at_s, z_m in ((0, 0), (9, 9), (50, 9), (59, 0)))), "id": x_m}
+        for x_m in (0, 4, 8)
+    ]
+    return skyc(*drones, settings={"fps": 4}, meta={"title": "#1 {best}"})
+
+
+@pytest.mark.parametrize("made", [blender, skyc_utils, legacy, binary, scripts])
+@pytest.mark.parametrize("folder", ["", "show/", ".\\"])
+def test_shows_of_five_generators_become_shows(
+    made: Callable[[], dict[str, Any]], folder: str, tmp_path: Path
+) -> None:
+    """Imported, without a flaw in what is drawn, and the same after an export."""
+    given, target = tmp_path / "in.skyc", tmp_path / "a.yaml"
+    given.write_bytes(zipped({f"{folder}{name}": entry for name, entry in made().items()}))
+    assert main(["show", "import", str(given), "-o", str(target), "--origin-else", "-33.8,151.2,20,0"]) == 0
+    loaded = load(target)
+    assert examine(loaded.timeline)[1] == []
+    assert loaded.drawing is not None
+    write_drawing(loaded.drawing, tmp_path / "out.skyc")
+    again = parse_drawing((tmp_path / "out.skyc").read_bytes(), "out.skyc")
+    for at_s in np.arange(0.0, loaded.drawing.duration_s + 3.0, 0.31).tolist():
+        apart_m = again.trajectories.at(at_s).position_m - loaded.drawing.trajectories.at(at_s).position_m
+        assert np.linalg.norm(apart_m, axis=1).max() <= 0.01
+        assert np.abs(again.lights.at(at_s) - loaded.drawing.lights.at(at_s)).max() <= 1.0
