@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from gcs.model.errors import DrawingError, cut
+from gcs.model.errors import DrawingError, quoted
 from gcs.model.state import Array
 
 ROWS_MAX: Final = 200_000
@@ -62,13 +62,20 @@ def _is_names(row: str) -> bool:
 
 def _wrong(written: list[tuple[int, str]], place: str) -> DrawingError:
     """Return what is wrong with the first row that is not as many numbers as the one before."""
-    count = written[0][1].count(",") + 1
+    count, needed = written[0][1].count(",") + 1, "rows of numbers are needed"
     for at, row in written:
         values = row.split(",")
+        wrong = next((value for value in values if not _is_number(value)), None)
         if len(values) != count:
-            return DrawingError(f"{place}: line {at}", f"{len(values)} values: {count} as before are needed")
-        try:
-            list(map(float, values))
-        except ValueError as error:
-            return DrawingError(f"{place}: line {at}", f"numbers are needed: {cut(str(error))}")
-    return DrawingError(place, "rows of numbers are needed")
+            return DrawingError(place, f"{needed}: line {at} has {len(values)} values, {count} as before")
+        if wrong is not None:
+            return DrawingError(place, f"{needed}: line {at}: could not convert string {quoted(wrong)}")
+    return DrawingError(place, needed)
+
+
+def _is_number(value: str) -> bool:
+    try:
+        float(value)
+    except ValueError:
+        return False
+    return True

@@ -65,9 +65,9 @@ def test_polynomials_are_read_as_they_are_in_public(text: str, zip_of_them: bool
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        (f"{NAMES}\n# up\n{UP},1\n{DOWN}\n", "line 4: 33 values: 34 as before are needed"),
-        (f"{NAMES}\n{UP}\n\n{UP},,\n", "line 4: 34 values: 33 as before are needed"),
-        (f"{NAMES}\n{UP}\n{DOWN.replace('10', 'ten')}\n", "line 3: numbers are needed: could not convert"),
+        (f"{NAMES}\n# up\n{UP},1\n{DOWN}\n", "line 4 has 33 values, 34 as before"),
+        (f"{NAMES}\n{UP}\n\n{UP},,\n", "line 4 has 34 values, 33 as before"),
+        (f"{NAMES}\n{UP}\n{DOWN.replace('10', 'ten')}\n", "line 3: could not convert string 'ten'"),
         (f"{NAMES}\n# nothing\n\n", "rows of numbers are needed, it has none"),
         (f"{UP.replace(',0,', ';0,')}\n", "columns|numbers"),
     ],
