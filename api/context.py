@@ -124,7 +124,7 @@ class Context:
         self.ground, self.frame = ground, service.frame
         self.authorization = authorization
         self.kill_switch = KillSwitch()
-        self.drawings = Drawings(service.frame, lambda: self.view.show)
+        self.drawings = Drawings(service.frame, lambda: self.view.show, lambda: service.shows.rules)
         self.feed = Feed(service, authorization.text, self.health_problem, ground)
         self.last_resort: LastResort | None = None  # None: a kill needs control
         self.emergency_port: int | None = None  # of the emergency listener, once it listens

@@ -60,11 +60,19 @@ class Place:
 class Drawings:
     """The drawings' work of one app. Use it only on the event loop."""
 
-    def __init__(self, frame: ShowFrame, phase: Callable[[], ShowPhase]) -> None:
-        """`frame` is the service's, for drawings that name no place on Earth; `phase` is the show's now."""
+    def __init__(
+        self, frame: ShowFrame, phase: Callable[[], ShowPhase], rules: Callable[[], str] = str
+    ) -> None:
+        """Note what the work needs of the service.
+
+        Args:
+            frame: the service's, for drawings that name no place on Earth.
+            phase: returns the show's now.
+            rules: returns those of `gcs.service.Shows`.
+        """
         origin = frame.latitude_deg, frame.longitude_deg, frame.altitude_amsl_m, frame.heading_deg
         self._origin = ",".join(map(str, origin))
-        self._phase = phase
+        self._phase, self._rules = phase, rules
         self._turn = asyncio.Lock()
         self._waiting = 0
 
@@ -89,7 +97,8 @@ class Drawings:
     async def _parsed(self, upload: Upload, given: Path) -> dict[str, Any]:
         option = "--origin" if upload.at_service else "--origin-else"
         target = str(given.with_suffix(".yaml"))
-        arguments = "show", "import", str(given), "-o", target, f"{option}={self._origin}", "--json"
+        options = f"{option}={self._origin}", f"--rules={self._rules()}", "--json"
+        arguments = "show", "import", str(given), "-o", target, *options
         try:
             found: dict[str, Any] = json.loads(await self._printed(arguments))
         except EndedError as ended:
@@ -129,6 +138,7 @@ class Drawings:
             vehicles.write_text(json.dumps(_on_the_ground(rows)))
             options = (
                 *("--json", f"--at={at}", f"--frame={self._origin}", f"--vehicles={vehicles}"),
+                f"--rules={self._rules()}",
                 *(("--fit",) if place.fits else ()),
                 *((f"--output={written}",) if writes else ()),
             )

@@ -96,6 +96,10 @@ def add_show_arguments(parser: argparse.ArgumentParser) -> None:
     placed.add_argument("--vehicles", metavar="FILE.json", help='their places: {"d1": [x, y], "d2": null}')
     placed.add_argument("--frame", metavar="LAT,LON,ALT,HEADING", help="origin of these; as the file has it")
     placed.add_argument("-o", "--output", metavar="NAME.yaml", help="write the show file with this placement")
+    for action in (brought, placed):
+        text = "of the service that is to fly it: the show file gets its take-off, limits and fence"
+        action.add_argument("--config", metavar="FILE", help=text)
+        action.add_argument("--rules", help=argparse.SUPPRESS)  # of the service that calls, as JSON
     taken = actions.add_parser(
         "export", help="write a show for other programs: as drawn, as it flies, or as it flew"
     )

@@ -10,6 +10,7 @@ This module has no slow imports, because every command loads it.
 import argparse
 import json
 import math
+import re
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib.util import find_spec
@@ -38,11 +39,16 @@ def kinds(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{count} {name}" for name, count in sorted(counts.items()) if name)
 
 
+NEGATIVE: Final = re.compile(r"-\.?[0-9]")
+"""How a value that begins with a minus begins, for example a list of coordinates; no option does so."""
+
+
 class Parser(argparse.ArgumentParser):
     """A parser that prints errors as JSON if `--json` was given, and that knows its subcommands."""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
+        self._negative_number_matcher = NEGATIVE  # argparse's own matches one number, but no list of them
         self._inside: Mapping[str, Parser] = {}
         self._is_json = False
 

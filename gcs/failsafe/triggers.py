@@ -13,6 +13,7 @@ from gcs.estimation.contradictions import Doubt, Doubts
 from gcs.failsafe.policy import SEVERITY, Action, Cause, FailsafePolicy, LinksLate
 from gcs.model.jit import kernel
 from gcs.model.state import Array, Mask
+from gcs.safety.fenced_areas import beyond_m
 from gcs.safety.walls import Fence
 
 LOST, LOW, CRITICAL, POOR, SUDDEN, OUT, BELOW = range(7)
@@ -202,6 +203,9 @@ def look(seen: Seen, memory: Known, settings: FailsafePolicy) -> tuple[Known, Ma
         (fence.within_s, fence.beyond_m),
         (seen.fence.distance_max_m, seen.fence.height_min_m, seen.fence.height_max_m),
     )
+    if seen.fence.areas:
+        soon_m = np.asarray(seen.position_m + fence.within_s * seen.velocity_m_s)[:, :2]
+        on[OUT] |= beyond_m(seen.fence.areas, soon_m) > fence.beyond_m
     too_windy = bool(strays and strays >= wind.share * commanded)
     # Late setpoints also make velocities differ: it is wind only where links are on time.
     by_links = 2 * poor_strays > strays

@@ -47,6 +47,7 @@ from gcs.service import Audit, FleetView, Latest, NoAudit, Scheduling
 from gcs.service.commands import CommandLog
 from gcs.service.event_log import EventLog, attached
 from gcs.shows.library import ShowLibrary
+from gcs.shows.service_rules import ServiceRules
 
 WARM_UPS: Final = (
     warm_up,
@@ -167,8 +168,8 @@ class Orchestrator:
         self.replaying = None
         self.audit: Audit = NoAudit() if record is None else record.audit
         self.events = EventLog()
-        take_off = operation.takeoff_height_m, operation.takeoff_stagger_s
-        self.shows = ShowLibrary(None if config.shows is None else config.shows.folder, take_off)
+        rules = ServiceRules.of(config.control, operation)
+        self.shows = ShowLibrary(None if config.shows is None else config.shows.folder, rules)
         begin = ShowBegin(
             newest,
             vehicles,

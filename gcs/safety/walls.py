@@ -1,8 +1,10 @@
 """Walls: obstacles, lowest and greatest height, greatest distance, and the paths of lost vehicles."""
 
 from collections.abc import Mapping
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
 from gcs.formation.obstacles import Ellipse, Outlines
 from gcs.model.jit import kernel
@@ -21,6 +23,7 @@ from gcs.safety.constraints import (
     along_m_s,
     stopping_speed_m_s,
 )
+from gcs.safety.fenced_areas import AREAS_MAX, FencedArea, area_constraints
 from gcs.safety.floor import Floor
 from gcs.safety.neighbours import Rows
 
@@ -34,6 +37,8 @@ class Fence(Settings):
     """Greatest height above the origin, in m."""
     distance_max_m: Positive = 300.0
     """Greatest distance from the origin over the ground, in m."""
+    areas: Annotated[tuple[FencedArea, ...], Field(max_length=AREAS_MAX)] = ()
+    """Areas that no vehicle leaves, or enters; those of a drawing come with the drawing."""
 
 
 def fence_constraints(
@@ -76,9 +81,20 @@ def fence_constraints(
         braking.of_each(n, response),
         2.0 * fastest_m_s,
     )
-    if len(rows) == 0:
-        return Constraints.none()
-    return Constraints(rows, np.zeros_like(rows) + NO_ROW, normal, bound_m_s, FENCE_REASONS[sides])
+    sides_of_it = Constraints(rows, np.zeros_like(rows) + NO_ROW, normal, bound_m_s, FENCE_REASONS[sides])
+    if not fence.areas:
+        return sides_of_it if len(rows) else Constraints.none()
+    areas = area_constraints(
+        position_m,
+        commanded,
+        fence.areas,
+        braking,
+        velocity_m_s=np.nan_to_num(measured_m_s),
+        standoff_m=np.zeros(n) if standoff_m is None else standoff_m,
+        response=response,
+        fastest_m_s=fastest_m_s,
+    )
+    return Constraints.joined(sides_of_it, areas)
 
 
 FENCE_REASONS = np.array(["least height", "greatest height", "greatest distance"], dtype=object)

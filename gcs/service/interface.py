@@ -39,6 +39,10 @@ class Shows(Protocol):
     def why_not_kept(self) -> str:
         """Why no file can be uploaded here; empty when one can."""
 
+    @property
+    def rules(self) -> str:
+        """What this service's configuration asks of a show file: JSON for `gcs show import --rules`."""
+
     async def list_shows(self) -> list[StoredShow]:
         """Return all shows, by name."""
 

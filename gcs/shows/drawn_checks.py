@@ -8,6 +8,7 @@ import numpy as np
 import scipy  # its parts are loaded on first use: 30 MB, which most flights do not need
 
 from gcs.model.state import Array
+from gcs.safety.fenced_areas import beyond_m
 from gcs.shows.drawn import Claims, DrawnShow
 from gcs.shows.drawn_parts import PlayedPart
 from gcs.shows.flaws import Flaw
@@ -67,7 +68,7 @@ def examine(timeline: Timeline) -> tuple[DrawnFigures, list[Flaw]]:
     if drawing is None:
         raise ValueError("a timeline with a drawing is needed")
     first = {part.index: part for part in reversed(timeline.parts)}  # loops repeat a part
-    flaws: list[Flaw] = []
+    flaws = list(_fence_flaws(timeline))
     pairs: dict[tuple[int, int], tuple[float, float]] = {}
     least = (np.inf, 0.0, (0, 0))
     most = np.zeros(5)
@@ -79,7 +80,7 @@ def examine(timeline: Timeline) -> tuple[DrawnFigures, list[Flaw]]:
             pairs[pair] = min(near, pairs.get(pair, near))
         most = np.maximum(most, _motion(sampled))
         flaws += [*_close(show, drawing, index, below), *_fast(show, sampled), *_outside(show, sampled)]
-        flaws += _turns(show, drawing, sampled)
+        flaws += [*_turns(show, drawing, sampled), *_beyond_areas(timeline, sampled)]
     measured = np.isfinite(least[0])
     names = drawing.vehicles
     figures = DrawnFigures(
@@ -216,6 +217,31 @@ def _outside(show: Show, sampled: _Sampled) -> Iterator[Flaw]:
     for what, over_m in beyond:
         if over_m.max() > NEARLY:
             yield _worst(sampled, what, over_m, 0.0, "m")
+
+
+def _beyond_areas(timeline: Timeline, sampled: _Sampled) -> Iterator[Flaw]:
+    """Yield a vehicle that is drawn beyond the file's own fence, with time and place."""
+    areas = timeline.areas
+    if not areas or timeline.drawing is None:
+        return
+    over_m = np.stack([beyond_m(areas, place_m[:, :2]) for place_m in sampled.position_m])
+    at, row = np.unravel_index(int(over_m.argmax()), over_m.shape)
+    if over_m[at, row] > NEARLY:
+        name, (x_m, y_m) = timeline.drawing.vehicles[row], sampled.position_m[at, row, :2]
+        text = f"trajectories: {name} is {over_m[at, row]:.2f} m beyond the fence of the drawing"
+        where = f"at {sampled.time_s[at]:.1f} s of the drawing, x {x_m:.1f} m, y {y_m:.1f} m"
+        yield Flaw(("timeline", sampled.part.index, "trajectories"), f"{text} {where}")
+
+
+def _fence_flaws(timeline: Timeline) -> Iterator[Flaw]:
+    """Yield pads beyond the file's own fence."""
+    pads_m = timeline.show.start_places_m[:, :2]
+    over_m = beyond_m(timeline.areas, pads_m)
+    if over_m.max(initial=-np.inf) > NEARLY:
+        row = int(over_m.argmax())
+        text = f"pad {row + 1} is {over_m[row]:.2f} m beyond the fence of the drawing"
+        more = f", and {int((over_m > NEARLY).sum()) - 1} more are" if (over_m > NEARLY).sum() > 1 else ""
+        yield Flaw(("fleet", "pads"), f"pads: {text}{more}")
 
 
 def _claims(claims: Claims, measured: tuple[float, ...]) -> Iterator[Claim]:

@@ -4,6 +4,7 @@ from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
+from gcs.safety.fenced_areas import AREAS_MAX, CORNERS_MAX
 from gcs.shows.drawn import DrawnShow
 from gcs.shows.flaws import Flaw, of_value
 from gcs.shows.format import Cue, Show
@@ -90,6 +91,11 @@ def drawing_flaws(show: Show, drawing: DrawnShow) -> Iterator[Flaw]:
     if show.fleet.vehicles != len(drawing):
         text = f"the drawing has {len(drawing)} vehicles"
         yield of_value(show.fleet.vehicles, text, "fleet", "vehicles")
+    corners = max((len(polygon.points_m) for polygon in drawing.fence), default=0)
+    if len(drawing.fence) > AREAS_MAX or corners > CORNERS_MAX:
+        areas = f"{len(drawing.fence)} areas with up to {corners} corners"
+        text = f"the fence of the drawing has {areas}: at most {AREAS_MAX} with {CORNERS_MAX} are kept"
+        yield Flaw(("drawing",), text)
     for index, cue in enumerate(show.timeline):
         part = cue.trajectories
         if part is not None and part.to_s > drawing.duration_s + NEARLY:

@@ -1,6 +1,7 @@
 """Format of a show file: strict, frozen, every key with its unit. `gcs.shows.timeline` interprets it."""
 
 import json
+from collections.abc import Sequence
 from functools import cached_property
 from hashlib import sha256
 from typing import Annotated, Literal, TypeAlias
@@ -13,6 +14,7 @@ from gcs.control import ControlSettings
 from gcs.model.plan import MAX_OBSTACLES, Direction, LawName
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array
+from gcs.safety.fenced_areas import FencedArea
 from gcs.safety.filter import Limits
 from gcs.safety.walls import Fence
 from gcs.shows.drawn.trajectories import turned
@@ -270,8 +272,13 @@ class Show(Settings):
         return control_of(self.limits, self.fence)
 
 
-def control_of(limits: ShowLimits, fence: ShowFence, usual: ControlSettings | None = None) -> ControlSettings:
-    """Return `usual` law and safety, or their defaults, within these limits and this fence."""
+def control_of(
+    limits: ShowLimits,
+    fence: ShowFence,
+    usual: ControlSettings | None = None,
+    areas: Sequence[FencedArea] = (),
+) -> ControlSettings:
+    """Return `usual` law and safety, or their defaults, within these limits, this fence and these areas."""
     usual = usual or ControlSettings()
     law, floor = usual.law, usual.safety.floor
     law_within = {
@@ -286,7 +293,7 @@ def control_of(limits: ShowLimits, fence: ShowFence, usual: ControlSettings | No
     safety_within = {
         "limits": Limits(horizontal_m_s=limits.speed_max_m_s, up_m_s=up_m_s, down_m_s=down_m_s),
         "floor": floor.model_copy(update={"horizontal_m": least_m, "vertical_m": up_m}),
-        "fence": Fence(**fence.model_dump()),
+        "fence": Fence(**fence.model_dump(), areas=(*usual.safety.fence.areas, *areas)),
     }
     within = {
         "radius_rate_m_s": limits.radius_rate_max_m_s,

@@ -32,8 +32,8 @@ from gcs.shows.drawn import DrawnShow
 from gcs.shows.following import load_assignment
 from gcs.shows.format import Drawing
 from gcs.shows.formats import read_drawing
-from gcs.shows.importing import with_take_off
 from gcs.shows.loading import parse, placed
+from gcs.shows.service_rules import ServiceRules
 
 log = logging.getLogger(__name__)
 
@@ -65,12 +65,12 @@ NOT_KEPT: Final = "this service keeps no shows: name a folder in its configurati
 class ShowLibrary:
     """The shows of one folder, and their drawings beside them. Implements `gcs.service.Shows`."""
 
-    def __init__(self, folder: Path | None, take_off: tuple[float, float] | None = None) -> None:
+    def __init__(self, folder: Path | None, rules: ServiceRules | None = None) -> None:
         """`folder` is created with the first file; None: no show can be stored.
 
-        `take_off` is the station's height in m and stagger in s, which imported drawings get.
+        `rules` are the station's, for the show files of imported drawings.
         """
-        self._folder, self._take_off = folder, take_off
+        self._folder, self._rules = folder, rules or ServiceRules()
         self._checks: dict[str, _Checked] = {}
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._turn = asyncio.Lock()
@@ -92,6 +92,10 @@ class ShowLibrary:
     def why_not_kept(self) -> str:
         return NOT_KEPT if self._folder is None else ""
 
+    @property
+    def rules(self) -> str:
+        return self._rules.model_dump_json()
+
     async def list_shows(self) -> list[StoredShow]:
         return await asyncio.to_thread(self._listed)
 
@@ -108,8 +112,6 @@ class ShowLibrary:
         source = stored_drawings.source_of(text)
         if source is None:
             raise InvalidError("body", "a show without a drawing", "a show that names its drawing")
-        if self._take_off is not None:
-            text = with_take_off(text, *self._take_off)
         async with self._writing:
             return await asyncio.to_thread(self._write, name, text, (source, drawing))
 

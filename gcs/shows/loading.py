@@ -21,6 +21,7 @@ from gcs.shows.drawn_parts import drawing_flaws
 from gcs.shows.flaws import Flaw
 from gcs.shows.format import Drawing, Placement, Show
 from gcs.shows.formats import read_drawing
+from gcs.shows.service_rules import AT_MOST
 from gcs.shows.timeline import Timeline
 from gcs.shows.validation import flaws
 
@@ -164,16 +165,9 @@ def origin_flaws(show: Show, frame: ShowFrame) -> Iterator[Flaw]:
 
 def _limits(show: Show, control: ControlSettings) -> Iterator[Flaw]:
     """Yield the service's limits that are narrower than those that the show was checked with."""
-    limits, fence, law, safety = show.limits, show.fence, control.law, control.safety
-    acceleration = "limits.formation_acceleration_max_m_s2", limits.formation_acceleration_max_m_s2
+    limits, fence, safety = show.limits, show.fence, control.safety
     at_most = (
-        ("limits.speed_max_m_s", limits.speed_max_m_s, safety.limits.horizontal_m_s),
-        ("limits.climb_max_m_s", limits.climb_max_m_s, safety.limits.up_m_s),
-        ("limits.sink_max_m_s", limits.sink_max_m_s, safety.limits.down_m_s),
-        ("limits.formation_speed_max_m_s", limits.formation_speed_max_m_s, law.center_speed_max_m_s),
-        ("limits.formation_climb_max_m_s", limits.formation_climb_max_m_s, law.climb_max_m_s),
-        (*acceleration, law.center_acceleration_max_m_s2),
-        ("limits.radius_rate_max_m_s", limits.radius_rate_max_m_s, control.radius_rate_m_s),
+        *((f"limits.{key}", getattr(limits, key), of(control)) for key, of in AT_MOST.items()),
         ("fence.height_max_m", fence.height_max_m, safety.fence.height_max_m),
         ("fence.distance_max_m", fence.distance_max_m, safety.fence.distance_max_m),
     )

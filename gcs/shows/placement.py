@@ -20,6 +20,7 @@ from gcs.shows.drawn import DrawnShow
 from gcs.shows.drawn.trajectories import bezier_of_power
 from gcs.shows.format import Placement, Show
 from gcs.shows.loading import origin_flaws
+from gcs.shows.service_rules import ServiceRules
 
 Complex: TypeAlias = NDArray[np.complex128]
 Rows: TypeAlias = NDArray[np.intp]
@@ -250,13 +251,25 @@ def farthest_m(show: Show, drawing: DrawnShow, place: Placement) -> float:
     return float(np.hypot(*place.placed_m(np.concatenate([drawn_m, show.drawn_pads_m]))[:, :2].T).max())
 
 
-def fence_m(show: Show, drawing: DrawnShow, place: Placement) -> float:
-    """Distance of the show's fence with another placement: what is left to it stays as it is."""
+def fence_m(show: Show, drawing: DrawnShow, place: Placement, rules: ServiceRules | None = None) -> float:
+    """Distance of the show's fence with another placement: what is left to it stays as it is.
+
+    It is no wider than the fence of the service that is to fly it, if that is known.
+    """
     left_m = show.fence.distance_max_m - farthest_m(show, drawing, place_of(show))
-    return round(farthest_m(show, drawing, place) + left_m, 1)
+    distance_m = round(farthest_m(show, drawing, place) + left_m, 1)
+    return distance_m if rules is None else rules.fenced(show.fence.height_max_m, distance_m).distance_max_m
 
 
-def placed_text(source: Source, text: str, show: Show, fence: float, place: Placement, to: ShowFrame) -> str:
+def placed_text(
+    source: Source,
+    text: str,
+    show: Show,
+    fence: float,
+    place: Placement,
+    to: ShowFrame,
+    rules: ServiceRules | None = None,
+) -> str:
     """Return the show file with another placement, in the frame of another origin; comments stay.
 
     Args:
@@ -266,6 +279,7 @@ def placed_text(source: Source, text: str, show: Show, fence: float, place: Plac
         fence: distance of its fence with that placement, in m.
         place: in the frame `to`.
         to: replaces the show's origin, unless that is the same within the service's tolerance.
+        rules: of the service that is to fly it: its take-off replaces the show's; None: not known.
     """
     changes: dict[Sequence[str], str] = {
         ("drawing", "place"): f"{{x_m: {place.x_m:g}, y_m: {place.y_m:g}, turn_deg: {place.turn_deg:g}}}"
@@ -279,6 +293,9 @@ def placed_text(source: Source, text: str, show: Show, fence: float, place: Plac
             ("origin", "altitude_amsl_m"): f"{to.altitude_amsl_m:.10g}",
             ("origin", "heading_deg"): f"{to.heading_deg:.10g}",
         }
+    for key in ("takeoff_height_m", "takeoff_stagger_s"):
+        if rules is not None and getattr(rules, key) != getattr(show.fleet, key):
+            changes["fleet", key] = f"{getattr(rules, key):.10g}"
     return source.changed(text, changes)
 
 

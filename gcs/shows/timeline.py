@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from gcs.model.plan import Direction, Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array
+from gcs.safety.fenced_areas import FencedArea
 from gcs.shows.drawn import DrawnShow, Motion
 from gcs.shows.drawn_parts import PlayedPart, drawn_s
 from gcs.shows.format import Box, Cue, Loop, Path, Place, Show, Spin
@@ -167,6 +168,11 @@ class Timeline:
         """Expand the loops and lay out every transition. The show must be valid (`gcs.shows.validation`)."""
         return replace(_Writer(show).written(), drawing=drawing)
 
+    @property
+    def areas(self) -> tuple[FencedArea, ...]:
+        """Areas of the drawing's own fence, as placed."""
+        return () if self.drawing is None else tuple(polygon.area for polygon in self.drawing.fence)
+
     def plan_at(
         self, time_s: float, *, clock_s: float | None = None, runs: bool = True, live: Target | None = None
     ) -> Plan:
@@ -246,9 +252,12 @@ class Timeline:
         return self.drawing.yaw.at(at_s)
 
     def colours_at(self, time_s: float) -> NDArray[np.uint8]:
-        """(n, 3) Red, green and blue of every vehicle's light, in the order of the drawing or the fleet."""
+        """(n, 3) Red, green and blue of every vehicle's light, in the order of the drawing or the fleet.
+
+        After the last part of a drawing its lights go on to their own end, also while the vehicles return.
+        """
         if self.drawing is not None and (at_s := self.drawn_s(time_s)) is not None:
-            return self.drawing.lights.colours_at(at_s)
+            return self.drawing.lights.colours_at(at_s + max(time_s - self.parts[-1].end_s, 0.0))
         return np.asarray(np.rint(self.lights.value(time_s)).astype(np.uint8))
 
     def cue_at(self, time_s: float) -> Played:

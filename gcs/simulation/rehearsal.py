@@ -18,6 +18,7 @@ from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.return_paths.planner import closed_places
 from gcs.shows import Flaw, LoadedShow, Played
 from gcs.shows.following import TrackErrors, assigned
+from gcs.shows.format import control_of
 from gcs.simulation.scenario import Adversity, FormationFlight, Judged, Scenario, ScenarioBox, Wind, World
 from gcs.simulation.simulated_flight import SimulatedFlight
 
@@ -280,7 +281,7 @@ def _scenario(
         flight=flight,
         judged=Judged(vehicles=(show.fleet.vehicles,)),
         world=world,
-        control=show.control,
+        control=control_of(show.limits, show.fence, areas=loaded.timeline.areas),
         failsafes=FailsafePolicy(),
     )
 

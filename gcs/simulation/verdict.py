@@ -12,6 +12,7 @@ from gcs.model.errors import Problem
 from gcs.model.plan import Plan
 from gcs.model.state import Array
 from gcs.planning.landing_sites import column_m, overlapping
+from gcs.safety.fenced_areas import beyond_m
 from gcs.service.snapshots import CueFigures, ShowFigures, VerticalOverlap
 from gcs.shows import Flaw, Played
 from gcs.shows.drawn_checks import DrawnFigures, examine
@@ -254,11 +255,24 @@ class _Judge:
         height_m = -ours_m[:, :, 2]
         up_m = np.minimum(fence.height_max_m - height_m, height_m - fence.height_min_m)
         up_m = np.where(self._joined[:, ~self._lost], up_m, np.inf).min(axis=1)
+        self._areas(ours_m)
         for what, least_m in (("distance", margin_m), ("height", np.where(inside, up_m, np.inf))):
             worst = int(least_m.argmin())
             if least_m[worst] < 0.0:
                 self._note(worst, f"a vehicle is {-least_m[worst]:.2f} m beyond the fence ({what})")
         return float(margin_m.min()), float(up_m[inside].min())
+
+    def _areas(self, ours_m: Array) -> None:
+        """Check that no vehicle leaves the areas of the drawing's fence, on its way home either."""
+        areas = self._loaded.timeline.areas
+        if not areas:
+            return
+        over_m = np.stack([beyond_m(areas, place_m[:, :2]) for place_m in ours_m])
+        at, row = np.unravel_index(int(over_m.argmax()), over_m.shape)
+        if over_m[at, row] > 0.0:
+            vehicle = int(np.flatnonzero(~self._lost)[row]) + 1
+            words = f"vehicle {vehicle} is {over_m[at, row]:.2f} m beyond the fence of the drawing"
+            self._note(int(at), words)
 
     def _home_s(self) -> float | None:
         in_air = np.array([(rows & ~self._lost).any() for rows in self._record.in_air])

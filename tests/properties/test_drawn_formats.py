@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gcs.shows.drawn import DrawnShow, LightPrograms, Trajectories, Trajectory, YawPrograms
-from gcs.shows.drawn.light_programs import BLACK, LightProgram
+from gcs.shows.drawn.light_programs import WHITE, LightProgram
 from gcs.shows.drawn.trajectories import power_of_bezier
 from gcs.shows.drawn.yaw_programs import NO_YAW
 from gcs.shows.formats import parse_drawing
@@ -45,7 +45,7 @@ def test_curves_of_every_degree_survive_skyc_within_a_centimetre(seed: int, degr
         title="",
         vehicles=("one",),
         trajectories=trajectories,
-        lights=LightPrograms.joined([BLACK]),
+        lights=LightPrograms.joined([WHITE]),
         yaw=YawPrograms.joined([NO_YAW]),
         home_m=points_m[0, :1],
         takeoff_s=times_s[:1],

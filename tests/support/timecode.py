@@ -14,6 +14,9 @@ from gcs.shows.timecode import ltc
 from gcs.shows.timecode.midi import PIECES, SYSEX, SYSEX_END, quarter_frames
 from gcs.shows.timecode.smpte import Label, Rate, label_at
 
+NAMED = tuple(rate for rate in Rate if rate is rate.nominal)
+"""Rates that a label names; 23.976 and 29.97 have the labels of 24 and 30."""
+
 
 def frame_bits(label: Label, rate: Rate) -> list[int]:
     """The 80 bits of a frame, without user bits."""
@@ -27,7 +30,7 @@ def frame_bits(label: Label, rate: Rate) -> list[int]:
 
 def full_frame(label: Label, rate: Rate) -> bytes:
     """The message that says where a source stands."""
-    hours = label.hours | rate.value << 5
+    hours = label.hours | rate.midi << 5
     return bytes((SYSEX, 0x7F, 0x7F, 1, 1, hours, label.minutes, label.seconds, label.frames, SYSEX_END))
 
 

@@ -5,6 +5,7 @@ They load no simulation: the API runs both for requests.
 
 import argparse
 import json
+import re
 import sys
 from contextlib import suppress
 from dataclasses import asdict, replace
@@ -13,13 +14,20 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from pydantic import ValidationError
 
 from gcs.cli.output import answer
+from gcs.config import schema
+from gcs.config.setting_errors import explained
 from gcs.model.errors import ConfigError, InvalidError, ShowError
 from gcs.model.frames import ShowFrame
 from gcs.shows import find, load, parse
 from gcs.shows.formats import read_drawing
-from gcs.shows.importing import show_text
+from gcs.shows.importing import YAW, show_file
+from gcs.shows.service_rules import ServiceRules
+
+NAME_MAX: Final = 60
+"""Characters of a drawing's name, without its suffix."""
 
 
 def import_show(arguments: argparse.Namespace) -> int:
@@ -33,24 +41,26 @@ def import_show(arguments: argparse.Namespace) -> int:
     drawing, data = read_drawing(given)
     if drawing.origin is None and arguments.origin_else is not None:
         drawing = replace(drawing, origin=origin_of(arguments.origin_else))
-    beside = target.with_suffix(given.suffix.lower())
+    rules = rules_of(arguments) or ServiceRules()
+    beside = target.with_name(_safe(target.stem) + given.suffix.lower())
     is_source = beside.exists() and beside.samefile(given)
     for path in (target, *(() if is_source else (beside,))):
         if path.exists():
             raise ConfigError(f"{path}: there is such a file already: remove it, or choose another name")
     digest = sha256(data).hexdigest()
-    text = show_text(
+    written = show_file(
         drawing,
         beside.name,
         digest,
         origin=None if arguments.origin is None else origin_of(arguments.origin),
         endurance_s=arguments.endurance,
+        rules=rules,
     )
     try:
         if not is_source:
             beside.write_bytes(data)
-        parse(text, str(target), (drawing, digest))
-        target.write_text(text, encoding="utf-8")
+        parse(written.text, str(target), (drawing, digest))
+        target.write_text(written.text, encoding="utf-8")
     except (OSError, ShowError) as error:
         if not is_source:
             with suppress(OSError):
@@ -63,12 +73,31 @@ def import_show(arguments: argparse.Namespace) -> int:
         "drawing": str(beside),
         "vehicles": len(drawing),
         "duration_s": round(drawing.duration_s, 3),
+        "flown_s": written.flown_s,
         "claims": asdict(drawing.claims),
-        "notes": list(drawing.notes),
+        "notes": written.notes,
     }
-    words = [f"{target}: {len(drawing)} vehicles, {drawing.duration_s:.1f} s; drawing {beside}"]
-    answer(arguments, document, "\n".join([*words, *(f"not used: {note}" for note in drawing.notes)]))
+    flown = "flown from {:.1f} to {:.1f} s".format(*written.flown_s)
+    words = f"{target}: {len(drawing)} vehicles, {drawing.duration_s:.1f} s, {flown}; drawing {beside}"
+    lines = [words, *(f"not used: {note}" for note in written.notes), *([YAW] if drawing.yaw.turns else [])]
+    answer(arguments, document, "\n".join(lines))
     return 0
+
+
+def rules_of(arguments: argparse.Namespace) -> ServiceRules | None:
+    """Return the rules of the service that is to fly the show, if it is known. Raises: ConfigError."""
+    if arguments.config is not None:
+        config = schema.load(schema.find(arguments.config))
+        return ServiceRules.of(config.control, config.operation)
+    try:
+        return ServiceRules.model_validate_json(arguments.rules) if arguments.rules else None
+    except ValidationError as error:
+        raise explained(error, "--rules", ServiceRules, None) from None
+
+
+def _safe(stem: str) -> str:
+    """Return a name for the drawing that a show file can have: letters, digits, and _ . - after the first."""
+    return re.sub(r"[^A-Za-z0-9_.-]", "-", stem)[:NAME_MAX].lstrip("_.-") or "drawing"
 
 
 SAMPLES_MAX: Final = 200_000

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gcs.cli.output import answer
-from gcs.cli.shows.drawn_shows import origin_of
+from gcs.cli.shows.drawn_shows import origin_of, rules_of
 from gcs.config.yaml_files import read
 from gcs.model.errors import ConfigError, RefusedError
 from gcs.shows import find, parse
@@ -39,7 +39,8 @@ def place_show(arguments: argparse.Namespace) -> int:
             place = placing.fitted(show, place, at_m)
         except RefusedError as error:
             raise ConfigError(f"--fit: {error}") from None
-    fence_m = placing.fence_m(show, drawing, place)
+    rules = rules_of(arguments)
+    fence_m = placing.fence_m(show, drawing, place, rules)
     document: dict[str, Any] = {
         "show": loaded.name,
         **placing.stand_document(show, placing.stand(show, place, at_m), standing),
@@ -50,7 +51,7 @@ def place_show(arguments: argparse.Namespace) -> int:
         "fence_distance_m": fence_m,
     }
     if arguments.output is not None:
-        changed = placing.placed_text(loaded.source, text, show, fence_m, place, frame)
+        changed = placing.placed_text(loaded.source, text, show, fence_m, place, frame, rules)
         if parse(changed, str(path)).show.drawing != show.drawing.model_copy(update={"place": place}):
             raise ConfigError(f"{loaded.file}: its drawing cannot be placed: write 'drawing' anew")
         _write(Path(arguments.output), changed)

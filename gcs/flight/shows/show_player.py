@@ -134,11 +134,9 @@ class ShowPlayer:
             return
         if self.show.run is None:
             self._reported = self.in_force.plan
-        show = show_run.timeline.show
-        self.show.run, self.in_force.control = (
-            show_run,
-            control_of(show.limits, show.fence, self.config.control),
-        )
+        show, areas = show_run.timeline.show, show_run.timeline.areas
+        self.show.run = show_run
+        self.in_force.control = control_of(show.limits, show.fence, self.config.control, areas)
 
     @with_alternative
     def deselect(self) -> None:

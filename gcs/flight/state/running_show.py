@@ -25,6 +25,9 @@ LONGEST_STEP_S = 0.2
 SLOWEST_M_S = 1e-3
 """An orbit has a speed, also of a show that stands still."""
 
+ENDS_WITHIN_S = 1.0
+"""A show that ends this near to its end has come to it: another station's clock may be behind the lead's."""
+
 OVER = frozenset({ShowPhase.IDLE, ShowPhase.LANDED})
 
 
@@ -63,6 +66,7 @@ class ShowRun:
     begins_s: float | None = None  # the tick's time from which the clock runs, once it runs; None: at once
     begin: BeginView | None = None  # how it waits for its beginning; None: it begins as soon as it can
     _followed_s: float | None = None  # when the goals were made last
+    _ended_s: float | None = None  # the tick's time at which it came to its end; its lights go on
     cue_times: tuple[CueMark, ...] = field(init=False)  # of every cue as played
 
     def __post_init__(self) -> None:
@@ -80,6 +84,11 @@ class ShowRun:
     @property
     def obstacles(self) -> tuple[Obstacle, ...]:
         return tuple({box: None for _, standing in self.timeline.obstacles for box in standing})
+
+    def lit_s(self, now_s: float) -> float:
+        """The time of its lights, which goes on after the show's end."""
+        after_s = 0.0 if self._ended_s is None else now_s - self._ended_s
+        return self.show_s(now_s) + after_s
 
     def show_s(self, now_s: float) -> float:
         """The show's own time, within the show."""
@@ -224,13 +233,15 @@ class ShowRun:
         """Run the clock while the show runs; a pause stops it, and the end resets it."""
         if phase is ShowPhase.RUNNING:
             self.clock = self.clock.run(now_s if self.begins_s is None else self.begins_s)
-            self.begun, self.begins_s = True, None
+            self.begun, self.begins_s, self._ended_s = True, None, None
         else:
+            at_end = self.begun and self.clock.show_s(now_s) > self.timeline.duration_s - ENDS_WITHIN_S
+            self._ended_s = now_s if at_end and self._ended_s is None else self._ended_s
             self.clock = self.clock.stop(now_s)
         if phase is not ShowPhase.RUNNING:
             self._followed_s, self.pace = None, DrawnPace()
         if phase in OVER and self.started:
-            self.clock, self.started, self.live = ShowClock(), False, None
+            self.clock, self.started, self.live, self._ended_s = ShowClock(), False, None, None
             self.tempo, self.begun, self.begin = Tempo(), False, None
 
     def is_live(self, now_s: float) -> bool:
@@ -271,7 +282,7 @@ class ShowRun:
         part = np.array([self.parts.get(name, -1) for name in vehicle_ids], dtype=np.intp)
         lit = part >= 0
         colour = np.zeros((len(vehicle_ids), 3), np.uint8)
-        colour[lit] = self.timeline.colours_at(self.show_s(now_s))[part[lit]]
+        colour[lit] = self.timeline.colours_at(self.lit_s(now_s))[part[lit]]
         return colour, lit
 
     def view(self, now_s: float) -> SelectedShow:

@@ -14,7 +14,7 @@ from gcs.service.alarms import AlarmCause, AlarmSeverity, Condition
 from gcs.service.features import TimecodeView
 from gcs.shows.timecode import Chase, ChaseState, Rate, Reading
 from gcs.shows.timecode.receiver import bound_of, keep_receiving
-from gcs.shows.timecode.smpte import label_at, parse_label
+from gcs.shows.timecode.smpte import label_at, parse_label, within_a_day
 
 WHY = {
     ChaseState.NONE: "no timecode has arrived",
@@ -76,7 +76,8 @@ class Timecode(ExternalClock):
         settings, rate = self.settings, self._chase.rate
         if settings is None or rate is None:
             return nan
-        return self._chase.time_s(now_s) - self._begins_s(settings, rate) - settings.delay_s
+        begins_s = self._begins_s(settings, rate) + settings.delay_s
+        return within_a_day(self._chase.time_s(now_s) - begins_s, rate)
 
     def note_show(self, show_s: float) -> None:
         settings, rate = self.settings, self._chase.rate
@@ -127,7 +128,7 @@ class Timecode(ExternalClock):
             source=settings.source,
             followed=self.followed,
             state=chase.state(now_s).value,
-            label="" if rate is None or isnan(time_s) else str(label_at(max(time_s, 0.0), rate)),
+            label="" if rate is None or isnan(time_s) else str(label_at(time_s, rate)),
             frame_rate="" if rate is None else rate.text,
             age_s=chase.age_s(now_s),
             behind_s=self.show_s(now_s) - show_run.clock.show_s(now_s) if follows and show_run else nan,

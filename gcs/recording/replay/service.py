@@ -112,6 +112,10 @@ class NoShows(ReadOnly):
     """A replay has no show files and accepts none. Implements `gcs.service.Shows`."""
 
     @property
+    def rules(self) -> str:
+        return "{}"
+
+    @property
     def why_not_kept(self) -> str:
         return self._why
 

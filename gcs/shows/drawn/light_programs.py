@@ -25,7 +25,14 @@ class LightProgram:
             raise ShapeError(f"{self.before.shape} colours for {len(self.times_s)} times")
 
 
-BLACK = LightProgram(np.array([0.0, 1.0]), np.zeros((1, 3), np.uint8), np.zeros((1, 3), np.uint8))
+def constant(red: int, green: int, blue: int) -> LightProgram:
+    """Return one colour all along."""
+    colour = np.array([[red, green, blue]], np.uint8)
+    return LightProgram(np.array([0.0, 1.0]), colour, colour)
+
+
+WHITE = constant(255, 255, 255)
+"""Of a drawing without lights, as viewers show it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,6 +58,13 @@ class LightPrograms:
     def __len__(self) -> int:
         """Return the number of vehicles."""
         return len(self.index)
+
+    @property
+    def end_s(self) -> float:
+        """Time at which the last program ends."""
+        last = self.index.first[1:] - 1
+        starts_s = [float(self.index.starts_s(row)[-1]) for row in range(len(self))]
+        return float(np.max(starts_s + self.durations_s[last]))
 
     def at(self, time_s: float | Array, vehicles: Rows | None = None) -> Array:
         """(n, 3) Red, green and blue, 0 to 255, fades not rounded; arguments as of `Trajectories.at`."""

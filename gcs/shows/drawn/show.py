@@ -7,6 +7,7 @@ from math import radians
 from gcs.model.errors import ShapeError
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Array, freeze
+from gcs.safety.fenced_areas import FencedArea
 from gcs.shows.drawn.light_programs import LightPrograms
 from gcs.shows.drawn.trajectories import Trajectories, turned
 from gcs.shows.drawn.yaw_programs import YawPrograms
@@ -41,6 +42,13 @@ class FencePolygon:
     def __post_init__(self) -> None:
         """Raises: ShapeError when the points are not (k, 2)."""
         freeze(self.points_m, (len(self.points_m), 2), "points_m")
+
+    @property
+    def area(self) -> FencedArea:
+        """The polygon as the safety filter keeps it. Raises: pydantic's ValueError for too many corners."""
+        return FencedArea(
+            corners_m=tuple((x_m, y_m) for x_m, y_m in self.points_m.tolist()), inside=self.inside
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

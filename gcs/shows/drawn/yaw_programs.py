@@ -60,6 +60,11 @@ class YawPrograms:
         rows, since_s = self.index.at(time_s, vehicles)
         return np.asarray(self.yaw_rad[rows] + self.rate_rad_s[rows] * since_s)
 
+    @property
+    def turns(self) -> bool:
+        """Whether a vehicle has a yaw other than 0."""
+        return bool((np.nan_to_num(self.yaw_rad) != 0.0).any())
+
     def of_vehicle(self, row: int) -> YawProgram:
         """Return one vehicle's set points."""
         yaw_rad = self.yaw_rad[self.index.pieces(row)]

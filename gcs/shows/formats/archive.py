@@ -53,19 +53,37 @@ class Archive:
             self._zip = zipfile.ZipFile(io.BytesIO(data))
         except _BROKEN as error:
             raise DrawingError(file, f"not a zip archive that can be read: {error}") from None
-        self._infos = {info.filename: info for info in self._zip.infolist() if not info.is_dir()}
+        self._infos: dict[str, zipfile.ZipInfo] = {}
+        for info in self._zip.infolist():
+            name = plain(info.filename)
+            if info.filename.endswith(("/", "\\")):
+                continue
+            known = self._infos.get(name)
+            if known is not None and known.filename != info.filename:
+                raise DrawingError(file, f"two entries are called {quoted(name)}")
+            self._infos[name] = info
 
     @property
     def names(self) -> list[str]:
-        """Names of the entries, in the archive's order, without those that a file manager adds."""
+        """Plain names of the entries, in the archive's order, without those that a file manager adds."""
         return [
             name
             for name in self._infos
-            if not name.startswith("__MACOSX/") and not _base(name).startswith(".")
+            if "__MACOSX" not in name.split("/") and not _base(name).startswith(".")
         ]
 
+    def find(self, base: str) -> str:
+        """Return the name of the entry that is called so in the uppermost folder that has one."""
+        found = sorted((name.count("/"), name) for name in self.names if _base(name) == base)
+        if not found:
+            raise DrawingError(self.file, f"there is no entry {quoted(base)}")
+        if len(found) > 1 and found[0][0] == found[1][0]:
+            first, second = (quoted(name) for _, name in found[:2])
+            raise DrawingError(self.file, f"{first} and {second}: one {base} is needed")
+        return found[0][1]
+
     def read(self, name: str) -> bytes:
-        """Return one entry's content."""
+        """Return the content of an entry by its plain name."""
         place = f"{self.file}: {name}"
         info = self._infos.get(name)
         if info is None:
@@ -89,14 +107,24 @@ class Archive:
         return content
 
     def resolve(self, base: str, reference: str) -> str:
-        """Return the name of the entry that a reference in entry `base` means, for example ``./a.json#``."""
-        path, _, fragment = unquote(reference).partition("#")
-        name = posixpath.normpath(posixpath.join(posixpath.dirname(base), path))
-        if fragment.strip("/"):
-            raise DrawingError(
-                f"{self.file}: {base}", f"$ref {quoted(reference)}: only whole entries, without #/path"
-            )
-        return name
+        """Return the name of the entry that a reference in entry `base` means, for example ``./a.json#``.
+
+        A name may have a # of its own, and be written as in a URL.
+        """
+        head, sign, fragment = reference.rpartition("#")
+        inside = bool(sign and fragment.strip("/"))  # ``#/path``, or a name with a #
+        for path in (reference,) if inside or not sign else (reference, head):
+            for spelled in (path, unquote(path)):
+                name = plain(posixpath.join(posixpath.dirname(base), spelled.replace("\\", "/")))
+                if name in self._infos:
+                    return name
+        what = "only whole entries, without #/path" if inside else "there is no such entry"
+        raise DrawingError(f"{self.file}: {base}", f"$ref {quoted(reference)}: {what}")
+
+
+def plain(name: str) -> str:
+    """Return an entry's name with / between folders, and without ./ before them."""
+    return posixpath.normpath(name.replace("\\", "/")).lstrip("/")
 
 
 def _base(name: str) -> str:

@@ -6,6 +6,7 @@ operators/import_from_csv.py.
 """
 
 import io
+import re
 import zipfile
 from collections.abc import Iterator
 from itertools import chain
@@ -28,12 +29,16 @@ from gcs.shows.formats.samples import COORDINATE_MAX_M, NWU, through_samples
 
 HEADER: Final = "Time_msec,X,Y,Z,R,G,B"
 WRITTEN_HZ: Final = 5.0
+CORNER_M_S: Final = 0.2
+"""Where a velocity jumps by more, rows `BESIDE_S` before and after keep readers from rounding it off."""
+
+BESIDE_S: Final = 0.02
 
 
 def read_csv_zip(data: bytes, file: str) -> DrawnShow:
     """Read a zip of CSV files: Skybrush's, or polynomials of Crazyswarm. Raises: DrawingError."""
     archive = Archive(data, file)
-    names = [name for name in archive.names if name.lower().endswith(".csv")]
+    names = sorted((name for name in archive.names if name.lower().endswith(".csv")), key=_natural)
     if not 1 <= len(names) <= MAX_VEHICLES:
         raise DrawingError(
             file, f"{len(names)} CSV files: 1 to {MAX_VEHICLES}, one for each drone, are needed"
@@ -59,6 +64,15 @@ def read_csv_zip(data: bytes, file: str) -> DrawnShow:
         takeoff_s=np.array([one.times_s[0] for one in trajectories]),
         landing_s=np.array([one.times_s[-1] for one in trajectories]),
     )
+
+
+def _natural(name: str) -> list[tuple[int, str]]:
+    """Return a key by which drone 2 comes before drone 10."""
+    parts = re.split(r"([0-9]+)", name.casefold())
+    return [
+        (0, part) if at % 2 == 0 else (len(number := part.lstrip("0")), number)
+        for at, part in enumerate(parts)
+    ]
 
 
 def _tables(archive: Archive, names: list[str]) -> Iterator[Array]:
@@ -109,7 +123,10 @@ def _colours(rows: Array) -> LightProgram:
 
 
 def write_csv_zip(show: DrawnShow) -> bytes:
-    """Return the show as a zip of CSV files: rows at `WRITTEN_HZ`, and where a drone's colour changes."""
+    """Return the show as a zip of CSV files: rows at `WRITTEN_HZ`, and where a drone's colour changes.
+
+    Where the lights go on after the last trajectory, so do the rows.
+    """
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
         regular_s = sample_times_s(show, WRITTEN_HZ)
@@ -120,9 +137,11 @@ def write_csv_zip(show: DrawnShow) -> bytes:
 
 def _file(show: DrawnShow, row: int, regular_s: Array) -> str:
     """Return the rows of one vehicle; a step of its colour has rows 1 ms apart."""
-    knots_s = np.round(show.lights.index.starts_s(row), 3)
-    times_s = np.unique(np.round(np.concatenate([regular_s, knots_s, knots_s - 0.001]), 3))
-    times_s = times_s[(times_s >= 0.0) & (times_s <= regular_s[-1])]
+    knots_s = np.round(show.lights.of_vehicle(row).times_s, 3)
+    corners_s = _corners_s(show.trajectories.of_vehicle(row))
+    beside_s = [corners_s - BESIDE_S, corners_s, corners_s + BESIDE_S]
+    times_s = np.unique(np.round(np.concatenate([regular_s, knots_s, knots_s - 0.001, *beside_s]), 3))
+    times_s = times_s[(times_s >= 0.0) & (times_s <= TIME_MAX_S)]
     vehicles = np.full(len(times_s), row)
     places_m = (show.trajectories.at(times_s, vehicles).position_m * NWU).tolist()
     colours = show.lights.colours_at(times_s, vehicles).tolist()
@@ -133,6 +152,19 @@ def _file(show: DrawnShow, row: int, regular_s: Array) -> str:
         )
     ]
     return "\n".join((HEADER, *lines)) + "\n"
+
+
+def _corners_s(trajectory: Trajectory) -> Array:
+    """(k,) Times at which the velocity jumps, from rest at the beginning and to rest at the end as well."""
+    if len(trajectory.times_s) < 2:
+        return trajectory.times_s
+    coefficients_m, durations_s = trajectory.coefficients_m, np.diff(trajectory.times_s)[:, None]
+    powers = np.arange(coefficients_m.shape[1])[:, None]
+    begin_m_s = coefficients_m[:, 1] / durations_s if len(powers) > 1 else np.zeros_like(durations_s)
+    end_m_s = (powers * coefficients_m).sum(axis=1) / durations_s
+    rest_m_s = np.zeros((1, 3))
+    jumps_m_s = np.concatenate([begin_m_s, rest_m_s]) - np.concatenate([rest_m_s, end_m_s])
+    return np.asarray(trajectory.times_s[np.linalg.norm(jumps_m_s, axis=1) > CORNER_M_S])
 
 
 def sample_times_s(show: DrawnShow, rate_hz: float) -> Array:

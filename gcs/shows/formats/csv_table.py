@@ -1,10 +1,13 @@
-"""Reads a CSV file of numbers that is not trusted: rows, columns and lines are bounded."""
+"""Reads a CSV file of numbers that is not trusted: rows, columns and lines are bounded.
+
+Files of other programs may have comments from a # on, empty lines, and a comma at the end of each row.
+"""
 
 from typing import Final
 
 import numpy as np
 
-from gcs.model.errors import DrawingError, cut
+from gcs.model.errors import DrawingError, quoted
 from gcs.model.state import Array
 
 ROWS_MAX: Final = 200_000
@@ -32,14 +35,47 @@ def table(data: bytes, place: str, columns: tuple[int, ...]) -> Array:
         raise DrawingError(place, f"not text: {error}") from None
     if max(map(len, lines)) > LINE_MAX:
         raise DrawingError(place, f"a line of more than {LINE_MAX} characters")
-    first = lines[0].strip().lower()
-    named = first[:1].isalpha() and not first.startswith(("nan", "inf"))
-    if not any(line.strip() for line in lines[named:]):
+    written = [(at, row) for at, line in enumerate(lines, start=1) if (row := _row(line))]
+    if written and _is_names(written[0][1]):
+        del written[0]
+    if not written:
         raise DrawingError(place, "rows of numbers are needed, it has none")
     try:
-        rows: Array = np.loadtxt(lines[named:], delimiter=",", comments=None, ndmin=2)
-    except ValueError as error:  # names the row, from 1, and the text that is no number
-        raise DrawingError(place, f"rows of numbers are needed: {cut(str(error))}") from None
+        rows: Array = np.loadtxt([row for _, row in written], delimiter=",", comments=None, ndmin=2)
+    except ValueError:
+        raise _wrong(written, place) from None
     if rows.shape[1] not in columns:
         raise DrawingError(place, f"{rows.shape[1]} columns: {' or '.join(map(str, columns))} are needed")
     return rows
+
+
+def _row(line: str) -> str:
+    """Return a row without its comment and a comma at its end; empty: there is none on this line."""
+    return line.partition("#")[0].strip().removesuffix(",")
+
+
+def _is_names(row: str) -> bool:
+    """Whether these are the names of the columns."""
+    first = row.lstrip("\"' ").lower()
+    return first[:1].isalpha() and not first.startswith(("nan", "inf"))
+
+
+def _wrong(written: list[tuple[int, str]], place: str) -> DrawingError:
+    """Return what is wrong with the first row that is not as many numbers as the one before."""
+    count, needed = written[0][1].count(",") + 1, "rows of numbers are needed"
+    for at, row in written:
+        values = row.split(",")
+        wrong = next((value for value in values if not _is_number(value)), None)
+        if len(values) != count:
+            return DrawingError(place, f"{needed}: line {at} has {len(values)} values, {count} as before")
+        if wrong is not None:
+            return DrawingError(place, f"{needed}: line {at}: could not convert string {quoted(wrong)}")
+    return DrawingError(place, needed)
+
+
+def _is_number(value: str) -> bool:
+    try:
+        float(value)
+    except ValueError:
+        return False
+    return True

@@ -12,7 +12,7 @@ import numpy as np
 from gcs.model.errors import DrawingError
 from gcs.model.state import Array
 from gcs.shows.drawn import DrawnShow, LightPrograms, Trajectories, Trajectory, YawPrograms
-from gcs.shows.drawn.light_programs import BLACK
+from gcs.shows.drawn.light_programs import WHITE
 from gcs.shows.drawn.piece_index import TIME_MAX_S
 from gcs.shows.drawn.yaw_programs import YawProgram
 from gcs.shows.formats.csv_table import table
@@ -43,7 +43,7 @@ def polynomial_show(tables: list[Array], vehicles: tuple[str, ...], places: list
         title="",
         vehicles=vehicles,
         trajectories=Trajectories.joined(trajectories),
-        lights=LightPrograms.joined([BLACK] * len(vehicles)),
+        lights=LightPrograms.joined([WHITE] * len(vehicles)),
         yaw=YawPrograms.joined([yaw for _, yaw in pairs]),
         home_m=np.stack([one.coefficients_m[0, 0] for one in trajectories]),
         takeoff_s=np.zeros(len(vehicles)),

@@ -5,12 +5,13 @@ Skybrush Live and its server place shows with coordinate systems of type "nwu"; 
 cos x + sin y and east = sin x - cos y. Other sources: skybrush-io/skybrush.js, packages/show-format.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
-from gcs.model.errors import DrawingError
+from gcs.model.errors import DrawingError, quoted
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Array
 from gcs.shows.drawn import (
@@ -23,7 +24,7 @@ from gcs.shows.drawn import (
     Trajectory,
     YawPrograms,
 )
-from gcs.shows.drawn.light_programs import BLACK, LightProgram
+from gcs.shows.drawn.light_programs import WHITE, LightProgram
 from gcs.shows.drawn.piece_index import TIME_MAX_S
 from gcs.shows.drawn.yaw_programs import NO_YAW, YawProgram
 from gcs.shows.format import MAX_CUES, MAX_VEHICLES
@@ -31,7 +32,7 @@ from gcs.shows.formats.archive import Archive
 from gcs.shows.formats.json_values import Value, parsed
 from gcs.shows.formats.samples import COORDINATE_MAX_M, NWU
 from gcs.shows.formats.skybrush_lights import decoded
-from gcs.shows.formats.skybrush_trajectory import read_trajectory
+from gcs.shows.formats.skybrush_trajectory import has_yaw, read_trajectory
 
 COEFFICIENTS_MAX: Final = 8_000_000
 """Numbers of all trajectories together: 64 MB."""
@@ -51,6 +52,28 @@ NAME_MAX: Final = 120
 TITLE_MAX: Final = 1_000
 _SHOW: Final = "show.json"
 
+_READ: Final = {
+    "the show": "version swarm settings environment meta media",
+    "environment": "type location",
+    "location": "origin orientation",
+    "meta": "title id inputs sources segments",
+    "swarm": "drones",
+    "settings": "cues validation geofence",
+    "geofence": "version polygons",
+    "validation": "maxAltitude maxVelocityXY maxVelocityZ maxVelocityZUp minDistance",
+    "a drone": "type settings",
+    "a drone's settings": "name home landAt trajectory lights yawControl pyro",
+    "a trajectory": "version points takeoffTime landingTime type",
+    "yawControl": "version autoYaw autoYawOffset setpoints",
+}
+"""Keys of each object that are read, or that say nothing about the flight; others are noted."""
+
+OTHERS_NAMED: Final = 20
+"""Most keys that are noted because nothing reads them."""
+
+NO_PYRO: Final = "pyrotechnics are not fired"
+_NOTHING: Final[Sequence[object]] = (None, {}, [], "")
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Drone:
@@ -58,7 +81,7 @@ class _Drone:
 
     name: str
     trajectory: Trajectory
-    light: LightProgram
+    lights: Value | None  # as written
     yaw: YawProgram
     home_m: Array  # (3,)
     takeoff_s: float
@@ -77,21 +100,30 @@ class _Reader:
         self._pieces = self._terms = self._light_steps = self._light_pieces = 0
 
     def show(self) -> DrawnShow:
-        root = self._document(_SHOW)
+        root = self._document(self._archive.find(_SHOW))
         root.version(1)
-        listed = self._need(self._need(root, "swarm"), "drones")
+        swarm = self._need(root, "swarm")
+        self._note_others("the show", root)
+        self._note_others("swarm", swarm)
+        listed = self._need(swarm, "drones")
         drones = [self._drone(one, row) for row, one in enumerate(listed.values(MAX_VEHICLES))]
         if not drones:
             raise DrawingError(listed.place, "a drone is needed")
         settings, meta = self._get(root, "settings"), self._get(root, "meta")
         title = None if meta is None else self._get(meta, "title")
-        if self._get(root, "media") is not None:
+        media = self._get(root, "media")
+        if media is not None and media.raw:
             self._note("media, for example music, is not played")
+        for what, value in (("settings", settings), ("meta", meta)):
+            if value is not None:
+                self._note_others(what, value)
+        end_s = max(1.0, *(float(one.trajectory.times_s[-1]) for one in drones))
+        lights = [self._light(one.lights, end_s) for one in drones]
         return DrawnShow(
             title="" if title is None else title.text(TITLE_MAX),
             vehicles=tuple(one.name for one in drones),
             trajectories=Trajectories.joined([one.trajectory for one in drones]),
-            lights=LightPrograms.joined([one.light for one in drones]),
+            lights=LightPrograms.joined(lights),
             yaw=YawPrograms.joined([one.yaw for one in drones]),
             home_m=np.stack([one.home_m for one in drones]),
             takeoff_s=np.array([one.takeoff_s for one in drones]),
@@ -131,11 +163,24 @@ class _Reader:
     def _note(self, text: str) -> None:
         self._notes[text] = self._notes.get(text, 0) + 1
 
+    def _note_others(self, what: str, value: Value) -> None:
+        """Note the keys of an object that nothing reads."""
+        if not isinstance(value.raw, dict):
+            return
+        for key, raw in value.raw.items():
+            if key in _READ[what].split() or raw in _NOTHING or key.startswith("$"):
+                continue
+            note = f"{quoted(key)} of {what} is not read"
+            self._note(note if note in self._notes or len(self._notes) < OTHERS_NAMED else "further keys")
+
     # drones
 
     def _drone(self, value: Value, row: int) -> _Drone:
-        settings = self._need(self._followed(value), "settings")
+        drone = self._followed(value)
+        settings = self._need(drone, "settings")
         written = self._need(settings, "trajectory")
+        for what, one in (("a drone", drone), ("a drone's settings", settings), ("a trajectory", written)):
+            self._note_others(what, one)
         trajectory = read_trajectory(written)
         self._pieces += len(trajectory.coefficients_m)
         self._terms = max(self._terms, trajectory.coefficients_m.shape[1])
@@ -149,35 +194,40 @@ class _Reader:
         landing_s = end_s if landing is None else landing.number(0.0, TIME_MAX_S)
         name, home = settings.get("name"), settings.get("home")
         begin_m = trajectory.coefficients_m[0, 0]
-        if self._get(settings, "pyro") is not None:
-            self._note("pyrotechnics are not fired")
+        pyro = self._get(settings, "pyro")
+        if pyro is not None and pyro.raw:
+            self._note(NO_PYRO)
+        if has_yaw(written):
+            self._note("yaw in the fourth coordinate of a trajectory is not flown: draw it as yawControl")
         home_m, lands = begin_m if home is None else _place(home), settings.get("landAt")
         if lands is not None and float(np.hypot(*(_place(lands) - home_m)[:2])) > LANDS_WITHIN_M:
             self._note("landAt is not flown to: vehicles land on the pads")
         return _Drone(
             f"drone {row + 1}" if name is None else name.text(NAME_MAX),
             trajectory,
-            self._light(settings, end_s),
+            self._get(settings, "lights"),
             self._yaw(settings),
             home_m,
             takeoff_s,
             max(landing_s, takeoff_s),
         )
 
-    def _light(self, settings: Value, end_s: float) -> LightProgram:
-        lights = self._get(settings, "lights")
+    def _light(self, lights: Value | None, end_s: float) -> LightProgram:
+        """Return a program to its own end, which may come after that of the show."""
         if lights is None:
-            return BLACK
+            return WHITE
         lights.version(1)
         code = lights.need("data")
-        found = decoded(code.text(400_000), code.place, max(end_s, 1.0))
+        found = decoded(code.text(400_000), code.place, end_s)
         self._light_steps += found.steps
         self._light_pieces += len(found.program.before)
         if self._light_steps > LIGHT_STEPS_MAX or self._light_pieces > LIGHT_PIECES_MAX:
             most = f"{LIGHT_STEPS_MAX} commands or {LIGHT_PIECES_MAX} colours"
             raise DrawingError(code.place, f"more than {most} in all light programs so far")
         if found.fires_pyro:
-            self._note("pyrotechnics are not fired")
+            self._note(NO_PYRO)
+        if found.is_cut:
+            self._note(f"lights after {found.program.times_s[-1]:.0f} s are not shown: too many loops")
         return found.program
 
     def _yaw(self, settings: Value) -> YawProgram:
@@ -185,6 +235,7 @@ class _Reader:
         if yaw is None:
             return NO_YAW
         yaw.version(1)
+        self._note_others("yawControl", yaw)
         automatic = yaw.get("autoYaw")
         if automatic is not None and automatic.raw:
             self._note("yaw along the motion is not flown")
@@ -204,9 +255,13 @@ class _Reader:
 
     def _origin(self, root: Value) -> ShowFrame | None:
         environment = self._get(root, "environment")
-        location = None if environment is None else self._get(environment, "location")
+        if environment is None:
+            return None
+        self._note_others("environment", environment)
+        location = self._get(environment, "location")
         if location is None:
             return None
+        self._note_others("location", location)
         numbers = list(location.need("origin").values(3))
         if len(numbers) < 2:
             raise location.need("origin").wrong("[latitude, longitude, altitude]")
@@ -236,6 +291,7 @@ class _Reader:
         validation = self._get(settings, "validation")
         if validation is None:
             return Claims()
+        self._note_others("validation", validation)
 
         def claim(key: str) -> float | None:
             value = validation.get(key)
@@ -252,13 +308,19 @@ class _Reader:
 
     def _fence(self, settings: Value) -> tuple[FencePolygon, ...]:
         fence = self._get(settings, "geofence")
-        polygons = None if fence is None else fence.get("polygons")
-        found = []
+        if fence is None:
+            return ()
+        self._note_others("geofence", fence)
+        polygons, found = self._get(fence, "polygons"), []
         for polygon in () if polygons is None else polygons.values(POLYGONS_MAX):
             corners = [_place(one)[:2] for one in polygon.need("points").values(CORNERS_MAX)]
+            if len(corners) > 1 and (corners[0] == corners[-1]).all():
+                corners.pop()  # closed, as GIS programs write polygons
             if len(corners) < 3:
                 raise DrawingError(polygon.place, f"{len(corners)} corners: at least 3")
             inclusion = polygon.get("isInclusion")
+            if inclusion is not None and not isinstance(inclusion.raw, bool):
+                raise inclusion.wrong("true or false")
             found.append(FencePolygon(np.stack(corners), inclusion is None or bool(inclusion.raw)))
         return tuple(found)
 

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from gcs.model.errors import DrawingError
-from gcs.shows.drawn.light_programs import BLACK, LightProgram
+from gcs.shows.drawn.light_programs import LightProgram, constant
 from gcs.shows.drawn.piece_index import TIME_MAX_S
 
 TICK_S: Final = 0.02
@@ -65,14 +65,13 @@ class _Pieces:
         if self.before and self.after[-1] != self.now:  # set at the very end, without a duration
             self.add(1, self.now)
         if not self.before:
-            only = np.array([self.now], np.uint8)
-            return LightProgram(BLACK.times_s, only, only)
+            return constant(*self.now)
         before, after = np.array(self.before, np.uint8), np.array(self.after, np.uint8)
         return LightProgram(np.array(self.times) * TICK_S, before, after)
 
 
 class _Interpreter:
-    """Executes a program up to a time."""
+    """Executes a program to its end; one without an end up to a time."""
 
     def __init__(self, code: bytes, place: str) -> None:
         self._code, self._place = code, place
@@ -81,6 +80,7 @@ class _Interpreter:
         self.pieces = _Pieces()
         self.pyro = False
         self.steps = 0
+        self.cut = False  # it is too long to be executed to its end
 
     def _wrong(self, text: str) -> DrawingError:
         return DrawingError(self._place, f"byte {self._at}: {text}")
@@ -109,15 +109,24 @@ class _Interpreter:
         return gray, gray, gray
 
     def run(self, until: int) -> None:
-        """Execute until the program ends or its time reaches `until` ticks."""
+        """Execute until the program ends; in an endless loop, or beyond a bound, until `until` ticks."""
         for self.steps in range(STEPS_MAX):
-            if self._at >= len(self._code) or self.pieces.ticks >= until:
+            if self._at >= len(self._code) or self.pieces.ticks >= _TICKS_MAX:
+                return
+            if self.pieces.ticks >= until and any(passages == 0 for _, passages in self._loops):
                 return
             if not self._execute(self._byte()):
                 return
             if len(self.pieces.before) > PIECES_MAX:
-                raise self._wrong(f"more than {PIECES_MAX} colours, loops written out")
-        raise self._wrong(f"more than {STEPS_MAX} commands, loops written out")
+                self._bounded(until, f"{PIECES_MAX} colours")
+                return
+        self._bounded(until, f"{STEPS_MAX} commands")
+
+    def _bounded(self, until: int, most: str) -> None:
+        """Raises: DrawingError, unless what is missing comes after `until`."""
+        if self.pieces.ticks < until:
+            raise self._wrong(f"more than {most}, loops written out")
+        self.cut = True
 
     def _execute(self, command: int) -> bool:
         """Execute one command. Returns: whether the program goes on."""
@@ -164,10 +173,11 @@ class Decoded(NamedTuple):
     program: LightProgram
     fires_pyro: bool
     steps: int
+    is_cut: bool  # it goes on for longer than is read
 
 
 def decoded(data: str, place: str, until_s: float) -> Decoded:
-    """Execute a program in base64 up to a time.
+    """Execute a program in base64 to its own end; one without an end up to a time.
 
     Raises: DrawingError, at `place`, with the byte at which the program is wrong.
     """
@@ -179,7 +189,7 @@ def decoded(data: str, place: str, until_s: float) -> Decoded:
         raise DrawingError(place, f"not base64: {error}") from None
     interpreter = _Interpreter(code, place)
     interpreter.run(min(int(until_s / TICK_S) + 1, _TICKS_MAX))
-    return Decoded(interpreter.pieces.program(), interpreter.pyro, interpreter.steps)
+    return Decoded(interpreter.pieces.program(), interpreter.pyro, interpreter.steps, interpreter.cut)
 
 
 def encoded(program: LightProgram) -> str:

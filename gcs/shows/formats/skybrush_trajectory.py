@@ -37,6 +37,17 @@ def read_trajectory(value: Value) -> Trajectory:
     return through_samples(times_s, samples[:, 1:] * NWU)
 
 
+def has_yaw(value: Value) -> bool:
+    """Whether a trajectory that was read has a yaw other than 0 in its points."""
+    points = value.need("points").raw
+    return isinstance(points, list) and any(
+        len(place) == 4 and place[3] != 0
+        for point in points
+        if len(point) <= 3
+        for place in (point[1], *(point[2] or () if len(point) == 3 else ()))
+    )
+
+
 def _rows(points: Value) -> Array:
     """(k, 4) Time, x, y, z of version 0."""
     rows: list[Any] = points.items(POINTS_MAX)

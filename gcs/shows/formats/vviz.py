@@ -50,8 +50,9 @@ def _path(positions_m: Array) -> dict[str, Any]:
 
 def _actions(show: DrawnShow, row: int) -> list[dict[str, int]]:
     """Return a vehicle's colours at the frames about each change of its program; viewers fade between."""
-    last = int(np.ceil(show.duration_s * COLOUR_HZ))
-    changes = show.lights.index.starts_s(row) * COLOUR_HZ
+    program = show.lights.of_vehicle(row)
+    last = int(np.ceil(max(show.duration_s, program.times_s[-1]) * COLOUR_HZ))
+    changes = program.times_s * COLOUR_HZ
     frames = np.unique(np.concatenate([[0.0, last], np.floor(changes - 1e-6), np.ceil(changes - 1e-6)]))
     frames = frames[(frames >= 0.0) & (frames <= last)].astype(int)
     colours = show.lights.colours_at(frames / COLOUR_HZ, np.full(len(frames), row)).tolist()

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.shows.timecode.smpte import Label, Rate, Reading
+from gcs.shows.timecode.smpte import PULL_WITHIN, Label, Rate, Reading
 
 BITS: Final = 80
 SYNC: Final = 0b1011111111111100
@@ -36,6 +36,9 @@ _CHANGES_SPARE: Final = 16
 
 _RATES: Final = (Rate.FPS_24, Rate.FPS_25, Rate.FPS_30)
 
+_MEASURED: Final = 25
+"""Frames over which the rate is measured: at 29.97 one is 1.6 samples of 48 kHz longer than at 30."""
+
 
 @dataclass(slots=True)
 class LinearTimecode:
@@ -58,6 +61,7 @@ class LinearTimecode:
     _bits: int = 0  # the newest 80, the newest highest
     _count: int = 0  # of bits without an error
     _lengths: deque[float] = field(default_factory=lambda: deque(maxlen=BITS))  # of these bits, in samples
+    _frames: deque[float] = field(default_factory=lambda: deque(maxlen=_MEASURED))  # lengths, in samples
 
     def take(self, samples: NDArray[np.float64]) -> list[Reading]:
         """The readings that (k,) samples from -1 to 1 complete. What is not finite is silence."""
@@ -124,6 +128,7 @@ class LinearTimecode:
     def _lose(self) -> None:
         self._half, self._count = False, 0
         self._lengths.clear()
+        self._frames.clear()
 
     def _bit(self, bit: int, edge: float, readings: list[tuple[float, Reading]]) -> None:
         self._bits = self._bits >> 1 | bit << BITS - 1
@@ -146,10 +151,17 @@ class LinearTimecode:
         if max(units) > 9:
             return None
         label = Label(*(10 * ten + unit for ten, unit in zip(tens, units, strict=True)))
-        per_s = self.sample_rate_hz / samples
-        rate = min(_RATES, key=lambda known_rate: abs(known_rate.per_s - per_s))
-        if field_of(10, 1):
-            rate = Rate.FPS_29_97_DROP
+        rate = Rate.FPS_29_97_DROP if field_of(10, 1) else self._rate(samples)
         if not label.exists(rate):
             return None
         return Reading(label.time_s(rate) + 1.0 / rate.per_s, rate)  # the frame is over now
+
+    def _rate(self, samples: float) -> Rate:
+        """The rate of a frame of so many samples: exactly, once enough frames were measured."""
+        self._frames.append(samples)
+        per_s = self.sample_rate_hz / samples
+        rate = min(_RATES, key=lambda nominal: abs(nominal.per_s - per_s))
+        if len(self._frames) < _MEASURED:
+            return rate
+        per_s, slower = self.sample_rate_hz * len(self._frames) / sum(self._frames), rate.pulled_down
+        return slower if abs(per_s / slower.per_s - 1.0) <= PULL_WITHIN else rate

@@ -99,6 +99,6 @@ class MidiTimecode:
 
 def quarter_frames(label: Label, rate: Rate) -> list[bytes]:
     """The eight messages that carry a label, in order; a quarter of a frame lies between two of them."""
-    values = label.frames, label.seconds, label.minutes, label.hours | rate.value << 5
+    values = label.frames, label.seconds, label.minutes, label.hours | rate.midi << 5
     nibbles = [part for value in values for part in (value & 0x0F, value >> 4)]
     return [bytes((QUARTER_FRAME, piece << 4 | value)) for piece, value in enumerate(nibbles)]

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gcs.cli.main import main
+from gcs.cli.main import find_parser, main
 from gcs.config import schema as configuration
 from gcs.config.yaml_files import shipped_folder
 from gcs.recording import mcap_layout as layout
@@ -28,7 +28,9 @@ def test_import_writes_a_show_and_its_drawing(tmp_path: Path, capsys: pytest.Cap
     target = tmp_path / "night.yaml"
     assert main(["show", "import", str(SHIPPED), "-o", str(target), "--json"]) == 0
     found = json.loads(capsys.readouterr().out)
-    assert (found["vehicles"], found["duration_s"], found["notes"]) == (30, 70.0, [])
+    assert (found["vehicles"], found["duration_s"], found["flown_s"]) == (30, 70.0, [0.0, 70.0])
+    assert found["notes"] == []
+    assert "# The drawing has yaw: it is flown with 'yaw: drawn'" in target.read_text()
     assert load(target).show.fleet.vehicles == 30
     assert (tmp_path / "night.skyc").read_bytes() == SHIPPED.read_bytes()
 
@@ -129,3 +131,33 @@ def test_a_recorded_flight_is_exported_as_it_flew(tmp_path: Path) -> None:
 def test_an_export_of_another_kind_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["show", "export", "lighthouse", "-o", str(tmp_path / "a.txt")]) == 2
     assert ".skyc, .vviz, .zip" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "value"),
+    [
+        ("show import a.zip -o a.yaml", "--origin", "-33.85,-70.6,20,0"),
+        ("show import a.zip -o a.yaml", "--origin-else", "-.5,7,-2,0"),
+        ("show place a.yaml", "--at", "-5,3,10"),
+        ("show place a.yaml", "--frame", "-33.85,7,0,0"),
+        ("show check a.yaml", "--wind", "-3,2"),
+        ("show check a.yaml", "--box", "-1.5,18,1,1,60"),
+        ("sim", "--origin", "-33.85,151.2,20"),
+        ("sim", "--wind", "-3,0,0"),
+        ("sim", "--grid-at", "-5,-5"),
+    ],
+)
+def test_lists_may_begin_with_a_minus(command: str, option: str, value: str) -> None:
+    """South of the equator, west, and the wind from the other side: as with an equals sign."""
+    key = option[2:].replace("-", "_")
+    taken = []
+    for given in ([option, value], [f"{option}={value}"]):
+        parser, rest = find_parser([*command.split(), *given])
+        taken.append(getattr(parser.parse_args(rest), key))
+    assert taken[0] == taken[1] is not None
+
+
+def test_an_option_is_no_value(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["show", "place", "a.yaml", "--at", "--fit"])
+    assert "--at: expected one argument" in capsys.readouterr().err

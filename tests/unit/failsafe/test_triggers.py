@@ -11,6 +11,7 @@ from gcs.config.schema import Config
 from gcs.failsafe.arbitration import SHOW_ROW, Standing, due, keys
 from gcs.failsafe.policy import SEVERITY, Action, Cause, FailsafePolicy
 from gcs.failsafe.triggers import FailsafeRequest, Known, Roles, Seen, advance, is_calm, look
+from gcs.safety.fenced_areas import FencedArea
 from gcs.safety.walls import Fence
 
 N = 8
@@ -86,6 +87,22 @@ def test_normal_flight_requests_nothing() -> None:
     rules = Rules()
     assert rules.see(calm(), 5.0) == ()
     assert rules.was_calm
+
+
+def test_an_area_of_the_fence_is_left_like_the_fence() -> None:
+    """The last vehicles are at x 24 and 28 m: within 30 m, and beyond 20 m; NaN is nowhere."""
+
+    def within(x_m: float) -> Fence:
+        corners_m = (-5.0, -5.0), (x_m, -5.0), (x_m, 5.0), (-5.0, 5.0)
+        return FENCE.model_copy(update={"areas": (FencedArea(corners_m=corners_m),)})
+
+    assert Rules().see(calm(fence=within(30.0)), 9.0) == ()
+    beyond = calm(fence=within(20.0))
+    found = Rules().see(beyond, 9.0)
+    assert [(request.cause, request.rows) for request in found] == [(Cause.FENCE, (6, 7))]
+    nowhere = np.array(beyond.position_m)
+    nowhere[7] = np.nan
+    assert [request.rows for request in Rules().see(replace(beyond, position_m=nowhere), 9.0)] == [(6,)]
 
 
 @pytest.mark.parametrize(

@@ -50,6 +50,7 @@ CALLS: dict[str, dict[str, Any]] = {
     "command_log.newest": {},
     "recovery.settle": {"offer": Offer.BRING_HOME},
     "shows.why_not_kept": {},
+    "shows.rules": {},
     "shows.list_shows": {},
     "shows.text": {"name": "a"},
     "shows.store": {"name": "a", "text": b"\xff\x00 no text" * 6000},

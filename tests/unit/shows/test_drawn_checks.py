@@ -7,13 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gcs.model.errors import ShowError
 from gcs.shows import Flaw, load
 from gcs.shows.drawn import Claims, DrawnShow, YawPrograms
 from gcs.shows.drawn.yaw_programs import YawProgram
 from gcs.shows.drawn_checks import DrawnFigures, examine
-from gcs.shows.formats import read_drawing, write_drawing
+from gcs.shows.formats import parse_drawing, read_drawing, write_drawing
 from gcs.shows.importing import show_text
-from tests.support.drawn_shows import drawn_show
+from tests.support.drawing_files import flight, skyc, zipped
+from tests.support.drawn_shows import ORIGIN, drawn_show
 
 
 def checked(
@@ -88,3 +90,54 @@ def test_a_drawing_above_the_fence_is_refused(tmp_path: Path) -> None:
         tmp_path, show, (f"height_max_m: {int(high_m + 11)}", f"height_max_m: {int(high_m - 1)}")
     )
     assert any("m above the fence" in flaw.text for flaw in flaws)
+
+
+def fenced(folder: Path, *polygons: tuple[bool, list[list[float]]], place: str = "") -> list[Flaw]:
+    """Return the flaws of two drones that climb at (0, 0) and (6, 0) of the drawing, with this geofence."""
+    drones = [
+        flight(*([at_s, [x_m, 0, z_m]] for at_s, z_m in ((0, 0), (20, 10), (40, 10), (60, 0))))
+        for x_m in (0, 6)
+    ]
+    written = [{"isInclusion": inside, "points": points} for inside, points in polygons]
+    settings = {"geofence": {"version": 1, "polygons": written}}
+    data = zipped(skyc(*drones, settings=settings))
+    (folder / "trial.skyc").write_bytes(data)
+    drawing = parse_drawing(data, "trial.skyc")
+    text = show_text(drawing, "trial.skyc", sha256(data).hexdigest(), origin=ORIGIN)
+    (folder / "trial.yaml").write_text(text.replace("{source:", f"{{{place}source:"))
+    return examine(load(folder / "trial.yaml").timeline)[1]
+
+
+AROUND = [[-2.0, -2.0], [2.0, -2.0], [2.0, 2.0], [-2.0, 2.0]]
+WIDE = [[-5.0, -5.0], [12.0, -5.0], [12.0, 5.0], [-5.0, 5.0]]
+THERE = [[5.0, -1.0], [7.0, -1.0], [7.0, 1.0], [5.0, 1.0]]
+
+
+def test_a_drawing_beyond_its_own_fence_is_refused(tmp_path: Path) -> None:
+    """With vehicle, time and place; its pad as well."""
+    pads, drawn = fenced(tmp_path, (True, AROUND))
+    assert "pad 2 is 4.00 m beyond the fence of the drawing" in pads.text
+    assert "drone 2 is 4.00 m beyond the fence of the drawing at" in drawn.text
+    assert "x 6.0 m, y 0.0 m" in drawn.text
+    pads, drawn = fenced(tmp_path, (True, WIDE), (False, THERE))
+    assert "pad 2 is 1.00 m beyond" in pads.text
+    assert "drone 2 is 1.00 m beyond" in drawn.text
+
+
+def test_a_drawing_within_its_fence_is_good(tmp_path: Path) -> None:
+    assert fenced(tmp_path, (True, WIDE)) == []
+    assert fenced(tmp_path, (True, [*WIDE, WIDE[0]])) == []
+    assert fenced(tmp_path, (False, [[20.0, 0.0], [30.0, 0.0], [25.0, 9.0]])) == []
+
+
+def test_the_fence_is_placed_with_the_drawing(tmp_path: Path) -> None:
+    assert fenced(tmp_path, (True, WIDE), place="place: {x_m: 4, y_m: -3, turn_deg: 77}, ") == []
+    assert len(fenced(tmp_path, (True, AROUND), place="place: {x_m: 4, y_m: -3, turn_deg: 77}, ")) == 2
+
+
+def test_a_fence_with_too_many_corners_is_refused(tmp_path: Path) -> None:
+    """It would not be kept in flight."""
+    angle = np.linspace(0.0, 2.0 * np.pi, 99, endpoint=False)
+    circle = (30.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1)).tolist()
+    with pytest.raises(ShowError, match="1 areas with up to 99 corners: at most 4 with 60 are kept"):
+        fenced(tmp_path, (True, circle))

@@ -8,14 +8,19 @@ from typing import Any
 
 import pytest
 
+from gcs.cli.main import main
+from gcs.config import schema
+from gcs.config.sections import OperationSettings
 from gcs.config.yaml_files import shipped_folder
+from gcs.control import ControlSettings
 from gcs.model.errors import InvalidError, RefusedError, UnknownError
 from gcs.service import CheckState, ShowCheck
 from gcs.shows import stored_drawings
 from gcs.shows.formats import parse_drawing
 from gcs.shows.importing import show_text
 from gcs.shows.library import ShowLibrary
-from gcs.shows.loading import load
+from gcs.shows.loading import load, service_flaws
+from gcs.shows.service_rules import ServiceRules
 
 GIVEN = shipped_folder() / "shows" / "drawn-30.skyc"
 
@@ -65,12 +70,68 @@ def test_a_drawn_show_is_kept_and_listed(library: ShowLibrary, tmp_path: Path) -
     assert done(library.drawn_file("night")) == tmp_path / "shows" / "night.yaml"
 
 
-def test_a_drawing_gets_the_take_off_of_the_station(tmp_path: Path) -> None:
-    """An imported drawing was refused by stations that do not take off at 5 m, one a second."""
-    library = ShowLibrary(tmp_path / "shows", (8.0, 2.5))
-    done(library.store_drawn("night", TEXT, GIVEN))
-    fleet = load(tmp_path / "shows" / "night.yaml").show.fleet
-    assert (fleet.takeoff_height_m, fleet.takeoff_stagger_s) == (8.0, 2.5)
+@pytest.mark.parametrize(
+    "configured",
+    [
+        {"operation": {"takeoff_height_m": 8.0, "takeoff_stagger_s": 0.5}},
+        {
+            "control": {
+                "safety": {"fence": {"height_min_m": 4.5, "height_max_m": 31.0, "distance_max_m": 40.0}}
+            }
+        },
+        {"control": {"safety": {"limits": {"horizontal_m_s": 6.0, "up_m_s": 2.4, "down_m_s": 1.35}}}},
+        {"control": {"safety": {"floor": {"horizontal_m": 2.5, "vertical_m": 3.75}}}},
+        {"operation": {"setpoint_loss_action": "return"}},
+    ],
+)
+def test_a_drawing_gets_the_rules_of_the_station(configured: dict[str, Any], tmp_path: Path) -> None:
+    """What a service writes, it flies: no key of the file is at odds with its configuration."""
+    control = ControlSettings.model_validate(configured.get("control", {}))
+    usual = {"takeoff_height_m": 5.0, "takeoff_stagger_s": 2.0}
+    operation = OperationSettings.model_validate(usual | configured.get("operation", {}))
+    library = ShowLibrary(tmp_path / "shows", ServiceRules.of(control, operation))
+    rules = ["--rules", library.rules]
+    assert main(["show", "import", str(GIVEN), "-o", str(tmp_path / "night.yaml"), *rules, "--json"]) == 0
+    show = load(tmp_path / "night.yaml").show
+    assert service_flaws(show, show.origin.frame, control, operation, 30) == []
+    place = ["show", "place", str(tmp_path / "night.yaml"), "--at", "1,2,3", *rules]
+    assert main([*place, "-o", str(tmp_path / "b.yaml")]) == 0
+    (tmp_path / "b.yaml").rename(tmp_path / "night.yaml")
+    placed = load(tmp_path / "night.yaml").show
+    assert service_flaws(placed, placed.origin.frame, control, operation, 30) == []
+
+
+def test_placing_takes_over_a_changed_take_off(tmp_path: Path) -> None:
+    """The service was configured anew after the upload: Apply writes a file that it flies."""
+    control = ControlSettings()
+    first, second = (
+        OperationSettings(takeoff_height_m=height_m, takeoff_stagger_s=stagger_s)
+        for height_m, stagger_s in ((5.0, 1.0), (6.5, 0.5))
+    )
+    show = tmp_path / "night.yaml"
+    assert (
+        main(["show", "import", str(GIVEN), "-o", str(show), "--rules", _rules(control, first), "--json"])
+        == 0
+    )
+    found = load(show).show
+    assert len(service_flaws(found, found.origin.frame, control, second, 30)) == 2
+    assert (
+        main(["show", "place", str(show), "--rules", _rules(control, second), "-o", str(show), "--json"]) == 0
+    )
+    found = load(show).show
+    assert service_flaws(found, found.origin.frame, control, second, 30) == []
+
+
+def _rules(control: ControlSettings, operation: OperationSettings) -> str:
+    return ServiceRules.of(control, operation).model_dump_json()
+
+
+def test_an_import_for_a_configuration_agrees_with_it(tmp_path: Path) -> None:
+    target = tmp_path / "night.yaml"
+    assert main(["show", "import", str(GIVEN), "-o", str(target), "--config", "px4-sitl", "--json"]) == 0
+    config, show = schema.load(schema.find("px4-sitl")), load(target).show
+    assert show.fleet.takeoff_stagger_s == config.operation.takeoff_stagger_s == 2.0
+    assert service_flaws(show, show.origin.frame, config.control, config.operation, 30) == []
 
 
 def test_a_drawing_goes_with_the_last_show_of_it(library: ShowLibrary, tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ import pytest
 
 from gcs.model.errors import ShapeError
 from gcs.shows.drawn import LightPrograms, Trajectories, Trajectory, YawPrograms
-from gcs.shows.drawn.light_programs import BLACK, LightProgram
+from gcs.shows.drawn.light_programs import WHITE, LightProgram
 from gcs.shows.drawn.trajectories import bezier_of_power, power_of_bezier, turned
 from gcs.shows.drawn.yaw_programs import NO_YAW, YawProgram
 from tests.support.drawn_shows import drawn_show
@@ -142,10 +142,10 @@ def test_lights_hold_fade_and_stay() -> None:
     red, blue = [255, 0, 0], [0, 0, 255]
     before, after = (np.array(rgb, np.uint8) for rgb in ([red, red], [red, blue]))
     program = LightProgram(np.array([0.0, 2.0, 4.0]), before, after)
-    lights = LightPrograms.joined([BLACK, program])
+    lights = LightPrograms.joined([WHITE, program])
     expected = {1.0: red, 2.0: red, 3.0: [128, 0, 128], 4.0: blue, 900.0: blue}
     for time_s, rgb in expected.items():
-        assert lights.colours_at(time_s).tolist() == [[0, 0, 0], rgb]
+        assert lights.colours_at(time_s).tolist() == [[255, 255, 255], rgb]
     assert lights.of_vehicle(1).times_s.tolist() == [0.0, 2.0, 4.0]
 
 

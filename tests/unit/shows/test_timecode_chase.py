@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from itertools import takewhile
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from gcs.shows.tempo import CHANGE_PER_S, Tempo, desired_rate
 from gcs.shows.timecode import Chase, ChaseState, Rate, Reading
 from gcs.shows.timecode.midi import MidiTimecode
 from gcs.shows.timecode.smpte import Label
-from tests.support.timecode import full_frame, late, running
+from tests.support.timecode import NAMED, Sent, full_frame, late, running
 
 TICK_S = 0.05
 START = Label(1, 0, 0, 0)
@@ -25,7 +26,9 @@ class Following:
     midi: MidiTimecode = field(default_factory=MidiTimecode)
     chase: Chase = field(default_factory=lambda: Chase(freewheel_s=1.0, jump_max_s=5.0))
     tempo: Tempo = Tempo()
+    start: Label = START  # counts as the show's beginning, whatever the rate is seen to be
     clock_s: float = np.nan  # timecode of the show
+    rate: Rate | None = None
     at: list[tuple[float, float, float, ChaseState]] = field(
         default_factory=list
     )  # time, clock, tempo, state
@@ -46,6 +49,9 @@ class Following:
     def _tick(self, now_s: float, begins_s: float) -> None:
         chase = self.chase
         follows = chase.runs(now_s)
+        if self.rate is not None and chase.rate is not None:  # the show's own time stays
+            self.clock_s += self.start.time_s(chase.rate) - self.start.time_s(self.rate)
+        self.rate = chase.rate
         if np.isnan(self.clock_s):
             if follows and chase.time_s(now_s) >= begins_s:
                 self.clock_s = chase.time_s(now_s)
@@ -76,8 +82,8 @@ def arriving(
             yield arrived_s, sent.message
 
 
-@pytest.mark.parametrize("rate", Rate)
-@pytest.mark.parametrize("speed", [0.999, 1.001])
+@pytest.mark.parametrize("rate", NAMED)
+@pytest.mark.parametrize("speed", [0.9985, 1.001])
 def test_the_show_is_within_20_ms_of_a_bad_timecode(rate: Rate, speed: float) -> None:
     """0.1 % of drift, 5 ms of delays with a long tail, and 0.4 s in every ten lost."""
     messages = list(arriving(120.0, rate, speed, late(0.005, seed=rate.value), drop_outs=0.4))
@@ -204,3 +210,83 @@ def test_a_full_frame_counts_before_the_show_only() -> None:
 @pytest.mark.parametrize(("behind_s", "expected"), [(0.0, 1.0), (10.0, 1.1), (-10.0, 0.0), (0.02, 1.02)])
 def test_the_tempo_stays_within_its_bounds(behind_s: float, expected: float) -> None:
     assert desired_rate(behind_s, 1.0, 0.1) == pytest.approx(expected)
+
+
+@pytest.mark.parametrize("rate", Rate)
+@pytest.mark.parametrize("begins", [Label(23, 59, 54, 0), Label(23, 59, 58, 0), Label(0, 0, 4, 0)])
+def test_a_timecode_that_is_the_time_of_day_passes_midnight(rate: Rate, begins: Label) -> None:
+    """A show of New Year that begins before midnight, or after it, follows the timecode all the time."""
+    start = Label(23, 59, 50, 0)
+    messages = [(one.at_s, one.message) for one in _until(start, rate, 30.0)]
+    labelled = rate.nominal
+    begin_s, from_s = begins.time_s(labelled), start.time_s(labelled)
+    begin_s += labelled.day_s if begin_s < from_s else 0.0
+    following = Following(messages, start=start).run(30.0, begin_s)
+    assert following.chase.rate is rate
+    time_s, clock_s, _ = following.table.T
+    flown = time_s > 22.0
+    assert np.abs(clock_s - start.time_s(rate) - time_s)[flown].max() <= 0.020
+    assert {row[3] for row in following.at if row[0] > 1.0} == {ChaseState.RUNNING}
+
+
+def _until(start: Label, rate: Rate, seconds: float) -> Iterator[Sent]:
+    return takewhile(lambda one: one.at_s < seconds, running(start, rate))
+
+
+def test_back_over_midnight_is_a_small_jump_too() -> None:
+    """The source is set back by 4 s, from 00:00:02 to 23:59:58: slewed, as at any other time."""
+    rate = Rate.FPS_25
+    first = [(one.at_s, one.message) for one in _until(Label(23, 59, 52, 0), rate, 10.0)]
+    again = [(10.0 + one.at_s, one.message) for one in _until(Label(23, 59, 58, 0), rate, 20.0)]
+    following = Following(first + again).run(30.0, Label(23, 59, 54, 0).time_s(rate))
+    time_s, clock_s, _ = following.table.T
+    assert clock_s[-1] == pytest.approx(Label(23, 59, 58, 0).time_s(rate) + time_s[-1] - 10.0, abs=0.05)
+    assert ChaseState.REFUSED not in {row[3] for row in following.at}
+
+
+def test_a_jump_over_midnight_is_as_long_as_it_is() -> None:
+    """From 23:59:57 to 00:05:00: five minutes, not a day less five minutes."""
+    rate = Rate.FPS_30
+    first = [(one.at_s, one.message) for one in _until(Label(23, 59, 52, 0), rate, 5.0)]
+    again = [(5.0 + one.at_s, one.message) for one in _until(Label(0, 5, 0, 0), rate, 5.0)]
+    following = Following(first + again).run(5.9, Label(23, 59, 53, 0).time_s(rate))
+    assert following.at[-1][3] is ChaseState.REFUSED
+    assert following.chase.jump_s == pytest.approx(303.0, abs=1.0)
+
+
+@pytest.mark.parametrize(
+    ("labelled", "true"), [(Rate.FPS_24, Rate.FPS_23_976), (Rate.FPS_30, Rate.FPS_29_97)]
+)
+@pytest.mark.parametrize("off", [0.9999, 1.0001])
+def test_a_rate_of_film_and_video_is_recognised_by_the_clock(labelled: Rate, true: Rate, off: float) -> None:
+    """Labels of 24 or 30 frames that run slower by 1001/1000: the show keeps to the music, not to the labels.
+
+    The source's clock is off by 100 ppm; jitter of 5 ms. An hour in, labels alone would be 3.6 s late.
+    """
+    messages = list(arriving(90.0, true, off, late(0.005, seed=7), drop_outs=0.3))
+    following = Following(messages).run(90.0, START.time_s(labelled) + 1.0)
+    assert following.chase.rate is true
+    time_s, clock_s, tempo = following.table.T
+    flown = time_s > 20.0
+    assert np.abs(clock_s - START.time_s(true) - time_s * off)[flown].max() <= 0.020
+    assert tempo[flown].mean() == pytest.approx(off, abs=5e-5)
+
+
+@pytest.mark.parametrize("rate", NAMED)
+@pytest.mark.parametrize("off", [0.9999, 1.0001, 0.9985])
+def test_no_other_timecode_is_taken_for_it(rate: Rate, off: float) -> None:
+    """Clocks that are off, and a tape that runs slowly: followed as labelled."""
+    following = Following(list(arriving(40.0, rate, off, late(0.005, seed=3)))).run(
+        40.0, START.time_s(rate) + 1.0
+    )
+    assert following.chase.rate is rate
+    assert following.clock_s == pytest.approx(START.time_s(rate) + following.at[-1][0] * off, abs=0.02)
+
+
+def test_a_rate_that_is_recognised_late_makes_no_jump() -> None:
+    """The show begins with the timecode's third second, and its rate is known after fifteen."""
+    following = Following(list(arriving(40.0, Rate.FPS_29_97, 1.0, late(0.002, seed=2))))
+    following.run(40.0, START.time_s(Rate.FPS_30) + 3.0)
+    time_s, _, tempo = following.table.T
+    assert following.chase.rate is Rate.FPS_29_97
+    assert np.abs(tempo[time_s > 6.0] - 1.0).max() <= 0.02

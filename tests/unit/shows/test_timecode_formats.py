@@ -14,7 +14,7 @@ from gcs.shows.timecode.midi import MidiTimecode, quarter_frames
 from gcs.shows.timecode.receiver import pcm_decoder
 from gcs.shows.timecode.rtp_midi import MidiSession
 from gcs.shows.timecode.smpte import Label, label_at, parse_label
-from tests.support.timecode import END, INVITATION, SYNC, full_frame, pcm, rtp, running, sound
+from tests.support.timecode import END, INVITATION, NAMED, SYNC, full_frame, pcm, rtp, running, sound
 
 START = Label(1, 0, 59, 10)
 SAMPLES_PER_S = 48_000.0
@@ -44,7 +44,7 @@ def test_labels_that_do_not_exist_are_refused(text: str) -> None:
         parse_label(text)
 
 
-@pytest.mark.parametrize("rate", Rate)
+@pytest.mark.parametrize("rate", NAMED)
 def test_quarter_frames_say_where_the_timecode_is_now(rate: Rate) -> None:
     """A label takes two frames to arrive; from then on each message counts at once."""
     midi, errors = MidiTimecode(), []
@@ -82,8 +82,8 @@ def test_a_lost_quarter_frame_makes_the_label_wait_for_the_next() -> None:
     assert midi.garbage == 1
 
 
-@pytest.mark.parametrize("rate", Rate)
-@pytest.mark.parametrize("speed", [0.999, 1.0, 1.02])
+@pytest.mark.parametrize("rate", NAMED)
+@pytest.mark.parametrize("speed", [0.9985, 1.0, 1.02])
 def test_linear_timecode_is_read_to_a_tenth_of_a_millisecond(rate: Rate, speed: float) -> None:
     samples = sound(START, rate, 3.0, SAMPLES_PER_S, speed=speed, noise=0.03)
     linear, errors = LinearTimecode(SAMPLES_PER_S), []
@@ -95,6 +95,16 @@ def test_linear_timecode_is_read_to_a_tenth_of_a_millisecond(rate: Rate, speed: 
             assert reading.rate is rate
     assert len(errors) >= 3.0 * rate.per_s * speed - 4
     assert np.abs(errors).max() < 1e-4
+
+
+@pytest.mark.parametrize("rate", [Rate.FPS_23_976, Rate.FPS_29_97])
+def test_linear_timecode_of_film_and_video_is_measured(rate: Rate) -> None:
+    """After a second of sound its frames are seen to be longer by 1001/1000."""
+    linear = LinearTimecode(SAMPLES_PER_S)
+    readings = linear.take(sound(START, rate, 3.0, SAMPLES_PER_S, noise=0.03))
+    assert {one.rate for one in readings[26:]} == {rate}
+    begin_s, newest = START.time_s(rate), readings[-1]
+    assert newest.time_s - begin_s == pytest.approx(3.0 - newest.age_s, abs=1e-4)
 
 
 @pytest.mark.parametrize("level", [0.03, 1.0])
