@@ -1,9 +1,11 @@
 """Preflight through the service: every check made to fail is named, and keeps the show on the ground."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 
 from gcs.config.schema import Config
@@ -319,6 +321,61 @@ def test_vehicles_that_fail_to_climb_are_listed_as_not_flying() -> None:
         assert alarm_texts(show) == []
 
     fly(story, show_config(4))
+
+
+def test_a_silent_vehicle_is_an_issue_until_it_is_left_out() -> None:
+    async def story(show: VirtualShow) -> None:
+        service = show.service
+        await show.standby()
+        assert alarm_texts(show) == []
+        show.ports.silence("d3")
+        await show.phase("d3", Phase.OFFLINE)
+        await show.wait(1.5)
+        (alarm,) = show.view.alarms
+        assert (alarm.cause, alarm.vehicles, alarm.action) == ("silent", ("d3",), "leave-out")
+        await show.wait(30.0)
+        report = service.preflight.report()
+        (cause,) = report.causes
+        assert re.fullmatch(r"d3: offline: no telemetry for 3\d s", cause.text)
+        assert cause.action is not None
+        assert (cause.action.label, cause.action.then) == ("Leave d3 out", "ready")
+        refusal = await refused(show, lambda: service.commands.command_show(ShowAction.START))
+        assert refusal.text.startswith("d3: offline: no telemetry for 3")
+        service.preflight.exclude("d3", "stays here")
+        assert service.preflight.report().passes
+        await show.wait(0.5)
+        assert [alarm.cause for alarm in show.view.alarms] == ["not-flying"]
+        service.commands.command_show(ShowAction.START)
+        await show.reach(ShowPhase.RUNNING)
+        assert show.view.reason == "formation reached"
+        show.befall("d2", "battery", remaining=0.05)
+        await show.until(lambda: show.view.reason != "formation reached", 20.0)
+        assert show.view.reason == "3 of 4 in formation, without d2", "it is not reached for ever"
+
+    fly(story, show_config(5))
+
+
+def test_a_vehicle_never_received_has_no_values() -> None:
+    async def story(show: VirtualShow) -> None:
+        show.ports.silence("d2")
+        await show.standby()
+        rows = show.view.rows
+        for column in (rows.uncertainty_m, rows.link_quality, rows.battery_remaining, rows.fix_type):
+            assert np.isfinite(column).tolist() == [True, False]
+
+    fly(story, show_config(2))
+
+
+def test_no_vehicle_left_is_no_pass() -> None:
+    async def story(show: VirtualShow) -> None:
+        await show.standby()
+        for name in show.config.ids:
+            show.service.preflight.exclude(name, "")
+        report = show.service.preflight.report()
+        assert not report.passes
+        assert [cause.text for cause in report.causes] == ["no vehicle is left"]
+
+    fly(story, show_config(2))
 
 
 def placed(**places: tuple[float, float]) -> Config:
