@@ -524,7 +524,7 @@ export const texts = {
       mode: "Mode",
       armed: "Armed",
       landed: "Landed",
-      ready: "Ready to start",
+      ready: "Ready to arm", // its autopilot; preflight says whether it may start
       position: "Position x, y",
       height: "Height",
       velocity: "Speed, up",

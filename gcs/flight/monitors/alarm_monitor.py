@@ -78,6 +78,8 @@ SHOW_FOLLOWS: Final = {
     Action.LAND: "The show lands.",
 }
 
+DRAWN_FOLLOWS: Final = "The others fly on as drawn, and keep clear of it."
+
 KILL_OUTCOMES: Final = {
     Outcome.PENDING: "motors are being stopped on command",
     Outcome.FAILED: "motors were not seen to stop; commanded",
@@ -169,7 +171,7 @@ class AlarmMonitor:
         if not {Phase.LOST, Phase.PILOT, Phase.KILLED}.intersection(phases):
             return
         lost = next((each for each in failsafes if each.cause == Cause.VEHICLE_LOST), None)
-        follows = "" if lost is None else SHOW_FOLLOWS[Action(lost.action)]
+        follows = "" if lost is None else self._without_lost(Action(lost.action))
         named = () if lost is None else lost.vehicles
         for vehicle in vehicles:
             ids = (vehicle.id,)
@@ -191,6 +193,12 @@ class AlarmMonitor:
                 yield Condition(AlarmCause.OWN_FAILSAFE, because, ids, SENDS_NOTHING, to_do, severity)
             elif vehicle.phase is Phase.KILLED:
                 yield self._of_a_kill(vehicle)
+
+    def _without_lost(self, action: Action) -> str:
+        """What the show does without lost vehicles: a drawn one has no gap to close."""
+        show_run = self.flight.show_run
+        is_drawn = show_run is not None and show_run.goals is not None
+        return DRAWN_FOLLOWS if is_drawn and action is Action.RE_FORM else SHOW_FOLLOWS[action]
 
     def _of_a_kill(self, vehicle: Vehicle) -> Condition:
         """Distinguish a kill that has not taken effect from one that has, and both from a termination."""
