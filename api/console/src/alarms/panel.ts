@@ -84,7 +84,8 @@ export function whyNotFollow(state: State, { action, vehicles }: Alarm): string 
 /** The button that does what the text advises; none where it would do nothing. */
 function follows(state: State, actions: PanelActions, alarm: Alarm): TemplateResult | typeof nothing {
   const { action } = alarm;
-  const hasRoom = !isSmall(state.panels.layout) || state.panels.allAlarms; // a narrow line has none beside its text
+  const isAlone = alarmsOf(state.status).length === 1; // the list has no button that opens it
+  const hasRoom = !isSmall(state.panels.layout) || state.panels.allAlarms || isAlone;
   if (action === null || !hasRoom || !lasts(alarm) || whyNotFollow(state, alarm) !== "") return nothing;
   const isAsked = action === "confirm-down" && state.panels.sure === alarm.id;
   return button(actions, {
