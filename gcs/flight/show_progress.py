@@ -12,7 +12,7 @@ from gcs.flight.monitors.failsafe_monitor import FailsafeMonitor
 from gcs.flight.monitors.telemetry_monitor import TelemetryMonitor
 from gcs.flight.preflight.parameter_reader import ParameterReader
 from gcs.flight.shows.show_player import ShowPlayer
-from gcs.flight.state.flight import Flight
+from gcs.flight.state.flight import REACHED, Flight
 from gcs.flight.state.ticker import TickClock
 from gcs.flight.state.vehicle import Vehicle
 from gcs.model.errors import CommandError, RefusedError
@@ -41,6 +41,7 @@ class ShowProgress:
     clock: TickClock
 
     def __post_init__(self) -> None:
+        self._reached = REACHED  # as the show has it: who is in the formation may change
         self.telemetry_monitor = TelemetryMonitor(self.flight, self.maneuvers, self._come_back)
         self.failsafe_monitor = FailsafeMonitor(
             self.flight, self.show_player, self.clock, self.commander, self.maneuvers.running
@@ -106,6 +107,7 @@ class ShowProgress:
                 self._all_have_taken_off()
         elif flight.show is ShowPhase.ASSEMBLING and flight.assembled() and not self.show_player.begin.waits:
             flight.move_show(ShowEvent.ASSEMBLED, flight.reached)
+            self._reached = flight.reason
         elif (
             (show_run := flight.show_run) is not None
             and flight.elsewhere.shows.leads
@@ -113,6 +115,8 @@ class ShowProgress:
         ):
             reason = f"show {show_run.name!r} is over: all vehicles return home"
             self.commander.execute_show_failsafe(ShowAction.STOP, reason)
+        if flight.show is ShowPhase.RUNNING and flight.reason == self._reached:
+            flight.reason = self._reached = flight.reached
         self.commander.recovery.stalls.note_setpoints()
 
     def _all_have_taken_off(self) -> None:

@@ -85,8 +85,8 @@ def measured(flight: Flight) -> dict[str, Array]:
         "battery_remaining": telemetry.battery_remaining,
         "position_age_s": fleet.age_s,
         "heartbeat_age_s": fleet.time_s - telemetry.heartbeat_time_s,
-        "uncertainty_m": flight.traits.uncertainty_m,
-        "link_quality": flight.link_quality.share,
+        "uncertainty_m": np.where(telemetry.position_time_s > -np.inf, flight.traits.uncertainty_m, np.nan),
+        "link_quality": np.where(telemetry.life_time_s > -np.inf, flight.link_quality.share, np.nan),
         "fix_type": telemetry.fix_type,
     }
 

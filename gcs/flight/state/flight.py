@@ -40,7 +40,7 @@ from gcs.links.intake import Intake
 from gcs.model.errors import CommandError, RefusedError, UnknownError
 from gcs.model.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowEvent, ShowPhase, advance_show
 from gcs.model.plan import LawName, Plan
-from gcs.model.preflight_report import Exclusion
+from gcs.model.preflight_report import Exclusion, named
 from gcs.model.response import FleetResponse
 from gcs.model.setpoint_loss import FleetWithoutSetpoints, WithoutSetpoints
 from gcs.model.state import (
@@ -70,6 +70,8 @@ ASSEMBLED_M = 1.0
 
 ASSEMBLED_SHARE = 0.05
 
+REACHED: Final = "formation reached"
+
 SPREAD_SHARE, SPREAD_EVENLY, SETTLES_S = 0.7, 0.9, 15.0
 """And when the two nearest directions are apart by this share of those in the best shape known: the second
 without slots, where vehicles spread for long after they are on the sphere, or the first for this time.
@@ -79,6 +81,9 @@ AT_REST_M_S = 0.5
 """A killed vehicle that moves faster may be falling."""
 
 FLIES = AIRBORNE | {Phase.PILOT}
+
+NOT_CHOSEN: Final = "not chosen"
+"""Why a vehicle does not fly where a start named others."""
 
 
 def stands(offset_m: Array, radius_m: float, charge: Array, spread: float = SPREAD_SHARE) -> bool:
@@ -543,7 +548,9 @@ class Flight:
     def reached(self) -> str:
         """That the formation is reached, and which vehicles of the start are not in it."""
         absent = [name for name in self.accepted if self.vehicles[name].phase is not Phase.FORMATION]
-        return f"formation reached, without {', '.join(absent)}" if absent else "formation reached"
+        there = len(self.accepted) - len(absent)
+        text = f"{there} of {len(self.accepted)} in formation, without {named(absent)}"
+        return text if absent else REACHED
 
     def vehicle(self, vehicle_id: VehicleId) -> Vehicle:
         """Return the vehicle with this id. Raises: UnknownError."""
