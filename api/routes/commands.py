@@ -138,7 +138,7 @@ _add_routes(
 async def start_show(
     context: ContextDep, response: Response, body: requests.StartBody | None = None
 ) -> CommandRecord:
-    """Starts the named vehicles or all online ones, now or later; a selected show needs its hash."""
+    """Starts the named vehicles or all but those left out, now or later; a selected show needs its hash."""
     given = body or requests.StartBody()
     record = context.service.commands.command_show(
         ShowAction.START, given.vehicles, show_hash=given.show_hash, at_unix_time_s=given.at_unix_time_s

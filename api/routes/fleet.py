@@ -127,7 +127,9 @@ async def acknowledge_alarm(alarm_id: AlarmId, context: ContextDep) -> Alarm:
 
 Named = Annotated[
     list[str] | None,
-    Query(max_length=1000, description="Vehicles that shall fly; absent: every vehicle that is online."),
+    Query(
+        max_length=1000, description="Vehicles that shall fly; absent: every vehicle that is not left out."
+    ),
 ]
 
 

@@ -201,7 +201,7 @@ class ObstaclePut(Box):
 class StartBody(Partial):
     """The vehicles, the selected show and the time of a start."""
 
-    vehicles: Vehicles = Field(default=ABSENT, description="Absent: every vehicle that is online.")
+    vehicles: Vehicles = Field(default=ABSENT, description="Absent: every vehicle that is not left out.")
     show_hash: Annotated[str, Field(pattern=HASH_PATTERN, examples=[HASH_EXAMPLE])] = Field(
         default=ABSENT,
         description="Hash of the selected show, as its check reports it. Absent: none is selected.",

@@ -83,7 +83,7 @@ COMMANDS: Final = {
 _BOX: Final = ("x_m", "y_m", "half_length_x_m", "half_length_y_m", "height_m")
 
 CALLS: Final = (
-    ApiCall("start", "start", "start the vehicles named, or all that are online"),
+    ApiCall("start", "start", "start the vehicles named, or all that are not left out"),
     ApiCall("stop", "stop", "all vehicles come home and land"),
     ApiCall("pause", "pause", "the formation stands still"),
     ApiCall("resume", "resume", "go on after a pause"),

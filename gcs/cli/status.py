@@ -26,7 +26,7 @@ from gcs.model.lifecycle import Phase
 
 if TYPE_CHECKING:
     from gcs.api.schemas import fleet as schemas
-    from gcs.model.preflight_report import PreflightReport
+    from gcs.model.preflight_report import Check, PreflightAction, PreflightCause, PreflightReport
     from gcs.service import BeginView, StationView
 
 
@@ -432,7 +432,7 @@ def add_preflight_arguments(parser: argparse.ArgumentParser) -> None:
         "vehicles",
         nargs="*",
         metavar="VEHICLE",
-        help="vehicles that shall fly (default: all that are online)",
+        help="vehicles that shall fly (default: all that are not left out)",
     )
     parser.add_argument("--all", action="store_true", help="list the checks that pass, too")
     parser.add_argument(
@@ -461,32 +461,70 @@ def run_preflight(arguments: argparse.Namespace) -> int:
 
 
 def preflight_board(report: PreflightReport, *, everything: bool) -> RenderableType:
-    """Format the report: failed checks first, what was not checked, and every vehicle that does not fly."""
+    """Format the report: what to mend first, what was not checked, and every vehicle that does not fly."""
+    checks = [("fleet", check) for check in report.fleet]
+    checks += [(one.id, check) for one in report.vehicles if one.flies for check in one.checks]
+    passed = sum(check.state == PASS for _, check in checks)
+    flies = sum(one.flies for one in report.vehicles)
+    of = "no show is selected" if report.show is None else f"show {report.show}"
+    which = kinds(Counter(f"{one.autopilot} {one.version}".strip() for one in report.vehicles))
+    counted = f"{flies} of {len(report.vehicles)} vehicles, {passed} of {len(checks)} checks pass"
+    verdict = "[green]ready to start[/]" if report.passes else "[bold red]not ready to start[/]"
+    if report.in_flight:
+        verdict, counted = f"[bold]in flight[/]: {escape(report.in_flight)}", f"before take-off {counted}"
+    head = f"{verdict}: {counted}; {escape('; '.join(filter(None, (of, which))))}"
+    left = [f"not flying: {', '.join(names)}: {reason}" for reason, names in _by_reason(report).items()]
+    unchecked = [f"not checked: {text}" for text in report.not_checked]
+    lines = (Text(f"! {text}", style="yellow") for text in (*left, *unchecked))
+    blocks = () if report.in_flight else map(_block, report.causes)
+    return Group(head, *blocks, *([_every_check(checks)] if everything else []), *lines)
+
+
+def _by_reason(report: PreflightReport) -> dict[str, list[str]]:
+    found: dict[str, list[str]] = {}
+    for name, reason in report.not_flying.items():
+        found.setdefault(reason, []).append(name)
+    return found
+
+
+def _block(cause: PreflightCause) -> Text:
+    """One cause: what is wrong, what to do, the command that mends it, and what follows from it."""
+    block = Text("- ").append(cause.text, CHECK_STYLE[cause.state])
+    if cause.to_do:
+        block.append(f"\n  {cause.to_do}")
+    if (action := cause.action) is not None:
+        then = f": {action.then}" if action.then else ""
+        block.append(f"\n  {action.label}{then}", "bold").append(f"  ({_command(action)})", "dim")
+    for text in cause.follows:
+        block.append(f"\n    follows: {text}", "dim")
+    return block
+
+
+def _command(action: PreflightAction) -> str:
+    """The command line that does it."""
+    match str(action.remedy):
+        case "set-radius":
+            return f"gcs radius {action.radius_m:g}"
+        case "remove-obstacle":
+            return f"gcs obstacle remove {action.obstacle}"
+        case "confirm-down":
+            return f"gcs confirm-down {' '.join(action.vehicles)}"
+    if len(action.vehicles) == 1:
+        return f"gcs exclude {action.vehicles[0]}"
+    return f"for v in {' '.join(action.vehicles)}; do gcs exclude $v; done"
+
+
+def _every_check(checks: Sequence[tuple[str, Check]]) -> Table:
     table = Table(expand=True)
     for name in ("vehicle", "check", "state", "measured", "limit", "what is wrong, and what to do"):
         table.add_column(name)
-    checks = [("fleet", check) for check in report.fleet]
-    checks += [(one.id, check) for one in report.vehicles if one.flies for check in one.checks]
     for name, check in checks:
-        if everything or check.state != PASS:
-            table.add_row(
-                escape(name),
-                escape(check.name),
-                Text(check.state, style=CHECK_STYLE[check.state]),
-                "" if check.value is None else escape(f"{check.value:.2f} {check.unit}".strip()),
-                escape(check.limit),
-                escape(". ".join(text for text in (check.problem, check.to_do) if text)),
-            )
-    passed = sum(check.state == PASS for _, check in checks)
-    of = "no show is selected" if report.show is None else f"show {report.show}"
-    verdict = "[green]ready to start[/]" if report.passes else "[bold red]not ready to start[/]"
-    of = "; ".join(
-        filter(
-            None, (of, kinds(Counter(f"{one.autopilot} {one.version}".strip() for one in report.vehicles)))
+        table.add_row(
+            escape(name),
+            escape(check.name),
+            Text(check.state, style=CHECK_STYLE[check.state]),
+            "" if check.value is None else escape(f"{check.value:.2f} {check.unit}".strip()),
+            escape(check.limit),
+            escape(". ".join(text for text in (check.problem, check.to_do) if text)),
         )
-    )
-    head = f"{verdict}: {passed} of {len(checks)} checks pass; {escape(of)}"
-    left = [f"not flying: {name}: {reason}" for name, reason in report.not_flying.items()]
-    unchecked = [f"not checked: {text}" for text in report.not_checked]
-    lines = (Text(f"! {text}", style="yellow") for text in (*left, *unchecked))
-    return Group(head, *([table] if table.row_count else []), *lines)
+    return table

@@ -54,7 +54,7 @@ class PreflightCalls(Calls):
     """Checks before a start, and exclusion of vehicles. Raises the errors of `Client`."""
 
     def report(self, vehicles: list[str] | None = None) -> service.PreflightReport:
-        """Get every check for a start of `vehicles`, or of all online ones."""
+        """Get every check for a start of `vehicles`, or of all that are not left out."""
         named = f"?{urlencode([('vehicles', name) for name in vehicles])}" if vehicles else ""
         report: service.PreflightReport = self._exchange.call("GET", f"/api/v1/preflight{named}", self.report)
         return report
@@ -354,7 +354,7 @@ class Client(Calls):
         show_hash: str | None = None,
         at_unix_time_s: float | None = None,
     ) -> service.CommandRecord:
-        """Start with `vehicles` or all online ones, now or later. A selected show needs its hash."""
+        """Start with `vehicles` or all but those left out, now or later. A selected show needs its hash."""
 
     @calls("POST", "/api/v1/show/stop")
     def stop(self) -> service.CommandRecord:

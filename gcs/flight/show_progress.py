@@ -13,7 +13,7 @@ from gcs.flight.preflight.parameter_reader import ParameterReader
 from gcs.flight.shows.show_begin import ShowBegin
 from gcs.flight.state.elsewhere import Elsewhere
 from gcs.flight.state.newest import Newest
-from gcs.flight.state.show_state import ShowState, reached
+from gcs.flight.state.show_state import REACHED, ShowState, reached
 from gcs.flight.state.vehicle import FlightVehicles, Vehicle
 from gcs.model.errors import CommandError, RefusedError
 from gcs.model.lifecycle import ANYTHING_FLIES, ON_THE_GROUND, Phase, ShowEvent, ShowPhase
@@ -89,6 +89,7 @@ class ShowProgress:
     parameter_reader: ParameterReader
     failsafe_monitor: FailsafeMonitor
     begin: ShowBegin
+    _reached: str = REACHED  # as the show has it: which vehicles are in the formation may change
 
     def advance(self) -> None:
         self.parameter_reader.watch(self.newest.telemetry)  # starts the reads that are due
@@ -108,7 +109,8 @@ class ShowProgress:
             if all(vehicle.phase in {Phase.RETURN, Phase.LANDING} for vehicle in busy):
                 self._all_have_taken_off()
         elif self.show.phase is ShowPhase.ASSEMBLING and self.assembled() and not self.begin.waits:
-            self.show.move(ShowEvent.ASSEMBLED, reached(self.show, self.vehicles))
+            self._reached = reached(self.show, self.vehicles)
+            self.show.move(ShowEvent.ASSEMBLED, self._reached)
         elif (
             (show_run := self.show.run) is not None
             and self.elsewhere().shows.leads
@@ -116,6 +118,8 @@ class ShowProgress:
         ):
             reason = f"show {show_run.name!r} is over: all vehicles return home"
             self.commander.execute_show_failsafe(ShowAction.STOP, reason)
+        if self.show.phase is ShowPhase.RUNNING and self.show.reason == self._reached:
+            self.show.reason = self._reached = reached(self.show, self.vehicles)
         self.commander.recovery.stalls.note_setpoints()
 
     def _all_have_taken_off(self) -> None:

@@ -3,7 +3,7 @@
 Plain data for the service port. The checks themselves are in `gcs.preflight`.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Annotated, Final
@@ -35,6 +35,10 @@ class Check:
     limit: Annotated[str, Field(description="Values that pass.")] = ""
     problem: Annotated[str, Field(description="What is wrong; empty when it passes.")] = ""
     to_do: Annotated[str, Field(description="How to correct it.")] = ""
+    depends_on: Annotated[
+        tuple[str, ...],
+        Field(description="Other checks of the same vehicle, or vehicles, from which a failure follows."),
+    ] = ()
 
     @property
     def passes(self) -> bool:
@@ -47,7 +51,11 @@ class VehicleChecks:
 
     id: VehicleId
     flies: Annotated[
-        bool, Field(description="Whether the vehicle takes part in a start when every check passes.")
+        bool,
+        Field(
+            description="Whether the vehicle takes part in a start when every check passes. A silent one"
+            " does, and fails, until it is left out."
+        ),
     ]
     reason: Annotated[str, Field(description="Why it does not fly.")]
     checks: tuple[Check, ...]
@@ -65,6 +73,49 @@ class VehicleChecks:
         return not self.failed
 
 
+class Remedy(StrEnum):
+    """A command of the service that mends a cause."""
+
+    LEAVE_OUT = "leave-out"  # exclude the vehicles
+    CONFIRM_DOWN = "confirm-down"  # the vehicles, once they are seen on the ground
+    SET_RADIUS = "set-radius"  # of the formation
+    REMOVE_OBSTACLE = "remove-obstacle"
+
+
+@dataclass(frozen=True, slots=True)
+class PreflightAction:
+    """What mends most of a cause at once, and what remains then."""
+
+    __pydantic_config__ = PUBLISHED
+
+    remedy: Remedy
+    label: Annotated[str, Field(examples=["Leave d3 out"])]
+    then: Annotated[str, Field(description="The report once it is done.", examples=["ready"])]
+    vehicles: tuple[VehicleId, ...] = ()
+    radius_m: float | None = None
+    obstacle: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class PreflightCause:
+    """One thing to mend, with all that follows from it."""
+
+    __pydantic_config__ = PUBLISHED
+
+    check: Annotated[str, Field(description="Name of the check that fails.")]
+    state: State
+    text: Annotated[str, Field(examples=["d3: its receiver's fix is 2D, 3D is needed"])]
+    to_do: Annotated[str, Field(description="How to correct it.")]
+    vehicles: Annotated[tuple[VehicleId, ...], Field(description="Empty: it concerns the fleet.")]
+    follows: Annotated[tuple[str, ...], Field(description="What fails because of it, one text a check.")]
+    action: Annotated[
+        PreflightAction | None, Field(description="null: no command of the service mends it.")
+    ] = None
+
+
+READY: Final = "ready"
+
+
 @dataclass(frozen=True, slots=True)
 class PreflightReport:
     """All checks before a start."""
@@ -75,6 +126,14 @@ class PreflightReport:
     fleet: tuple[Check, ...]
     vehicles: tuple[VehicleChecks, ...]
     not_checked: Annotated[tuple[str, ...], Field(description="What is not checked, and why.")]
+    causes: Annotated[
+        tuple[PreflightCause, ...],
+        Field(description="What to mend, what helps most first; every check that fails is in one of them."),
+    ] = ()
+    in_flight: Annotated[
+        str,
+        Field(description="Why a start is refused whatever the checks say: it flies. Empty: it does not."),
+    ] = ""
 
     @computed_field  # type: ignore[prop-decorator]
     @property
@@ -87,7 +146,7 @@ class PreflightReport:
     def passes(self) -> bool:
         """Whether a start would be accepted now: no check of the fleet or of a vehicle that flies fails."""
         flying = [vehicle for vehicle in self.vehicles if vehicle.flies]
-        sound = all(check.passes for check in self.fleet)
+        sound = not self.in_flight and all(check.passes for check in self.fleet)
         return sound and bool(flying) and not any(vehicle.failed for vehicle in flying)
 
 
@@ -125,9 +184,10 @@ def _grouped(lines: Iterable[tuple[VehicleId | None, str]]) -> list[str]:
         names = vehicles_of.setdefault(text, [])
         if vehicle_id is not None and vehicle_id not in names:
             names.append(vehicle_id)
-    return [f"{_named(names)}: {text}" if names else text for text, names in vehicles_of.items()]
+    return [f"{named(names)}: {text}" if names else text for text, names in vehicles_of.items()]
 
 
-def _named(names: list[VehicleId]) -> str:
+def named(names: Sequence[VehicleId]) -> str:
+    """The vehicles separated by commas, the first of many and how many more."""
     more = f" and {len(names) - NAMED_MAX} more" if len(names) > NAMED_MAX else ""
     return ", ".join(names[:NAMED_MAX]) + more

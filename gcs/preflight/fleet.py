@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from gcs.model.preflight_report import Check, State
 from gcs.model.state import Array, Mask, VehicleId
-from gcs.preflight.vehicles import PreflightInputs, judged
+from gcs.preflight.vehicles import POSITIONED_BY, PreflightInputs, judged
 
 FIRST_MAX, PARTNERS = 64, 8
 """Number of vehicle pairs that each suggest a fit: vehicles, and the farthest partners of each.
@@ -162,6 +162,8 @@ OFF_DEVIATIONS = 2.0
 REPORTED_MAX_DEG = 30.0
 """A pattern too small to detect even this rotation has no rotation check."""
 
+START_PATTERN = "start pattern"
+
 CLOCKWISE = ("clockwise", "counterclockwise")
 
 
@@ -211,7 +213,9 @@ def _heights(
         limit, problem = f"from -{most_m:g} to {most_m:g} m of the middle one", f"stands {beside}, at most"
         to_do = "reboot it where it stands; on a slope raise preflight.height_spread_max_m"
         text, good = f"{problem} {most_m:g} m", abs(off_m) <= most_m
-        found.of[name].append(judged("height of the pad", off_m, "m", limit, text, to_do, good=good))
+        of = (*POSITIONED_BY, "height of the origin")
+        check = judged("height of the pad", off_m, "m", limit, text, to_do, good=good, depends_on=of)
+        found.of[name].append(check)
 
 
 def _pattern(
@@ -262,7 +266,8 @@ def _places(
                 problem += f", on {owner}"
         limit, good = f"at most {most_m:g} m, and what its position may be off", bool(fitted.stands[index])
         to_do = "put it on its own place, or take it out of the show"
-        found.of[name].append(judged("place", off_m, "m", limit, problem, to_do, good=good))
+        of = (*POSITIONED_BY, "distance of the origin", START_PATTERN)
+        found.of[name].append(judged("place", off_m, "m", limit, problem, to_do, good=good, depends_on=of))
 
 
 def _lies(inputs: PreflightInputs, count: int, fitted: Fit, pattern: Pattern, found: FleetReadiness) -> None:
@@ -272,9 +277,9 @@ def _lies(inputs: PreflightInputs, count: int, fitted: Fit, pattern: Pattern, fo
     if 2 * stand <= count and count > 1:
         problem = f"only {stand} of {count} stand in the start pattern, however it is turned and shifted"
         to_do = "check which show is selected, and which vehicle stands where"
-        found.fleet.append(Check("start pattern", State.FAIL, stand, "vehicles", half, problem, to_do))
+        found.fleet.append(Check(START_PATTERN, State.FAIL, stand, "vehicles", half, problem, to_do))
         return
-    found.fleet.append(Check("start pattern", State.PASS, stand, "vehicles", half))
+    found.fleet.append(Check(START_PATTERN, State.PASS, stand, "vehicles", half))
     x_m, y_m = fitted.placed_m(np.zeros((1, 2)))[0].tolist()
     turned_deg, reported_deg = degrees(fitted.rotation_rad), degrees(fitted.reported_rad)
     heading_deg = (pattern.heading_deg + turned_deg) % 360.0

@@ -1,6 +1,6 @@
 """Checks of the distance between pads. Pure."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from math import ceil
 
 import numpy as np
@@ -53,7 +53,8 @@ def room_to_wander(
         may_be = f"while their autopilots climb and hold, each may be {wander_m:g} m off its place"
         to_do = f"set the pads at least {needed_m:g} m apart; preflight.wander_m says how far they wander"
         problem = f"{beside}: {may_be}, {left}"
-        found[name] = judged(ROOM, apart_m, "m", limit, problem, to_do, good=good)
+        of = (vehicles[nearest],)
+        found[name] = judged(ROOM, apart_m, "m", limit, problem, to_do, good=good, depends_on=of)
     return found
 
 
@@ -75,11 +76,19 @@ def _nearest(place_m: Array, index: int) -> tuple[int, float]:
     return nearest, float(away_m[nearest])
 
 
-def spacing(inputs: PreflightInputs, vehicles: Sequence[VehicleId]) -> dict[VehicleId, list[Check]]:
+def spacing(
+    inputs: PreflightInputs, vehicles: Sequence[VehicleId], flying: Collection[VehicleId] | None = None
+) -> dict[VehicleId, list[Check]]:
     """Check for vehicles too close to another one, flying or not, to climb beside it.
 
     A pair that both fly is reported once, with the first of them: the second has no such check then. One that
-    passed fails only if more is missing than receivers wander.
+    passed fails only if more is missing than receivers wander. The receiver of one that stays on the ground
+    counts as no worse than that of the other, as in the safety filter.
+
+    Args:
+        inputs: of the whole fleet.
+        vehicles: those to check.
+        flying: those that fly; None: all.
     """
     floor, ids = inputs.floor, list(inputs.fleet.ids)
     place_m, kept_m = inputs.fleet.position_m[:, :2], floor.kept_m(0.0)[0]
@@ -88,6 +97,9 @@ def spacing(inputs: PreflightInputs, vehicles: Sequence[VehicleId]) -> dict[Vehi
         ids += others.names
         place_m = np.concatenate([place_m, others.place_m])
         uncertainty_m = np.concatenate([uncertainty_m, others.uncertainty_m])
+    fly = np.array(
+        [flying is None or name in flying or row >= len(inputs.rows) for row, name in enumerate(ids)]
+    )
     found: dict[VehicleId, list[Check]] = {}
     reported: set[tuple[int, int]] = set()
     for name in vehicles:
@@ -97,19 +109,23 @@ def spacing(inputs: PreflightInputs, vehicles: Sequence[VehicleId]) -> dict[Vehi
         away_m = np.linalg.norm(place_m - place_m[row], axis=1)
         away_m[row] = np.inf
         near_m = np.where(np.isfinite(away_m), away_m, np.inf)
-        least_m = kept_m + floor.reserve_m(uncertainty_m, uncertainty_m[row])
+        theirs_m = np.where(fly, uncertainty_m, np.minimum(uncertainty_m, uncertainty_m[row]))
+        least_m = kept_m + floor.reserve_m(theirs_m, uncertainty_m[row])
         slack_m = WANDER_TOLERANCE_M if (name, TO_THE_NEXT) in inputs.passed else 0.0
         too_close = np.flatnonzero(near_m < least_m - slack_m).tolist()
         for other in too_close:
-            if (other, row) in reported:
+            if (other, row) in reported and fly[other]:
                 continue
             reported.add((row, other))
             limit, value_m = f"at least {rounded_up(least_m[other]):.1f} m", float(near_m[other])
-            least_certain = row if uncertainty_m[row] >= uncertainty_m[other] else other
+            least_certain, more_certain = (
+                (row, other) if uncertainty_m[row] >= theirs_m[other] else (other, row)
+            )
             because, instead = _by_receiver(inputs, least_certain, float(least_m[other]))
             problem = f"stands {value_m:.1f} m from {ids[other]}, {limit} is needed{because}"
             to_do = f"move it {rounded_up(least_m[other] - value_m):.1f} m away from {ids[other]}{instead}"
-            found[name].append(Check(TO_THE_NEXT, State.FAIL, value_m, "m", limit, problem, to_do))
+            of = (ids[least_certain], ids[more_certain])
+            found[name].append(Check(TO_THE_NEXT, State.FAIL, value_m, "m", limit, problem, to_do, of))
         if not too_close and np.isfinite(near_m).any():
             nearest = int(near_m.argmin())
             limit, value_m = f"at least {rounded_up(least_m[nearest]):.1f} m", float(near_m[nearest])

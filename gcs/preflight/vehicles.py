@@ -74,6 +74,12 @@ SENSOR_NAMES = {
 }
 """Of MAV_SYS_STATUS_SENSOR, those that it flies by."""
 
+BY_RECEIVER = 0x20 | 0x100000 | 0x200000
+"""Of these, those that a bad receiver alone makes unhealthy."""
+
+POSITIONED_BY = ("fix", "accuracy sideways", "accuracy up", "position")
+"""Checks from which a wrong place follows."""
+
 
 def fix_words(inputs: PreflightInputs, row: int) -> str:
     """The kind of its receiver's fix, and the accuracy that decides its margin, as reported."""
@@ -85,12 +91,22 @@ def fix_words(inputs: PreflightInputs, row: int) -> str:
     return f"{fix} of {reported_m:.2g} m" if isfinite(reported_m) else fix
 
 
-def judged(name: str, value: float, unit: str, limit: str, problem: str, to_do: str, *, good: bool) -> Check:
+def judged(
+    name: str,
+    value: float,
+    unit: str,
+    limit: str,
+    problem: str,
+    to_do: str,
+    *,
+    good: bool,
+    depends_on: tuple[str, ...] = (),
+) -> Check:
     """Return the check of a number; NaN is unknown and does not pass."""
     if good and not isnan(value):
         return Check(name, State.PASS, finite(value), unit, limit)
     state = State.UNKNOWN if isnan(value) else State.FAIL
-    return Check(name, state, finite(value), unit, limit, problem, to_do)
+    return Check(name, state, finite(value), unit, limit, problem, to_do, depends_on)
 
 
 def finite(value: float) -> float | None:
@@ -133,7 +149,7 @@ def _position(inputs: PreflightInputs, row: int) -> Check:
     else:
         problem, to_do = "no position yet", "wait for its fix, or look after its link"
     value_s = age_s if isfinite(age_s) else np.nan
-    return judged("position", value_s, "s", limit, problem, to_do, good=False)
+    return judged("position", value_s, "s", limit, problem, to_do, good=False, depends_on=("fix",))
 
 
 def _receiver(inputs: PreflightInputs, row: int) -> Iterator[Check]:
@@ -156,7 +172,8 @@ def _receiver(inputs: PreflightInputs, row: int) -> Iterator[Check]:
         (up_m, "accuracy up", inputs.floor.vertical_uncertainty * widest_m),
     ):
         limit = f"below {most_m:.1f} m (1 sigma)"
-        yield judged(name, value_m, "m", limit, problem, "wait for a better fix", good=value_m < most_m)
+        good, after = value_m < most_m, ("fix", "accuracy sideways")[: 2 if name == "accuracy up" else 1]
+        yield judged(name, value_m, "m", limit, problem, "wait for a better fix", good=good, depends_on=after)
 
 
 def _estimator(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check:
@@ -181,7 +198,8 @@ def _estimator(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check:
         problem = "its autopilot calls unhealthy what it flies by"
     if names:
         problem += f": {names}"
-    return Check("autopilot", State.FAIL, None, "", limit, problem, "wait, and read what it says")
+    by_place = POSITIONED_BY if not unhealthy & ~BY_RECEIVER else ()
+    return Check("autopilot", State.FAIL, None, "", limit, problem, "wait, and read what it says", by_place)
 
 
 def _battery(inputs: PreflightInputs, row: int) -> Check:
@@ -210,7 +228,9 @@ def _origin(inputs: PreflightInputs, row: int) -> Iterator[Check]:
     problem = f"stands {beside}, at most {PAD_HEIGHT_MAX_M:g} m is possible"
     good = abs(height_m) <= PAD_HEIGHT_MAX_M
     to_do = "check show_frame.altitude_amsl_m"
-    yield judged("height of the origin", height_m, "m", limit, problem, to_do, good=good)
+    yield judged(
+        "height of the origin", height_m, "m", limit, problem, to_do, good=good, depends_on=POSITIONED_BY
+    )
     least_m = min(fence.distance_max_m, inputs.pads_within_m)
     away = f"stands {distance_m:.0f} m from the show's origin"
     if distance_m > fence.distance_max_m:
@@ -220,7 +240,9 @@ def _origin(inputs: PreflightInputs, row: int) -> Iterator[Check]:
         problem = f"{away}, its autopilot's fence allows for {inputs.pads_within_m:g} m"
         to_do = "check show_frame, or raise operation.pads_within_m and apply the parameters again"
     limit, good = f"at most {least_m:g} m" if least_m < inf else "none", distance_m <= least_m
-    yield judged("distance of the origin", distance_m, "m", limit, problem, to_do, good=good)
+    yield judged(
+        "distance of the origin", distance_m, "m", limit, problem, to_do, good=good, depends_on=POSITIONED_BY
+    )
 
 
 def _speed(inputs: PreflightInputs, row: int) -> Iterator[Check]:
@@ -258,4 +280,5 @@ def _clock(inputs: PreflightInputs, row: int) -> Iterator[Check]:
         problem = f"its clock is {beside}, at most {most_s:g} s"
         to_do = "set this machine's clock (NTP) if all differ alike, else look after the vehicle's receiver"
     limit = f"at most {most_s:g} s from ours"
-    yield judged("clock", ahead_s, "s", limit, problem, to_do, good=abs(ahead_s) <= most_s)
+    good = abs(ahead_s) <= most_s
+    yield judged("clock", ahead_s, "s", limit, problem, to_do, good=good, depends_on=("fix",))

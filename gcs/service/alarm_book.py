@@ -1,7 +1,7 @@
 """Turns conditions into alarms: grouped by cause, with hysteresis, with acknowledgement."""
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from itertools import count
@@ -17,7 +17,9 @@ from gcs.service.alarms import (
     AlarmSeverity,
     CauseRow,
     Condition,
+    VehicleReason,
     for_number,
+    in_the_past,
     ordered,
 )
 
@@ -29,6 +31,9 @@ NUMBERS_S: Final = 5.0
 
 KEPT_UNTIL_ACKNOWLEDGED: Final = frozenset({AlarmSeverity.EMERGENCY, AlarmSeverity.WARNING})
 """Alarms that stay listed as ended until they are acknowledged."""
+
+REASONS_MAX: Final = 2
+"""Of more different reasons a text has none: they are a table."""
 
 ENDED_MAX: Final = 200
 """At most this many ended alarms are kept; the oldest is dropped first."""
@@ -73,6 +78,8 @@ class _BookEntry:
     members: dict[VehicleId | None, _Member] = field(default_factory=dict)
     alarm: Alarm | None = None
     written_s: float = 0.0
+    because: str = ""  # when it was raised last: as it ends, the values are good again
+    about: str = ""
 
 
 class AlarmBook:
@@ -156,7 +163,7 @@ class AlarmBook:
         if not active:
             if before is None:
                 return []
-            ended = replace(before, ended_unix_time_s=unix_s)
+            ended = _over(entry, before, unix_s)
             entry.alarm = None
             if before.severity in KEPT_UNTIL_ACKNOWLEDGED and before.acknowledged_by is None:
                 self._ended = [*self._ended, ended][-ENDED_MAX:]
@@ -166,6 +173,7 @@ class AlarmBook:
             name = f"{alarm.cause}-{next(self._numbers)}"
             alarm = replace(alarm, id=name, since_unix_time_s=unix_s, raised_unix_time_s=unix_s)
             entry.alarm, entry.written_s = alarm, now_s
+            entry.because, entry.about = _because(active)[0], next(iter(active.values())).about
             return [Change(ChangeKind.BEGUN, alarm)]
         alarm = replace(
             before,
@@ -173,6 +181,8 @@ class AlarmBook:
             text=alarm.text,
             advice=alarm.advice,
             vehicles=alarm.vehicles,
+            reasons=alarm.reasons,
+            action=alarm.action,
             command_id=alarm.command_id,
         )
         if alarm == before:
@@ -181,6 +191,7 @@ class AlarmBook:
         grown = more_severe or bool(set(alarm.vehicles) - set(before.vehicles))
         if grown:
             alarm = replace(_acknowledged(alarm, None, None), raised_unix_time_s=unix_s)
+            entry.because = _because(active)[0]
         elif _without_numbers(alarm) == _without_numbers(before) and now_s < entry.written_s + NUMBERS_S:
             self._due_s = min(self._due_s, entry.written_s + NUMBERS_S)
             return []
@@ -201,7 +212,9 @@ def _acknowledged(alarm: Alarm, by: str | None, unix_s: float | None) -> Alarm:
 
 
 def _without_numbers(alarm: Alarm) -> Alarm:
-    return replace(alarm, text=_NUMBER.sub("#", alarm.text), advice=_NUMBER.sub("#", alarm.advice))
+    reasons = tuple(replace(each, because=_NUMBER.sub("#", each.because)) for each in alarm.reasons)
+    text, advice = _NUMBER.sub("#", alarm.text), _NUMBER.sub("#", alarm.advice)
+    return replace(alarm, text=text, advice=advice, reasons=reasons)
 
 
 def _alarm(row: CauseRow, active: dict[VehicleId | None, Condition]) -> Alarm:
@@ -209,15 +222,9 @@ def _alarm(row: CauseRow, active: dict[VehicleId | None, Condition]) -> Alarm:
     conditions = list(dict.fromkeys(active.values()))
     worst = min(conditions, key=_rank)
     vehicles = tuple(name for name in active if name is not None)
-    by_reason: dict[str, list[VehicleId]] = {}
-    for name, condition in active.items():
-        by_reason.setdefault(condition.because, []).extend(() if name is None else (name,))
-    alike = len(by_reason) == 1
-    reasons = (f"{named(ids)}: {why}" if ids and not alike else why for why, ids in by_reason.items())
-    because, many = "; ".join(reasons), len(vehicles) > 1
-    subject = f"{'Vehicles' if many else 'Vehicle'} " if len(vehicles) <= NAMED_MAX else ""
-    headline = row.headline.format(vehicles=f"{subject}{named(vehicles)}", about=worst.about)
-    headline = for_number(headline, many=many)
+    because, reasons = _because(active)
+    many = len(vehicles) > 1
+    headline = _headline(row.headline, vehicles, worst.about)
     consequences = dict.fromkeys(present.consequence for present in conditions)
     follows = for_number(" ".join(consequences), many=many).strip()
     first = f"{headline}: {because}" if because else headline
@@ -233,7 +240,35 @@ def _alarm(row: CauseRow, active: dict[VehicleId | None, Condition]) -> Alarm:
         command_id=next(
             (present.command_id for present in conditions if present.command_id is not None), None
         ),
+        reasons=reasons,
+        action=worst.action or (None if worst.advice else row.action),
     )
+
+
+def _headline(text: str, vehicles: Sequence[VehicleId], about: str) -> str:
+    many = len(vehicles) > 1
+    subject = f"{'Vehicles' if many else 'Vehicle'} " if len(vehicles) <= NAMED_MAX else ""
+    return for_number(text.format(vehicles=f"{subject}{named(vehicles)}", about=about), many=many)
+
+
+def _because(active: Mapping[VehicleId | None, Condition]) -> tuple[str, tuple[VehicleReason, ...]]:
+    """The reasons in words; of more than REASONS_MAX different ones each vehicle has its own instead."""
+    by_reason: dict[str, list[VehicleId]] = {}
+    for name, condition in active.items():
+        by_reason.setdefault(condition.because, []).extend(() if name is None else (name,))
+    if len(by_reason) > REASONS_MAX:
+        each = ((name, for_number(present.because, many=False)) for name, present in active.items() if name)
+        return "", tuple(VehicleReason(name, why) for name, why in each)
+    alike = len(by_reason) == 1
+    words = ((ids, for_number(why, many=len(ids) > 1)) for why, ids in by_reason.items())
+    return "; ".join(f"{named(ids)}: {why}" if ids and not alike else why for ids, why in words), ()
+
+
+def _over(entry: _BookEntry, alarm: Alarm, unix_s: float) -> Alarm:
+    """The alarm in the past: what was done about it, and what to do, is over."""
+    headline = _headline(in_the_past(entry.row), alarm.vehicles, entry.about)
+    text = f"{headline}: {entry.because}." if entry.because else f"{headline}."
+    return replace(alarm, text=text, advice="", action=None, ended_unix_time_s=unix_s)
 
 
 def named(vehicles: Sequence[VehicleId]) -> str:

@@ -69,6 +69,7 @@ class AlarmCause(StrEnum):
     CORRECTIONS_STOPPED = "corrections-stopped"
     TIMECODE = "timecode"
     CLOCK_DOUBTFUL = "clock-doubtful"
+    SILENT = "silent"
     POOR_LINK = "poor-link"
     NO_HEARTBEAT = "no-heartbeat"
     INPUT_FLOODED = "input-flooded"
@@ -78,6 +79,19 @@ class AlarmCause(StrEnum):
     STACKED = "stacked"
     SERVICE_NOTE = "service-note"
     REPLAY = "replay"
+
+
+class AlarmAction(StrEnum):
+    """A command of the service that does what an alarm advises."""
+
+    RETURN = "return"
+    LAND = "land"
+    TAKE_CONTROL = "take-control"
+    CONFIRM_DOWN = "confirm-down"
+    LEAVE_OUT = "leave-out"
+    INCLUDE = "include"
+    PAUSE = "pause"  # the show, as the next one
+    BRING_HOME = "bring-home"
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,9 +105,12 @@ class CauseRow:
     advice: str  # as `for_number` takes it
     on_after_s: float = 0.0  # the condition must hold for this time
     off_after_s: float = 1.0  # and be absent for this time: if it returns sooner, it is the same alarm
+    action: AlarmAction | None = None  # does what the advice says
+    past: str = ""  # the headline once it has ended; empty: with [was|were] behind the vehicles
 
 
 E, W, C, I = AlarmSeverity  # noqa: E741 (the letters are the table's)
+X: Final = AlarmAction
 
 CAUSES: Final[dict[AlarmCause, CauseRow]] = {
     AlarmCause.KILLED: CauseRow(
@@ -102,6 +119,7 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "Keep people away from where [it|they] may lie. When [it was|they were] seen on the ground:"
         " confirm-down.",
         off_after_s=0.0,
+        action=X.CONFIRM_DOWN,
     ),
     AlarmCause.TERMINATED: CauseRow(
         E,
@@ -109,6 +127,7 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "Keep people away from where [it comes down|they come down]. When [it was|they were] seen on the"
         " ground: confirm-down.",
         off_after_s=0.0,
+        action=X.CONFIRM_DOWN,
     ),
     AlarmCause.CONTROL_STOPPED: CauseRow(
         E,
@@ -116,20 +135,27 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "Vehicles follow their own setpoint-loss failsafe. Restart the service, then take control; if people"
         " are in danger: gcs kill --direct.",
         off_after_s=0.0,
+        past="Control had stopped",
     ),
     AlarmCause.TOO_CLOSE: CauseRow(
-        E, "{vehicles} too close", "Pause the show. If they do not part, hold or land one of them."
+        E, "{vehicles} too close", "Pause the show. If they do not part, hold or land one of them.",
+        action=X.PAUSE,
     ),
     AlarmCause.VEHICLES_LOST: CauseRow(
-        E, "Too many vehicles lost", "Watch where they come down and keep people away; check radio and power."
+        E,
+        "Too many vehicles lost",
+        "Watch where they come down and keep people away; check radio and power.",
+        past="Too many vehicles were lost",
     ),
     AlarmCause.CRITICAL_BATTERY: CauseRow(
         E,
         "{vehicles} critically low on battery",
         "Let [it land where it is|them land where they are]; keep people away from below.",
+        action=X.LAND,
     ),
     AlarmCause.OUTSIDE_FENCE: CauseRow(
-        E, "{vehicles} about to leave the fence", "Land [it if it does|those that do] not turn back."
+        E, "{vehicles} about to leave the fence", "Land [it if it does|those that do] not turn back.",
+        action=X.LAND,
     ),
     AlarmCause.VEHICLE_LOST: CauseRow(
         W,
@@ -137,24 +163,37 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "Watch where [it flies: it follows its own failsafe|they fly, by their own failsafe]. When [it"
         " was|they were] seen on the ground: confirm-down.",
         off_after_s=0.0,
+        action=X.CONFIRM_DOWN,
     ),
-    AlarmCause.LOW_BATTERY: CauseRow(W, "{vehicles} low on battery", "Let [it|them] come home."),
+    AlarmCause.LOW_BATTERY: CauseRow(
+        W, "{vehicles} low on battery", "Let [it|them] come home.",
+        action=X.RETURN,
+    ),
     AlarmCause.BAD_POSITION: CauseRow(
         W,
         "{vehicles} without a trusted position",
         "Watch [it; land it where it is if it drifts|them; land those that drift where they are].",
+        action=X.LAND,
     ),
     AlarmCause.LAND_NOW: CauseRow(
         W,
         "{vehicles} asked to land by the autopilot",
         "Land [it|them].",
+        action=X.LAND,
     ),
-    AlarmCause.WIND: CauseRow(W, "Too much wind", "Bring the show home if the wind does not drop."),
+    AlarmCause.WIND: CauseRow(
+        W, "Too much wind", "Bring the show home if the wind does not drop.",
+        action=X.BRING_HOME, past="There was too much wind",
+    ),
     AlarmCause.SERVICE_LATE: CauseRow(
-        W, "Service late", "End other programs on this computer; bring the show home if it stays late."
+        W, "Service late", "End other programs on this computer; bring the show home if it stays late.",
+        action=X.BRING_HOME, past="Service was late",
     ),
     AlarmCause.LINKS_LATE: CauseRow(
-        W, "Links late", "Check radios, antennas and what loads the network; bring the show home if it lasts."
+        W,
+        "Links late",
+        "Check radios, antennas and what loads the network; bring the show home if it lasts.",
+        action=X.BRING_HOME, past="Links were late",
     ),
     AlarmCause.OWN_FAILSAFE: CauseRow(
         W,
@@ -163,7 +202,11 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         off_after_s=0.0,
     ),
     AlarmCause.PARAMETER_CHANGED: CauseRow(
-        W, "{vehicles}: parameter changed", "Set it back; preflight fails until it is right.", off_after_s=0.0
+        W,
+        "{vehicles}: parameter changed",
+        "Set it back; preflight fails until it is right.",
+        off_after_s=0.0,
+        past="{vehicles}: parameter was changed",
     ),
     AlarmCause.OUTSIDE_CONTROL: CauseRow(
         W,
@@ -171,15 +214,19 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "Ask the [pilot|pilots]. take-control takes [it|them] over, in HOLD, when the [pilot"
         " agrees|pilots agree].",
         off_after_s=0.0,
+        action=X.TAKE_CONTROL,
     ),
     AlarmCause.INTERRUPTED: CauseRow(
-        W, "Flight interrupted", "take-over or bring-home, where offered.", off_after_s=0.0
+        W, "Flight interrupted", "take-over or bring-home, where offered.", off_after_s=0.0,
+        past="Flight was interrupted",
     ),
     AlarmCause.DUPLICATE_SYSTEM_ID: CauseRow(
-        W, "System id used twice", "Switch one of them off, or give it its own id."
+        W, "System id used twice", "Switch one of them off, or give it its own id.",
+        past="System id was used twice",
     ),
     AlarmCause.LINK_FAILED: CauseRow(
-        W, "Link {about} failed", "Check cable, radio and port. The service keeps trying."
+        W, "Link {about} failed", "Check cable, radio and port. The service keeps trying.",
+        past="Link {about} had failed",
     ),
     AlarmCause.STATION_LOST: CauseRow(
         W,
@@ -187,6 +234,7 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "Watch its vehicles: without it they follow their own failsafe. Restart it, or restore the bus;"
         " its standby can take them over.",
         off_after_s=0.0,
+        past="Station {about} was not received",
     ),
     AlarmCause.RETURN_UNPLANNED: CauseRow(
         W,
@@ -194,6 +242,7 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "Watch the vehicles: the return takes longer, and vehicles may wait for each other. Pause or land one"
         " that does not come home.",
         off_after_s=0.0,
+        past="Return was without a common plan",
     ),
     AlarmCause.TARGET_STALE: CauseRow(C, "Live target not renewed", "Check what sends the target."),
     AlarmCause.OBSTACLE_NEAR: CauseRow(
@@ -201,6 +250,7 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "{vehicles} too near obstacle {about}",
         "Check where the obstacle is. Pause the show if [it stays|they stay] there.",
         on_after_s=0.3,
+        action=X.PAUSE,
     ),
     AlarmCause.OBSTACLE_WAITS: CauseRow(
         C, "Obstacle of the show does not stand yet", "Keep vehicles clear of it, or pause the show."
@@ -209,23 +259,27 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         C,
         "No headway past obstacle {about}",
         "Move the target, or remove the obstacle if it is gone; pause the show or bring it home otherwise.",
+        action=X.PAUSE,
     ),
     AlarmCause.NO_WAY: CauseRow(
         C,
         "No way for {vehicles} past the paths of lost vehicles",
         "Land [it|them] where [it is|they are], or get the links of the lost vehicles back.",
+        action=X.LAND,
     ),
     AlarmCause.RADIUS_SMALL: CauseRow(
         C,
         "Radius too small for the accuracy of the positions",
         "Enlarge the radius, or bring the show home.",
         on_after_s=2.0,
+        action=X.BRING_HOME,
     ),
     AlarmCause.UNCERTAIN_POSITION: CauseRow(
         C,
         "{vehicles} uncertain of [its position|their positions]",
         "Let [it|them] come home; check [its receiver|their receivers].",
         on_after_s=1.0,
+        action=X.RETURN,
     ),
     AlarmCause.LITTLE_AUTHORITY: CauseRow(
         C,
@@ -233,18 +287,21 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "Bring the show home, or land it, if the wind does not drop.",
         on_after_s=1.0,
         off_after_s=5.0,
+        action=X.BRING_HOME,
     ),
     AlarmCause.SLOW_VEHICLE: CauseRow(
         C,
         "{vehicles} slower than configured",
         "Let [it|them] come home; compare MPC_XY_VEL_MAX with the configured speed.",
         off_after_s=5.0,
+        action=X.RETURN,
     ),
     AlarmCause.SLOW_ANSWERS: CauseRow(
         C,
         "{vehicles} slow to follow setpoints",
         "Let [it|them] come home; compare the limits of acceleration with what preflight requires.",
         off_after_s=5.0,
+        action=X.RETURN,
     ),
     AlarmCause.HEIGHT_DIFFERS: CauseRow(
         C,
@@ -252,6 +309,7 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "Let [it|them] come home if the formation lacks room; then give all vehicles one source of height"
         " (EK3_SRC1_POSZ, EKF2_HGT_REF), or reboot [it|them] where [it stands|they stand].",
         off_after_s=5.0,
+        action=X.RETURN,
     ),
     AlarmCause.CORRECTIONS_STOPPED: CauseRow(
         C,
@@ -270,11 +328,20 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "Clock of this machine may be wrong",
         "The show begins by it: synchronise it (chrony, systemd-timesyncd), or start by hand.",
     ),
+    AlarmCause.SILENT: CauseRow(
+        C,
+        "{vehicles} not received",
+        "Check power, link and ids of [it|them], or leave [it|them] out of the show.",
+        on_after_s=1.0,
+        off_after_s=0.0,
+        action=X.LEAVE_OUT,
+    ),
     AlarmCause.POOR_LINK: CauseRow(
         C,
         "{vehicles} with a poor link",
         "Check antennas and distance; bring [it|them] home if it gets worse.",
         on_after_s=8.0,
+        action=X.RETURN,
     ),
     AlarmCause.NO_HEARTBEAT: CauseRow(
         C,
@@ -293,7 +360,8 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         C, "Supervisor gone", "Nothing restarts this service: land soon and start it anew.", off_after_s=0.0
     ),
     AlarmCause.NOT_FLYING: CauseRow(
-        I, "{vehicles} not flying", "include takes an excluded vehicle into the show again.", off_after_s=0.0
+        I, "{vehicles} not flying", "include takes an excluded vehicle into the show again.", off_after_s=0.0,
+        action=X.INCLUDE,
     ),
     AlarmCause.STACKED: CauseRow(
         I, "Stacked pairs", "A larger radius, or another number of vehicles, avoids it.",
@@ -332,6 +400,15 @@ class Condition:
     severity: AlarmSeverity | None = None  # None: as in `CAUSES`
     about: str = ""  # name of the link, file or obstacle: each has its own alarm
     command_id: str | None = None  # of the command that the service gave because of it
+    action: AlarmAction | None = None  # does what `advice` says; of the cause, where that has none
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleReason:
+    """Why an alarm concerns one of its vehicles."""
+
+    vehicle: VehicleId
+    because: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -380,6 +457,13 @@ class Alarm:
         str | None, Field(description="Name of the token used; null: not acknowledged.")
     ] = None
     acknowledged_unix_time_s: float | None = None
+    reasons: Annotated[
+        tuple[VehicleReason, ...],
+        Field(description="Why it concerns each of its vehicles, where the text has no room for it."),
+    ] = ()
+    action: Annotated[
+        AlarmAction | None, Field(description="The command that does what `advice` says; null: none does.")
+    ] = None
     ended_unix_time_s: Annotated[
         float | None,
         Field(
@@ -391,6 +475,11 @@ class Alarm:
     @property
     def lasts(self) -> bool:
         return self.ended_unix_time_s is None
+
+
+def in_the_past(row: CauseRow) -> str:
+    """The headline of an alarm that has ended."""
+    return row.past or row.headline.replace("{vehicles}", "{vehicles} [was|were]", 1)
 
 
 def for_number(text: str, *, many: bool) -> str:

@@ -143,7 +143,7 @@ class Commands(Protocol):
     ) -> CommandRecord:
         """Execute a fleet-wide command.
 
-        The other arguments are for START only: the vehicles (None: all that are online), the hash of the
+        The other arguments are for START only: the vehicles (None: all but those left out), the hash of the
         selected show (None where none is selected), and when they take off (None: now).
         """
 

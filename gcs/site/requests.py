@@ -26,11 +26,11 @@ class ShowRequest:
     ref: Text  # of the command at the station that asks
     by: Text
     action: ShowAction
-    vehicles: Named | None = None  # START only: None: all that are online
+    vehicles: Named | None = None  # START only: None: all but those left out
     at_unix_time_s: float | None = None
     show_hash: Text | None = None  # START only: of the selected show
     reason: Text = ""  # of a failsafe; empty: an operator's command
-    named: Named | None = None  # START of a show: the vehicles of all stations; None: all that are online
+    named: Named | None = None  # START of a show: the vehicles of all stations; None: all but those left out
     kind: Literal["show"] = "show"
 
 

@@ -264,9 +264,11 @@ class VirtualShow:
         )
 
     async def start(self) -> CommandRecord:
-        """Boot, start, and wait until the sphere is stable."""
+        """Boot, start with all that are not cut off, and wait until the sphere is stable."""
         await self.standby()
-        record = self.service.commands.command_show(ShowAction.START)
+        online = [name for name in self.config.ids if not self.ports.is_silent(name)]
+        names = None if len(online) == len(self.config.ids) else online
+        record = self.service.commands.command_show(ShowAction.START, names)
         await self.reach(ShowPhase.RUNNING)
         return record
 

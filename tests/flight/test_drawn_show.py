@@ -80,6 +80,11 @@ def test_a_lost_vehicle_does_not_end_a_drawn_show(folder: Path) -> None:
         show.befall("d4", "silence")
         lost_s = show.now_s
         await show.phase("d4", Phase.LOST, 30.0)
+        await show.wait(0.5)
+        (text,) = (alarm.text for alarm in show.view.alarms if alarm.cause == "vehicle-lost")
+        assert text.endswith(". The others fly on as drawn, and keep clear of it."), (
+            "no formation closes a gap"
+        )
         await show.until(lambda: show.view.show is ShowPhase.RETURNING, 60.0)
         return show.track, lost_s, show.floor_violations()
 

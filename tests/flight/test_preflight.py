@@ -1,9 +1,11 @@
 """Preflight through the service: every check made to fail is named, and keeps the show on the ground."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 
 from gcs.config.schema import Config
@@ -80,7 +82,12 @@ def test_fleet_on_its_pads_passes_all_checks_and_starts(tmp_path: Path) -> None:
         show.service.commands.command_show(ShowAction.START, show_hash=show_hash)
         await show.reach(ShowPhase.RUNNING)
         flown_by = show.service.preflight.report()
-        assert flown_by.passes
+        assert not flown_by.passes, "a start is refused"
+        assert (
+            flown_by.in_flight
+            == "the show is running, 4 of 4 vehicles fly; a start is refused until all are down"
+        )
+        assert failing(flown_by) == {}
         assert flown_by.unix_time_s < show.unix() - 5.0, "in the air nothing is looked at again"
 
     fly_show(story, config(tmp_path))
@@ -163,7 +170,7 @@ FAULTS: dict[str, tuple[Callable[[VirtualShow], object], str]] = {
     "d2 place": (swap, "off its start place, on that of d1"),
     "d2 own fence": (mistune, "GF_ACTION is 0, 2 is needed"),
     "show": (lambda show: keep(show, SHOW + "\n# a word\n"), "has changed since it was checked"),
-    "vehicles": (lambda show: show.ports.silence("d2"), "is for 4 vehicles, 3 would start"),
+    "d2 received": (lambda show: show.ports.silence("d2"), "offline: no telemetry for "),
 }
 
 
@@ -184,9 +191,8 @@ def test_each_check_that_fails_is_named_and_refuses_the_start(tmp_path: Path, na
 
     found = fly_show(story, config(tmp_path))
     assert says in found.text
-    desired = "show" if name == "vehicles" else name  # who is offline is told by how many the show lacks
-    check = failing(found.report)[desired]
-    assert says in check.problem or desired == "show"
+    check = failing(found.report)[name]
+    assert says in check.problem
     assert check.limit
 
 
@@ -311,10 +317,67 @@ def test_vehicles_that_fail_to_climb_are_listed_as_not_flying() -> None:
         assert "d2: its autopilot does not yet pass its own arming checks" in text
         await show.show(ShowAction.STOP)
         await show.reach(ShowPhase.LANDED)
-        await show.wait(0.2)
-        assert alarm_texts(show) == []
+        await show.wait(1.5)
+        assert [alarm.cause for alarm in show.view.alarms] == ["silent"], (
+            "d4 is not received, and it was not left out"
+        )
 
     fly(story, show_config(4))
+
+
+def test_a_silent_vehicle_is_an_issue_until_it_is_left_out() -> None:
+    async def story(show: VirtualShow) -> None:
+        service = show.service
+        await show.standby()
+        assert alarm_texts(show) == []
+        show.ports.silence("d3")
+        await show.phase("d3", Phase.OFFLINE)
+        await show.wait(1.5)
+        (alarm,) = show.view.alarms
+        assert (alarm.cause, alarm.vehicles, alarm.action) == ("silent", ("d3",), "leave-out")
+        await show.wait(30.0)
+        report = service.preflight.report()
+        (cause,) = report.causes
+        assert re.fullmatch(r"d3: offline: no telemetry for 3\d s", cause.text)
+        assert cause.action is not None
+        assert (cause.action.label, cause.action.then) == ("Leave d3 out", "ready")
+        refusal = await refused(show, lambda: service.commands.command_show(ShowAction.START))
+        assert refusal.text.startswith("d3: offline: no telemetry for 3")
+        service.preflight.exclude("d3", "stays here")
+        assert service.preflight.report().passes
+        await show.wait(0.5)
+        assert [alarm.cause for alarm in show.view.alarms] == ["not-flying"]
+        service.commands.command_show(ShowAction.START)
+        await show.reach(ShowPhase.RUNNING)
+        assert show.view.reason == "formation reached"
+        show.befall("d2", "battery", remaining=0.05)
+        await show.until(lambda: show.view.reason != "formation reached", 20.0)
+        assert show.view.reason == "3 of 4 in formation, without d2", "it is not reached for ever"
+
+    fly(story, show_config(5))
+
+
+def test_a_vehicle_never_received_has_no_values() -> None:
+    async def story(show: VirtualShow) -> None:
+        show.ports.silence("d2")
+        await show.standby()
+        rows = show.view.rows
+        for column in (rows.uncertainty_m, rows.link_quality, rows.battery_remaining, rows.fix_type):
+            assert np.isfinite(column).tolist() == [True, False]
+
+    fly(story, show_config(2))
+
+
+def test_no_vehicle_left_is_no_pass() -> None:
+    async def story(show: VirtualShow) -> None:
+        await show.standby()
+        for name in show.config.ids:
+            show.service.preflight.exclude(name, "")
+        report = show.service.preflight.report()
+        assert not report.passes
+        assert [cause.text for cause in report.causes] == ["no vehicle is left"]
+
+    fly(story, show_config(2))
 
 
 def placed(**places: tuple[float, float]) -> Config:

@@ -90,7 +90,7 @@ async def odd_choices(show: VirtualShow) -> dict[str, RefusedCall]:
     }
     found["radius"] = await refused(show, lambda: show.service.plan.set_formation(Formation(2.0, 14.0)))
     show.service.plan.add_obstacle(tower)
-    found["pad"] = await refused(show, start_of()(show))
+    found["pad"] = await refused(show, start_of("d1", "d2", "d3")(show))
     show.ports.silence(*show.config.ids)
     await show.until(lambda: all(seen.phase is Phase.OFFLINE for seen in vehicles_of(show.view)))
     found["none"] = await refused(show, start_of()(show))
@@ -105,7 +105,7 @@ def odd() -> dict[str, RefusedCall]:
 @pytest.mark.parametrize(
     ("name", "kind", "says"),
     [
-        ("offline", RefusedError, "d4 is offline"),
+        ("offline", RefusedError, "d4: offline: not received yet"),
         ("unknown", UnknownError, "there is no vehicle d7; there are d1, d2, d3, d4"),
         ("stop", RefusedError, "not possible while the show is idle"),
         ("abort", RefusedError, "not possible while the show is idle"),

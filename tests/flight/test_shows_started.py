@@ -51,7 +51,7 @@ def test_start_must_name_the_checked_show(tmp_path: Path) -> None:
         service.player.select(NAME, show_hash)
         assert f"start with its hash {show_hash}" in await start_refused(None)
         assert "is selected with the hash" in await start_refused("0" * 64)
-        assert "is for 4 vehicles, 3 would start" in await start_refused_with_one_silent(show, show_hash)
+        assert "d4: offline: no telemetry for " in await start_refused_with_one_silent(show, show_hash)
         keep(show, TEXT.replace("radius_m: 7", "radius_m: 8"))
         assert "has changed since it was checked" in await start_refused(show_hash)
         keep(show)
@@ -260,7 +260,7 @@ def test_change_before_the_clock_time_calls_the_start_off(tmp_path: Path, what: 
         else:
             show.unix.ahead_s += 3600.0
         await show.until(lambda: show.view.show is ShowPhase.IDLE, 2.0 * AHEAD_S)
-        expected = {"silent": "d3 is offline", "changed": "has changed", "clock": "missed by"}[what]
+        expected = {"silent": "d3: offline", "changed": "has changed", "clock": "missed by"}[what]
         assert expected in show.view.reason
         assert expected in service.command_log.get(record.id).outcomes["d1"].reason
 

@@ -486,11 +486,12 @@ def test_preflight_prints_failures_and_sets_the_exit_code(
         service.fly()
         assert main(["preflight"]) == 1
         assert "preflight is for the ground" in capsys.readouterr().err
-    assert "ready to start: 4 of 4 checks pass" in good
+    assert "ready to start: 3 of 3 vehicles, 4 of 4 checks pass" in good
     assert "battery" not in good
     assert "not checked: start pattern: there is none" in good
-    assert "not ready to start: 1 of 3 checks pass" in bad
-    (line,) = (line for line in bad.splitlines() if "d1" in line)
+    assert "not ready to start: 2 of 3 vehicles, 1 of 3 checks pass" in bad
+    assert "- d1, d3: battery at 20%, at least 25% is needed\n  charge it\n" in bad
+    (line,) = (line for line in everything.splitlines() if "│ d1" in line)
     for words in ("battery", "fail", "0.20 of 1", "at least 25%", "battery at 20%"):
         assert words in line
     assert "not flying: d2: taken out of the show by local: cracked" in bad

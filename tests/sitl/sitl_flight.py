@@ -165,7 +165,7 @@ class SitlFlight:
         self.until("every vehicle ready", self.pace.ready_s, self.all_ready)
         self.reason_before = self.client.show().reason
         try:
-            command = self.client.start()
+            command = self.client.start([name for name in self.ids if name in self.alive])
         except GcsError as error:
             self.account.refused.append(f"start: {error}")
             raise ServiceError(f"the start was refused: {error}") from error

@@ -17,6 +17,7 @@ from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw
 from gcs.model.preflight_report import Check, Exclusion, PreflightReport, State, VehicleChecks
 from gcs.model.state import Landed, Mode
 from gcs.model.vehicle_columns import unknown
+from gcs.preflight.causes import causes_of
 from gcs.service import (
     CALLER,
     Audit,
@@ -272,7 +273,9 @@ class FakeService:
             VehicleChecks(name, name not in out, out.get(name, ""), (check,), "px4") for name in self.phases
         ]
         left = ("start pattern: there is none",)
-        return PreflightReport(time.time(), None, None, (fleet,), tuple(own), left)
+        failed = {one.id: one.failed for one in own if one.flies}
+        causes = causes_of(failed, lambda _out: [], lambda _check, _out: None, 40)
+        return PreflightReport(time.time(), None, None, (fleet,), tuple(own), left, causes)
 
     def exclude(self, vehicle_id: str, reason: str) -> CommandRecord:
         names = self._known([vehicle_id])

@@ -19,7 +19,7 @@ export type Box = { x_m: number; y_m: number; half_length_x_m: number; half_leng
 
 /** Each resolves to whether the service accepted it; a refusal is shown before that. */
 export interface Actions {
-  /** Start the selected show, or the formation under manual control; null: all online vehicles, at once. */
+  /** Start the selected show, or the formation under manual control; null: all that are not left out, at once. */
   start(vehicles: readonly string[] | null, at_unix_time_s: number | null): Promise<boolean>;
   /** When the selected show begins to move. */
   begin(at_unix_time_s: number): Promise<boolean>;
@@ -46,7 +46,7 @@ export interface Actions {
   armKill(vehicles: readonly string[] | null): Promise<boolean>;
   /** Second step. */
   confirmKill(code: string): Promise<boolean>;
-  /** For a start of these vehicles; null: of all that are online. */
+  /** For a start of these vehicles; null: of all that are not left out. */
   loadPreflight(vehicles?: readonly string[] | null): Promise<boolean>;
   loadOrders(): Promise<boolean>;
   loadStations(): Promise<boolean>;

@@ -1,16 +1,18 @@
 import { describe, expect, it } from "vitest";
 
 import { iconOf, REPEATED_MS, titleOf } from "../src/alarms/attention";
+import { whyNotFollow } from "../src/alarms/panel";
 import { counted, commanded, raised, worst, type Alarm, type Severity } from "../src/alarms/model";
 import { initial, type State } from "../src/state";
 import { texts } from "../src/texts";
 import { update, type Message } from "../src/update";
 import { frame } from "./frames";
+import { live, page, settled } from "./pages";
 import { status } from "./statuses";
 
 const alarm = (id: string, severity: Severity, change: Partial<Alarm> = {}): Alarm => ({
   id, severity, cause: "vehicle-lost", text: `Vehicle ${id} lost: no telemetry for 2.0 s. Formation closes the gap.`, advice: "", vehicles: [id],
-  since_unix_time_s: 100, raised_unix_time_s: 100, ended_unix_time_s: null, acknowledged_by: null, acknowledged_unix_time_s: null, command_id: null,
+  since_unix_time_s: 100, raised_unix_time_s: 100, ended_unix_time_s: null, acknowledged_by: null, acknowledged_unix_time_s: null, command_id: null, reasons: [], action: null,
   ...change,
 });
 const seen = { acknowledged_by: "anna", acknowledged_unix_time_s: 120 };
@@ -146,4 +148,34 @@ it("no text of the page has two marks where there should be one", () => {
   };
   expect(all(texts).length).toBeGreaterThan(300);
   expect(all(texts).filter((text) => badly.test(text))).toEqual([]);
+});
+
+describe("the button of an alarm", () => {
+  const flying = (phase: "formation" | "standby"): State =>
+    live({ status: { ...status(), alarms: [] }, frame: frame({ vehicles: [{ phase }] }, 0) });
+  const low = alarm("d1", "warning", { cause: "low-battery", action: "return", vehicles: ["d1"] });
+
+  it("does what the text advises, where that is possible", () => {
+    expect(whyNotFollow(flying("formation"), low)).toBe("");
+    expect(whyNotFollow(flying("standby"), low)).not.toBe("");
+    expect(whyNotFollow(flying("formation"), { ...low, action: null })).not.toBe("");
+  });
+
+  it("sends the command to the vehicles of the alarm", async () => {
+    const { actions, calls } = page(flying("formation"), () => ({ outcomes: {} }), "refused");
+    actions.follow(low);
+    await settled();
+    expect(calls[0]).toMatchObject({ call: "POST /api/v1/fleet/return", body: { vehicles: ["d1"] } });
+  });
+
+  it("confirms a vehicle down only when it is pressed twice", async () => {
+    const { actions, calls } = page(flying("formation"), () => ({ outcomes: {} }), "refused");
+    const lost = alarm("d1", "warning", { action: "confirm-down" });
+    actions.follow(lost);
+    await settled();
+    expect(calls).toEqual([]);
+    actions.follow(lost);
+    await settled();
+    expect(calls.map((each) => each.call)).toContain("POST /api/v1/vehicles/{vehicle_id}/confirm-down");
+  });
 });

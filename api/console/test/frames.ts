@@ -9,6 +9,7 @@ export interface Vehicle {
   y_m?: number;
   height_m?: number;
   battery?: number;
+  uncertainty_m?: number;
   low_s?: number;
   empty_s?: number;
   phase?: Phase;

@@ -7,7 +7,7 @@ import { status } from "./statuses";
 
 const row = (id: string, change: Partial<Row> = {}): Row => ({
   index: 0, id, phase: "formation", mode: "offboard", height_m: 20, battery: 0.8, age_s: 0.1, link: 0.99, fixIsBad: false, fix: "3D", fix_m: 0.4,
-  nearest_m: 8, armed: true, ready: false, limited: false, limitedBy: "", station: "", autopilot: "px4", ...change,
+  nearest_m: 8, armed: true, ready: false, limited: false, limitedBy: "", station: "", autopilot: "px4", received: true, ...change,
 });
 const ids = (rows: readonly Row[]): string[] => rows.map((each) => each.id);
 

@@ -7,7 +7,7 @@ import { after } from "./pages";
 import { GROUNDED, status } from "./statuses";
 
 const report = (passes: boolean): PreflightReport => ({
-  passes, unix_time_s: 0, show: null, show_hash: null, fleet: [], not_flying: {}, not_checked: [], vehicles: [],
+  passes, unix_time_s: 0, show: null, show_hash: null, fleet: [], not_flying: {}, not_checked: [], causes: [], in_flight: "", vehicles: [],
 });
 
 const phase = (name: ShowPhase, change: Parameters<typeof status>[0] = {}): Message =>

@@ -12,7 +12,7 @@ const WIND = { name: "wind_m_s", unit: "m/s", label: "Wind" } as unknown as Fram
 
 it("the page of a vehicle shows a number that only the status names", () => {
   const start = initial(0);
-  const known = frame({ vehicles: [{ battery: 0.5 }] });
+  const known = frame({ vehicles: [{ battery: 0.5, uncertainty_m: 0.2 }] });
   const state: State = {
     ...start, status: status({ columns: [...COLUMNS, WIND] }), frame: { ...known, wind_m_s: Float32Array.of(4.5) } as Frame,
     view: { ...start.view, selected: "d1", selection: ["d1"] },

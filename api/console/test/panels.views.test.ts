@@ -3,13 +3,15 @@ import { describe, expect, it } from "vitest";
 import { previewText } from "../src/panels/preview";
 import { command, type Press } from "../src/panels/keys";
 import { columns } from "../src/panels/plots";
-import { failures, preflightNow, troubles } from "../src/panels/preflight";
+import type { PanelActions } from "../src/panels/actions";
+import { details, failures, preflightNow } from "../src/panels/preflight";
 import { playing, segments } from "../src/panels/timeline";
 import { byReason, whyNotStart } from "../src/panels/start";
 import { initial, type PreflightReport, type State } from "../src/state";
 import { texts } from "../src/texts";
 import { frame } from "./frames";
 import { live } from "./pages";
+import { press as pressed, textOf } from "./pressing";
 import { GROUNDED, status } from "./statuses";
 
 const press = (key: string, change: Partial<Press> = {}): Press => ({
@@ -43,27 +45,35 @@ describe("keys", () => {
 
 type Check = PreflightReport["fleet"][number];
 const check = (name: string, change: Partial<Check> = {}): Check => ({
-  name, state: "fail", value: 0.1, unit: "share", limit: "at least 0.25", problem: `${change.value ?? 0.1} left`, to_do: "charge it", ...change,
+  name, state: "fail", value: 0.1, unit: "share", limit: "at least 0.25", problem: `${change.value ?? 0.1} left`, to_do: "charge it", depends_on: [], ...change,
+});
+type Cause = PreflightReport["causes"][number];
+const cause = (text: string, change: Partial<Cause> = {}): Cause => ({
+  check: "battery", state: "fail", text, to_do: "charge it", vehicles: [], follows: [], action: null, ...change,
 });
 const report = (checks: Readonly<Record<string, Check[]>>, out: readonly string[] = []): PreflightReport => ({
-  passes: false, unix_time_s: 0, show: null, show_hash: null, fleet: [], not_flying: {}, not_checked: [],
+  passes: false, unix_time_s: 0, show: null, show_hash: null, fleet: [], not_flying: {}, not_checked: [], in_flight: "",
+  causes: Object.entries(checks).flatMap(([id, all]) => (out.includes(id) ? [] : all.filter((each) => each.state !== "pass").map((each) => cause(`${id}: ${each.problem}`)))),
   vehicles: Object.entries(checks).map(([id, all]) => ({
     id, passes: all.every((each) => each.state === "pass"), flies: !out.includes(id), reason: "", checks: all, autopilot: "px4", version: "1.16.1",
   })),
 });
 
 describe("preflight", () => {
-  it("tells the same trouble of many once, with what each has", () => {
-    const found = troubles(report({ d1: [check("battery", { value: 0.1 })], d2: [check("battery", { value: 0.2 }), check("clock", { to_do: "wait" })] }));
-    expect(found.map((each) => [each.check.name, each.vehicles])).toEqual([
-      ["battery", [{ id: "d1", measured: "0.1 share" }, { id: "d2", measured: "0.2 share" }]],
-      ["clock", [{ id: "d2", measured: "0.1 share" }]],
-    ]);
+  const grounded = (): State => live({ frame: frame({}, 0), status: status({ show: { ...status().show, phase: "idle" }, counts: GROUNDED }) });
+
+  it("shows the cause, what mends it, and folds what follows", () => {
+    const action = { remedy: "leave-out" as const, label: "Leave d3 out", then: "ready", vehicles: ["d3"], radius_m: null, obstacle: "" };
+    const found = { ...report({ d3: [check("fix")] }), causes: [cause("d3: fix 2D", { vehicles: ["d3"], follows: ["formation"], action })] };
+    const mended: unknown[] = [];
+    const view = details(grounded(), { mend: (each: unknown) => mended.push(each) } as unknown as PanelActions, found);
+    for (const part of ["d3: fix 2D", "Leave d3 out", "then: ready", "1 check follows from it"]) expect(textOf(view)).toContain(part);
+    pressed(view, "mend-0");
+    expect(mended).toEqual([action]);
   });
 
-  it("keeps troubles apart that only their words tell apart", () => {
-    const worded = (problem: string): Check => check("parameters", { unit: "", problem });
-    expect(troubles(report({ d1: [worded("A is 0")], d2: [worded("B is 0")] }))).toHaveLength(2);
+  it("calls nothing passed where there is nothing", () => {
+    expect(textOf(details(grounded(), {} as PanelActions, report({})))).not.toContain("preflight-passing");
   });
 
   it("tells of now alone: not in the air, and not for ever", () => {
@@ -78,10 +88,8 @@ describe("preflight", () => {
     expect(preflightNow(read("running", 1000))).toBeNull();
   });
 
-  it("counts nothing of who does not fly", () => {
-    const found = report({ d1: [check("battery")], d2: [check("battery"), check("place", { state: "unknown" })] }, ["d2"]);
-    expect(failures(found)).toBe(1);
-    expect(troubles(found)).toHaveLength(1);
+  it("counts causes, and not what follows from them", () => {
+    expect(failures({ ...report({ d1: [check("battery")] }), causes: [cause("a", { follows: ["b", "c"] }), cause("d")] })).toBe(2);
   });
 });
 

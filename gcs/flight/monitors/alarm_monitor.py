@@ -17,7 +17,7 @@ from gcs.failsafe.policy import Action, Cause
 from gcs.failsafe.triggers import OF_THE_SHOW
 from gcs.flight.monitors.accuracy_alarms import BLIND, AccuracyAlarms
 from gcs.flight.monitors.space_alarms import SpaceAlarms, of_routes, of_the_centre
-from gcs.flight.state.flight import FLIES, Flight
+from gcs.flight.state.flight import FLIES, NOT_CHOSEN, Flight
 from gcs.flight.state.vehicle import Vehicle
 from gcs.model.interrupted_flight import InterruptedFlight
 from gcs.model.lifecycle import Phase, ShowPhase
@@ -66,6 +66,8 @@ SENDS_NOTHING: Final = "The service sends nothing to [it|them]."
 
 KEEP_CLEAR: Final = "Other vehicles keep clear of where [it was|they were]."
 
+NEXT_START: Final = "[It stays|They stay] on the ground until the next start."
+
 FLOWN_ON: Final = "[It is|They are] flown on."
 
 SHOW_FOLLOWS: Final = {
@@ -75,6 +77,8 @@ SHOW_FOLLOWS: Final = {
     Action.RETURN: "The show comes home.",
     Action.LAND: "The show lands.",
 }
+
+DRAWN_FOLLOWS: Final = "The others fly on as drawn, and keep clear of it."
 
 KILL_OUTCOMES: Final = {
     Outcome.PENDING: "motors are being stopped on command",
@@ -182,7 +186,7 @@ class AlarmMonitor:
         if not {Phase.LOST, Phase.PILOT, Phase.KILLED}.intersection(phases):
             return
         lost = next((each for each in failsafes if each.cause == Cause.VEHICLE_LOST), None)
-        follows = "" if lost is None else SHOW_FOLLOWS[Action(lost.action)]
+        follows = "" if lost is None else self._without_lost(Action(lost.action))
         named = () if lost is None else lost.vehicles
         for vehicle in vehicles:
             ids = (vehicle.id,)
@@ -204,6 +208,12 @@ class AlarmMonitor:
                 yield Condition(AlarmCause.OWN_FAILSAFE, because, ids, SENDS_NOTHING, to_do, severity)
             elif vehicle.phase is Phase.KILLED:
                 yield self._of_a_kill(vehicle)
+
+    def _without_lost(self, action: Action) -> str:
+        """What the show does without lost vehicles: a drawn one has no gap to close."""
+        show_run = self.flight.show.run
+        is_drawn = show_run is not None and show_run.goals is not None
+        return DRAWN_FOLLOWS if is_drawn and action is Action.RE_FORM else SHOW_FOLLOWS[action]
 
     def _of_a_kill(self, vehicle: Vehicle) -> Condition:
         """Distinguish a kill that has not taken effect from one that has, and both from a termination."""
@@ -255,7 +265,7 @@ class AlarmMonitor:
             for row in np.flatnonzero(self._poor).tolist():
                 vehicle = flight.vehicles.rows[row]
                 if vehicle.phase in FLIES:
-                    because = f"{share[row]:.0%} of its positions arrive"
+                    because = f"{share[row]:.0%} of [its|their] positions arrive"
                     yield Condition(AlarmCause.POOR_LINK, because, (vehicle.id,))
 
     def _of_the_ground(self) -> Iterator[Condition]:
@@ -263,10 +273,18 @@ class AlarmMonitor:
         for vehicle_id, changed in flight.changed_parameters.items():
             for name, text in changed.items():
                 yield Condition(AlarmCause.PARAMETER_CHANGED, text, (vehicle_id,), about=name)
-        for vehicle_id, reason in flight.not_flying.items():
-            severity = None if vehicle_id in flight.excluded else AlarmSeverity.CAUTION
+        stays = flight.not_flying
+        for vehicle_id, reason in stays.items():
             because = reason.removeprefix(f"{vehicle_id}: ")
-            yield Condition(AlarmCause.NOT_FLYING, because, (vehicle_id,), severity=severity)
+            severity = (
+                None if vehicle_id in flight.excluded or reason == NOT_CHOSEN else AlarmSeverity.CAUTION
+            )
+            advice = "" if vehicle_id in flight.excluded else NEXT_START
+            yield Condition(AlarmCause.NOT_FLYING, because, (vehicle_id,), "", advice, severity)
+        if Phase.OFFLINE in flight.vehicles.phases:
+            for vehicle in flight.vehicles.in_phase(Phase.OFFLINE):
+                if vehicle.id not in stays and flight.elsewhere.owned[vehicle.row]:
+                    yield Condition(AlarmCause.SILENT, vehicle.reason, (vehicle.id,))
         if flight.columns and flight.show.phase in BEFORE_ASSEMBLING:
             yield Condition(AlarmCause.STACKED, flight.columns)
 

@@ -90,8 +90,8 @@ def measured(newest: Newest, link_quality: LinkQuality) -> dict[str, Array]:
         "battery_remaining": telemetry.battery_remaining,
         "position_age_s": fleet.age_s,
         "heartbeat_age_s": fleet.time_s - telemetry.heartbeat_time_s,
-        "uncertainty_m": newest.traits.uncertainty_m,
-        "link_quality": link_quality.share,
+        "uncertainty_m": np.where(telemetry.position_time_s > -np.inf, newest.traits.uncertainty_m, np.nan),
+        "link_quality": np.where(telemetry.life_time_s > -np.inf, link_quality.share, np.nan),
         "fix_type": telemetry.fix_type,
     }
 

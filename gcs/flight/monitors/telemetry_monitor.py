@@ -1,6 +1,7 @@
 """Updates phases from telemetry, and starts what follows without a command."""
 
 import logging
+import re
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -23,6 +24,9 @@ from gcs.model.lifecycle import AIRBORNE, FLOWN, Event, Phase
 from gcs.model.state import Array, Mask, Mode, Telemetry, VehicleId
 
 log = logging.getLogger(__name__)
+
+_TENTHS: Final = re.compile(r" for (\d+)(?:\.\d)? s\b")
+"""How long something lacks, as `gcs.estimation.link_health.lacking` has it."""
 
 TRY_AGAIN_S = 5.0
 """Interval between two attempts at an automatic action."""
@@ -177,9 +181,9 @@ class TelemetryMonitor:
             self._mind_failsafe(vehicle, beat_is_fresh=has_heartbeat)
         elif self.maneuvers.running(vehicle):
             return
-        elif vehicle.phase is Phase.OFFLINE and silent:
-            self._explain_absence(vehicle, has_heartbeat=has_heartbeat)
-        elif vehicle.phase is Phase.LOST and not silent and status.mode is not Mode.LAND:
+        elif vehicle.phase in {Phase.OFFLINE, Phase.LOST} and silent:
+            self._explain_absence(vehicle, lacks, has_heartbeat=has_heartbeat)
+        elif vehicle.phase is Phase.LOST and status.mode is not Mode.LAND:
             self._by_itself(vehicle, self.come_back)
         elif (
             vehicle.phase is Phase.STANDBY
@@ -190,7 +194,10 @@ class TelemetryMonitor:
         elif vehicle.phase in FLOWN and not vehicle.flags.handed_over and status.mode is Mode.HOLD:
             vehicle.apply(Event.HOLD, "a hold command that seemed to have failed was executed")
 
-    def _explain_absence(self, vehicle: Vehicle, *, has_heartbeat: bool) -> None:
+    def _explain_absence(self, vehicle: Vehicle, lacks: str, *, has_heartbeat: bool) -> None:
+        if vehicle.phase is Phase.LOST:
+            _count_on(vehicle, lacks)
+            return
         absent, before = self._absent.get(vehicle.id), self._absent_before.pop(vehicle.id, None)
         if absent is not None:
             self._absent_before[vehicle.id] = absent
@@ -198,6 +205,7 @@ class TelemetryMonitor:
         elif has_heartbeat:
             reason = "received, but it has no position yet"
         else:
+            _count_on(vehicle, lacks)
             reason = vehicle.reason if before is None else NOT_RECEIVED
         if reason != vehicle.reason:
             vehicle.reason = reason
@@ -252,3 +260,11 @@ class TelemetryMonitor:
         if self.newest.state.time_s >= vehicle.try_again_s:
             vehicle.try_again_s = self.newest.state.time_s + TRY_AGAIN_S
             self.maneuvers.start(vehicle, maneuver, lambda _outcome, _reason: None)
+
+
+def _count_on(vehicle: Vehicle, lacks: str) -> None:
+    """Let the reason of a silent vehicle say how long it has been silent by now, in whole seconds."""
+    if lacks and _TENTHS.search(vehicle.reason):
+        reason = _TENTHS.sub(r" for \1 s", lacks)
+        if reason != vehicle.reason:
+            vehicle.reason = reason

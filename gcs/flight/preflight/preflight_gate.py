@@ -1,8 +1,8 @@
 """Decides which vehicles may start, and why others may not. Runs only on the ground, and only on request."""
 
 import logging
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 from typing import Final, NamedTuple, TypeAlias
@@ -11,19 +11,31 @@ import numpy as np
 
 from gcs.flight.preflight.parameter_reader import ParameterReader
 from gcs.flight.shows.show_player import ShowPlayer
-from gcs.flight.state.flight import Flight
+from gcs.flight.state.flight import NOT_CHOSEN, Flight
 from gcs.flight.state.refusals import Refusals, with_alternative
 from gcs.flight.state.running_show import ShowRun
 from gcs.model.errors import GcsError, InvalidError, RefusedError
 from gcs.model.lifecycle import GROUNDED, ON_THE_GROUND, Phase
-from gcs.model.preflight_report import Check, Exclusion, PreflightReport, State, VehicleChecks, describe
+from gcs.model.plan import Obstacle
+from gcs.model.preflight_report import (
+    Check,
+    Exclusion,
+    PreflightAction,
+    PreflightCause,
+    PreflightReport,
+    Remedy,
+    State,
+    VehicleChecks,
+    describe,
+)
 from gcs.model.state import Array, VehicleId
-from gcs.planning.feasibility import check_formation, check_obstacle
+from gcs.planning.feasibility import check_formation, check_obstacle, smallest_formation_radius_m
 from gcs.planning.landing_sites import column_m, describe_columns, most_overlapping
 from gcs.planning.loss_times import APART_MAX_S, check_loss_times
 from gcs.planning.setpoint_loss import PREDICTED_MAX, check_setpoint_loss, formation_m
+from gcs.preflight.causes import ALONE, DOWN, RECEIVED, STANDBY, Finding, causes_of
 from gcs.preflight.fleet import FleetReadiness, Pattern, standing
-from gcs.preflight.pad_distances import room_to_wander, spacing
+from gcs.preflight.pad_distances import ROOM, TO_THE_NEXT, room_to_wander, spacing
 from gcs.preflight.vehicles import PreflightInputs, fix_words, own_checks
 from gcs.service import CALLER, CommandRecord
 
@@ -31,6 +43,15 @@ log = logging.getLogger(__name__)
 
 REASON_MAX = 200
 """Longest reason of an exclusion, in characters."""
+
+EVALUATIONS_MIN, EVALUATIONS_MAX, EVALUATED_PAIRS = 2, 40, 144_000
+"""How often a report is evaluated again to find which causes others follow from; each looks at all pairs."""
+
+SUSPECTS = 4
+"""Vehicles that are named as possible causes of a check of the fleet."""
+
+OF_SEVERAL = frozenset({TO_THE_NEXT, ROOM, *ALONE})
+"""Checks of a vehicle that depend on others."""
 
 AGAIN_S = 1.0
 """Shortest interval between two reports: a report is expensive for large fleets."""
@@ -41,7 +62,10 @@ SWAYS_M = 0.5
 ON_GROUND = "all vehicles on the ground and received"
 AS_CHECKED = "as it was checked, with as many vehicles"
 TO_DO: Final = {
-    "vehicles": "wait until it is received on the ground, or take it out of the show",
+    "vehicles": "include vehicles, or wait until they are received on the ground",
+    RECEIVED: "check its power, its link and its ids, or leave it out",
+    STANDBY: "wait until it is on the ground, with its motors off",
+    DOWN: "look for it; confirm that it is down once it was seen on the ground",
     "show": "check and select the show again, name the vehicles that fly, or take the others out",
     "formation": "choose a larger radius, better receivers, or fewer vehicles",
     "loss times": "do as the text says, or fly vehicles with one time only",
@@ -81,7 +105,7 @@ class PreflightGate:
         if flight.show.phase not in ON_THE_GROUND or flight.vehicles.airborne:
             if self._last is None:
                 raise RefusedError(f"preflight is for the ground, and the show is {flight.show.phase}")
-            return self._last[2]
+            return replace(self._last[2], in_flight=self._in_flight())
         made_s, question, report = self._last or (-np.inf, None, None)
         same = question == self._question(vehicles) and flight.newest.state.time_s - made_s < AGAIN_S
         return report if same and report is not None else self._made(vehicles)
@@ -90,23 +114,110 @@ class PreflightGate:
         meant = None if desired is None else tuple(desired)
         return meant, self.flight.show.run, frozenset(self.flight.excluded)
 
+    def _in_flight(self) -> str:
+        flight = self.flight
+        flies = f"{len(flight.vehicles.airborne)} of {len(flight.vehicles)} vehicles fly"
+        return f"the show is {flight.show.phase}, {flies}; a start is refused until all are down"
+
     def _made(self, desired: Sequence[VehicleId] | None) -> PreflightReport:
         flight, show = self.flight, self.flight.show.run
-        try:
-            chosen, _ = cleared = self._choose(desired)
-            fleet = [_all_vehicles(chosen)]
-        except GcsError as error:
-            chosen, _ = cleared = self._could(desired)
-            fleet = [_refused("vehicles", error, ON_GROUND)]
+        meant, left_out = self._meant(desired)
+        chosen = [name for name in meant if flight.vehicles[name].phase is Phase.STANDBY]
+        fleet = [_all_vehicles(chosen, meant)]
         if show is not None:
-            fleet.append(_tried("show", AS_CHECKED, lambda: self._need_show(chosen, show.hash, desired)))
+            fleet.append(_tried("show", AS_CHECKED, lambda: self._need_show(meant, show.hash, desired)))
         looked = self._look(chosen)
+        for name, check in self._absences(meant).items():
+            looked.of[name].insert(0, check)
         fleet += looked.fleet
-        if chosen and all(
-            np.isfinite(flight.newest.position_m(flight.vehicles[name])).all() for name in chosen
-        ):
-            fleet += [_tried(name, limit, look) for name, limit, look in self._setpoint_loss_checks(chosen)]
-        return self._keep(desired, cleared, fleet, looked)
+        for name, limit, look in self._setpoint_loss_checks(chosen):
+            fleet.append(self._with_suspects(_tried(name, limit, look), chosen))
+        failing = [check.name for check in fleet if not check.passes]
+        causes = self._causes(meant, chosen, looked, frozenset(failing), desired)
+        return self._keep(desired, Cleared(meant, left_out), fleet, looked, causes)
+
+    def _causes(
+        self,
+        meant: Sequence[VehicleId],
+        chosen: Sequence[VehicleId],
+        looked: FleetReadiness,
+        failing: Collection[str],
+        desired: Sequence[VehicleId] | None,
+    ) -> tuple[PreflightCause, ...]:
+        """Fold what fails: a check about several vehicles is evaluated again without some of them."""
+        fails = {name: [check for check in looked.of[name] if not check.passes] for name in meant}
+        if not failing and not any(fails.values()):
+            return ()
+        inputs, pattern = self._inputs(), self._pattern()
+        own = {name: [check for check in of if check.name not in OF_SEVERAL] for name, of in fails.items()}
+
+        def related(out: frozenset[VehicleId]) -> list[Finding]:
+            kept = [name for name in chosen if name not in out]
+            findings: list[Finding] = []
+            near = spacing(inputs, kept, kept)
+            stand, room = standing(inputs, kept, pattern), room_to_wander(inputs, kept, pattern)
+            for name in kept:
+                of = [*near[name], *stand.of[name], *([room[name]] if name in room else [])]
+                findings += [(name, check) for check in of]
+            fleet = [_all_vehicles(kept, [name for name in meant if name not in out]), *stand.fleet]
+            fleet += [check for each in self.flight.features for check in each.checks(self.flight.instant)]
+            if self.flight.show.run is not None and "show" in failing:
+                fleet.append(self._show_without(meant, out, desired))
+            for name, limit, look in self._setpoint_loss_checks(kept):
+                if name in failing:
+                    fleet.append(self._with_suspects(_tried(name, limit, look), kept))
+            findings += [(None, check) for check in fleet]
+            return [each for each in findings if not each[1].passes]
+
+        return causes_of(own, related, partial(self._mended, chosen), _evaluations(len(chosen)))
+
+    def _show_without(
+        self, meant: Sequence[VehicleId], out: frozenset[VehicleId], desired: Sequence[VehicleId] | None
+    ) -> Check:
+        show, kept = self.flight.show.run, [name for name in meant if name not in out]
+        show_hash = None if show is None else show.hash
+        return _tried(
+            "show", AS_CHECKED, lambda: self._need_show(kept, show_hash, desired, also_out=len(out))
+        )
+
+    def _with_suspects(self, check: Check, chosen: Sequence[VehicleId]) -> Check:
+        """Name the vehicles that may be why a check of the fleet fails: the least certain, or the odd one."""
+        if check.passes or check.name not in {"formation", "loss times", "loss of the ground station"}:
+            return check
+        values = self.flight.newest.uncertainty_m([self.flight.vehicles[name] for name in chosen])
+        if check.name != "formation":
+            values = np.array([self.flight.vehicles[name].without_setpoints.flies_on_s for name in chosen])
+        unlike = np.argsort(-np.abs(values - np.median(values)), kind="stable")[:SUSPECTS]
+        return replace(check, depends_on=tuple(chosen[row] for row in unlike.tolist()))
+
+    def _mended(
+        self, chosen: Sequence[VehicleId], name: str, out: frozenset[VehicleId]
+    ) -> PreflightAction | None:
+        """What mends a check of the fleet, but for leaving vehicles out."""
+        kept, plan = [each for each in chosen if each not in out], self.flight.in_force.plan
+        if name == "obstacles":
+            blocked = [box for box in self.show_player.obstacles() if self._blocks(box, kept)]
+            if blocked and blocked[0].id in {box.id for box in plan.obstacles}:
+                label = f"Remove obstacle {blocked[0].id}"
+                return PreflightAction(Remedy.REMOVE_OBSTACLE, label, "", obstacle=blocked[0].id)
+        if name == "formation" and self.flight.show.run is None:
+            uncertainty_m = self.flight.in_formation_m([self.flight.vehicles[each] for each in kept])
+            safety = self.flight.in_force.control.safety
+            radius_m = smallest_formation_radius_m(len(uncertainty_m), safety, uncertainty_m)
+            formation = replace(plan.formation, radius_m=radius_m)
+            check = _tried(
+                name, "", lambda: check_formation(formation, len(uncertainty_m), safety, uncertainty_m)
+            )
+            if check.passes and radius_m > plan.formation.radius_m:
+                return PreflightAction(
+                    Remedy.SET_RADIUS, f"Set the radius to {radius_m:g} m", "", radius_m=radius_m
+                )
+        return None
+
+    def _blocks(self, obstacle: Obstacle, vehicles: Sequence[VehicleId]) -> bool:
+        pads_m = {name: self.flight.newest.position_m(self.flight.vehicles[name]) for name in vehicles}
+        avoidance = self.flight.in_force.control.law.avoidance
+        return not _tried("obstacles", "", lambda: check_obstacle(obstacle, avoidance, {}, pads_m)).passes
 
     def _keep(
         self,
@@ -114,6 +225,7 @@ class PreflightGate:
         cleared: Cleared,
         fleet: Sequence[Check],
         looked: FleetReadiness,
+        causes: tuple[PreflightCause, ...] = (),
     ) -> PreflightReport:
         show, flying = self.flight.show.run, set(cleared.chosen)
         report = PreflightReport(
@@ -133,6 +245,7 @@ class PreflightGate:
                 for name, checks in looked.of.items()
             ),
             not_checked=tuple(looked.not_checked),
+            causes=causes,
         )
         self._last = self.flight.newest.state.time_s, self._question(desired), report
         return report
@@ -148,7 +261,7 @@ class PreflightGate:
         checks = [(name, check) for name in chosen for check in looked.of[name]]
         if text := describe([*checks, *((None, check) for check in looked.fleet)]):
             raise RefusedError(text)
-        fleet = [_all_vehicles(chosen)]
+        fleet = [_all_vehicles(chosen, chosen)]
         if show_hash is not None:
             fleet.append(Check("show", State.PASS, limit=AS_CHECKED))
         fleet += looked.fleet
@@ -161,22 +274,27 @@ class PreflightGate:
 
     def need_alone(self, vehicle_id: VehicleId) -> None:
         """Check one vehicle at its turn to take off. Raises: RefusedError with all reasons against it."""
-        checks = self._alone(self._inputs(), [vehicle_id])[vehicle_id]
+        flying = {vehicle_id, *self.flight.show.accepted}
+        checks = self._alone(self._inputs(), [vehicle_id], flying)[vehicle_id]
         if text := describe((vehicle_id, check) for check in checks):
             raise RefusedError(text)
         self._check_obstacles([vehicle_id])  # one may have come to its pad since the start
 
     def _need_show(
-        self, chosen: Sequence[VehicleId], show_hash: str | None, desired: Sequence[VehicleId] | None
+        self,
+        chosen: Sequence[VehicleId],
+        show_hash: str | None,
+        desired: Sequence[VehicleId] | None,
+        *,
+        also_out: int = 0,
     ) -> None:
-        self.show_player.check_start(
-            chosen, show_hash, named=desired is not None, taken_out=len(self.flight.excluded)
-        )
+        out = len(self.flight.excluded) + also_out
+        self.show_player.check_start(chosen, show_hash, named=desired is not None, taken_out=out)
 
     def _look(self, chosen: Sequence[VehicleId]) -> FleetReadiness:
         """Inspect the vehicles that are to fly together, and each of all vehicles alone."""
         inputs = self._inputs()
-        alone = self._alone(inputs, list(self.flight.vehicles))
+        alone = self._alone(inputs, list(self.flight.vehicles), chosen)
         pattern = self._pattern()
         stand = standing(inputs, chosen, pattern)
         room = room_to_wander(inputs, chosen, pattern)
@@ -204,8 +322,10 @@ class PreflightGate:
         of_features = chain.from_iterable(each.checks(flight.instant) for each in flight.features)
         return FleetReadiness([*stand.fleet, *of_features], alone, [*stand.not_checked, *not_checked])
 
-    def _alone(self, inputs: PreflightInputs, vehicles: Sequence[VehicleId]) -> dict[VehicleId, list[Check]]:
-        near = spacing(inputs, vehicles)
+    def _alone(
+        self, inputs: PreflightInputs, vehicles: Sequence[VehicleId], flying: Collection[VehicleId]
+    ) -> dict[VehicleId, list[Check]]:
+        near = spacing(inputs, vehicles, flying)
         meant = self.flight.config.operation.require_parameters
         return {
             name: [
@@ -263,6 +383,10 @@ class PreflightGate:
     ) -> Iterator[tuple[str, str, Callable[[], None]]]:
         """Yield the checks of what would go wrong in the air, as far as it can be predicted; each raises."""
         flight, operation = self.flight, self.flight.config.operation
+        if not chosen or not all(
+            np.isfinite(flight.newest.position_m(flight.vehicles[name])).all() for name in chosen
+        ):
+            return
         yield ("formation", "a sphere that has room for all vehicles", lambda: self._check_formations(chosen))
         if operation.require_safe_setpoint_loss:
             alone = [flight.vehicles[name].without_setpoints for name in chosen]
@@ -353,37 +477,48 @@ class PreflightGate:
         flight = self.flight
         for name in desired or ():
             flight.vehicles.named(name)
-        chosen, _ = cleared = self._could(desired)
-        meant = set(flight.vehicles if desired is None else desired) - set(chosen)
-        for name, vehicle in flight.vehicles.items():
-            if name not in meant:
-                continue
-            exclusion = flight.excluded.get(name)
-            if exclusion is not None and desired is not None:
-                raise RefusedError(f"{name} was {exclusion}; include it first")
-            if exclusion is None and (desired is not None or vehicle.phase is not Phase.OFFLINE):
-                raise RefusedError(
-                    f"{name} is {vehicle.phase}: {vehicle.reason.removesuffix('.')}; only standby can start"
-                )
-        if not chosen:
+            if name in flight.excluded:
+                raise RefusedError(f"{name} was {flight.excluded[name]}; include it first")
+        meant, _ = cleared = self._meant(desired)
+        if all(flight.vehicles[name].phase is Phase.OFFLINE for name in meant):
             raise RefusedError("no vehicle is online")
+        if text := describe(self._absences(meant).items()):
+            raise RefusedError(text)
         return cleared
 
-    def _could(self, desired: Sequence[VehicleId] | None) -> Cleared:
-        """Return the desired vehicles that could fly, and why the others do not; raises nothing."""
-        chosen: list[VehicleId] = []
+    def _meant(self, desired: Sequence[VehicleId] | None) -> Cleared:
+        """Return the vehicles that are to fly, whatever they do now, and why the others are not."""
+        flight, meant = self.flight, list[VehicleId]()
         left_out: dict[VehicleId, str] = {}
-        meant = None if desired is None else frozenset(desired)
-        for name, vehicle in self.flight.vehicles.items():
-            if name in self.flight.excluded:
-                left_out[name] = str(self.flight.excluded[name])
-            elif meant is not None and name not in meant:
-                left_out[name] = "not chosen"
-            elif vehicle.phase is Phase.STANDBY:
-                chosen.append(name)
-            else:
+        for name, vehicle in flight.vehicles.items():
+            if name in flight.excluded:
+                left_out[name] = str(flight.excluded[name])
+            elif desired is not None and name not in desired:
+                left_out[name] = NOT_CHOSEN
+            elif not flight.elsewhere.owned[vehicle.row]:
                 left_out[name] = f"{vehicle.phase}: {vehicle.reason}"
-        return Cleared(chosen, left_out)
+            else:
+                meant.append(name)
+        return Cleared(meant, left_out)
+
+    def _absences(self, meant: Sequence[VehicleId]) -> dict[VehicleId, Check]:
+        """Why vehicles that are to fly cannot start: they are silent, or not on the ground."""
+        newest, absences = self.flight.newest, dict[VehicleId, Check]()
+        for name in meant:
+            vehicle = self.flight.vehicles[name]
+            problem = f"{vehicle.phase}: {vehicle.reason.removesuffix('.')}"
+            if vehicle.phase is Phase.OFFLINE:
+                silent_s = newest.state.time_s - float(newest.telemetry.life_time_s[vehicle.row])
+                value_s = silent_s if np.isfinite(silent_s) else None
+                absences[name] = Check(
+                    RECEIVED, State.FAIL, value_s, "s", "on the ground", problem, TO_DO[RECEIVED]
+                )
+            elif vehicle.phase is not Phase.STANDBY:
+                kind = DOWN if vehicle.phase in {Phase.LOST, Phase.KILLED} else STANDBY
+                absences[name] = Check(
+                    kind, State.FAIL, None, "", "standby", f"{problem}; only standby can start", TO_DO[kind]
+                )
+        return absences
 
     @with_alternative
     def exclude(self, vehicle_id: VehicleId, reason: str) -> CommandRecord:
@@ -416,8 +551,16 @@ class PreflightGate:
             raise RefusedError(f"{vehicle_id} is {vehicle.phase}: {because}; it is not on the ground")
 
 
-def _all_vehicles(chosen: Sequence[VehicleId]) -> Check:
-    return Check("vehicles", State.PASS, len(chosen), "vehicles", ON_GROUND)
+def _evaluations(count: int) -> int:
+    """40 for 60 vehicles, 3 for 200."""
+    return min(EVALUATIONS_MAX, max(EVALUATIONS_MIN, EVALUATED_PAIRS // max(1, count * count)))
+
+
+def _all_vehicles(chosen: Sequence[VehicleId], meant: Sequence[VehicleId]) -> Check:
+    if len(chosen) == len(meant) > 0:
+        return Check("vehicles", State.PASS, len(chosen), "vehicles", ON_GROUND)
+    problem = f"{len(chosen)} of {len(meant)} are received on the ground" if meant else "no vehicle is left"
+    return Check("vehicles", State.FAIL, len(chosen), "vehicles", ON_GROUND, problem, TO_DO["vehicles"])
 
 
 def _tried(name: str, limit: str, look: Callable[[], None]) -> Check:

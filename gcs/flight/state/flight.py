@@ -78,6 +78,9 @@ AT_REST_M_S = 0.5
 
 FLIES = AIRBORNE | {Phase.PILOT}
 
+NOT_CHOSEN: Final = "not chosen"
+"""Why a vehicle does not fly where a start named others."""
+
 
 def stands(offset_m: Array, radius_m: float, charge: Array, spread: float = SPREAD_SHARE) -> bool:
     """Whether the vehicles at (n, 3) from the centre, n >= 1, are on the sphere and spread over all of it."""

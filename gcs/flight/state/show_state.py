@@ -3,14 +3,18 @@
 import logging
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from typing import Final
 
 from gcs.flight.state.running_show import ShowRun
 from gcs.flight.state.vehicle import FlightVehicles
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import Phase, ShowEvent, ShowPhase, advance_show
+from gcs.model.preflight_report import named
 from gcs.model.state import VehicleId
 
 log = logging.getLogger(__name__)
+
+REACHED: Final = "formation reached"
 
 
 @dataclass(eq=False)
@@ -46,4 +50,6 @@ class ShowState:
 def reached(show: ShowState, vehicles: FlightVehicles) -> str:
     """That the formation is reached, and which vehicles of the start are not in it."""
     absent = [name for name in show.accepted if vehicles[name].phase is not Phase.FORMATION]
-    return f"formation reached, without {', '.join(absent)}" if absent else "formation reached"
+    there = len(show.accepted) - len(absent)
+    text = f"{there} of {len(show.accepted)} in formation, without {named(absent)}"
+    return text if absent else REACHED

@@ -30,6 +30,7 @@ def test_every_check_has_state_value_unit_and_limit(api: Api) -> None:
             "limit": "at least 25%",
             "problem": "battery at 20%, at least 25% is needed",
             "to_do": "charge it",
+            "depends_on": [],
         }
     ]
     assert reported["fleet"][0]["value"] is None

@@ -8,7 +8,9 @@ import pytest
 from rich.console import Console
 
 from gcs.api.schemas import fleet as schemas
-from gcs.cli.status import COLUMNS, SORTED, _columns, board, station_board
+from gcs.cli.status import COLUMNS, SORTED, _columns, board, preflight_board, station_board
+from gcs.model.preflight_report import Check, PreflightReport, State, VehicleChecks
+from gcs.preflight.causes import causes_of
 from gcs.service import BeginState, BeginView, SelectedShow
 from gcs.service.features import Features, TimecodeView
 from tests.support.api_fake_service import FakeService
@@ -217,3 +219,34 @@ def test_status_says_when_a_waiting_show_begins(fleet: schemas.Fleet) -> None:
     waiting = shown(BeginView(BeginState.WAITING, at_s, 12.34))
     assert f"waiting: begins at {local}, in 12.3 s" in waiting
     assert "held: no time to begin is given" in shown(BeginView(BeginState.HELD, None, None))
+
+
+def preflight_text(found: PreflightReport) -> str:
+    console = Console(width=160)
+    with console.capture() as shown:
+        console.print(preflight_board(found, everything=False))
+    return shown.get()
+
+
+def test_preflight_names_the_command_that_mends_a_cause() -> None:
+    battery = Check("battery", State.FAIL, 0.1, "of 1", "at least 25%", "battery at 10%", "charge it")
+    failed = {name: [battery] if name in {"d2", "d4"} else [] for name in ("d1", "d2", "d3", "d4")}
+    causes = causes_of(failed, lambda _out: [], lambda _check, _out: None, 40)
+    vehicles = tuple(VehicleChecks(name, True, "", tuple(checks), "px4") for name, checks in failed.items())
+    shown = preflight_text(PreflightReport(0.0, None, None, (), vehicles, (), causes))
+    assert "not ready to start: 4 of 4 vehicles, 0 of 2 checks pass" in shown
+    assert "- d2, d4: battery at 10%\n  charge it\n" in shown
+    assert "Leave d2, d4 out: ready  (for v in d2 d4; do gcs exclude $v; done)" in shown
+
+
+def test_preflight_in_flight_says_that_it_flies() -> None:
+    passed = VehicleChecks("d1", True, "", (Check("battery", State.PASS, 0.9),), "px4")
+    report = PreflightReport(
+        0.0, None, None, (), (passed,), (), (), "the show is running, 1 of 1 vehicles fly"
+    )
+    assert not report.passes
+    shown = preflight_text(report)
+    assert shown.startswith(
+        "in flight: the show is running, 1 of 1 vehicles fly: before take-off 1 of 1 vehicles"
+    )
+    assert "ready to start" not in shown

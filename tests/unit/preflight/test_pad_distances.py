@@ -152,3 +152,17 @@ def test_advice_works_when_it_is_followed_literally(reported: Reported) -> None:
     instead = re.search(r"\(([\d.]+) m", check.to_do)
     assert instead is not None
     assert refused(standing(PLAIN, [(6, 0.05, 0.1)] * 2, grid_m(2, float(instead[1])))) == []
+
+
+def test_a_bad_receiver_on_the_ground_keeps_no_other_there() -> None:
+    inputs = standing(PLAIN, [(2, 9.0, 9.0), (6, 0.02, 0.04)], grid_m(2))
+    (alone,) = spacing(inputs, ["d2"])["d2"]
+    assert alone.depends_on == ("d1", "d2")
+    (beside,) = spacing(inputs, ["d2"], ["d2"])["d2"]
+    assert (alone.state, beside.state) == (State.FAIL, State.PASS)
+
+
+def test_a_vehicle_too_near_to_one_left_out_is_named_itself() -> None:
+    inputs = standing(PLAIN, [(6, 0.02, 0.04)] * 2, grid_m(2, 1.0))
+    found = spacing(inputs, ["d1", "d2"], ["d2"])
+    assert [check.name for check in found["d2"] if not check.passes] == ["distance to the next"]

@@ -10,10 +10,11 @@ from gcs.failsafe.autopilot_failsafe import ADVICE_TO_MANY
 from gcs.flight.monitors.space_alarms import ClosePairs
 from gcs.model.errors import UnknownError
 from gcs.safety.floor import Floor
-from gcs.service.alarm_book import AlarmBook, ChangeKind
+from gcs.service.alarm_book import KEPT_UNTIL_ACKNOWLEDGED, AlarmBook, ChangeKind
 from gcs.service.alarms import (
     CAUSES,
     Alarm,
+    AlarmAction,
     AlarmCause,
     AlarmSeverity,
     Condition,
@@ -21,6 +22,7 @@ from gcs.service.alarms import (
     OverallSeverity,
     beyond,
     for_number,
+    in_the_past,
     overall,
 )
 
@@ -272,3 +274,47 @@ def test_alarm_of_several_vehicles_is_plural(story: Story) -> None:
     (alarm,) = story.holds(one, replace(one, vehicles=("d2",)))
     assert alarm.text == "Vehicles d1, d2 outside control: in mode position. They are left alone."
     assert alarm.advice == "Ask the pilots. take-control takes them over, in HOLD, when the pilots agree."
+
+
+def test_vehicles_with_different_reasons_are_a_table(story: Story) -> None:
+    poor = [
+        Condition(AlarmCause.POOR_LINK, f"{60 + row}% of [its|their] positions arrive", (f"d{row}",))
+        for row in range(16)
+    ]
+    (alarm,) = story.holds(*poor, for_s=9.0)
+    assert alarm.text == "16 vehicles with a poor link."
+    assert len(alarm.reasons) == 16
+    assert (alarm.reasons[2].vehicle, alarm.reasons[2].because) == ("d2", "62% of its positions arrive")
+    (alarm,) = story.holds(*poor[:2], for_s=9.0)
+    assert alarm.reasons == ()
+    (alarm,) = story.holds(replace(poor[0], vehicles=("d1", "d2")), for_s=9.0)
+    assert alarm.text == "Vehicles d1, d2 with a poor link: 60% of their positions arrive."
+
+
+def test_an_alarm_that_ended_is_told_in_the_past(story: Story) -> None:
+    story.holds(lost("d3"))
+    (alarm,) = story.holds()
+    assert alarm.text == "Vehicle d3 was lost: no telemetry for 2.0 s."
+    assert (alarm.advice, alarm.action) == ("", None)
+
+
+def test_what_ended_keeps_the_reason_it_was_raised_with(story: Story) -> None:
+    story.holds(Condition(AlarmCause.VEHICLES_LOST, "3 of 12 are lost"))
+    story.holds(Condition(AlarmCause.VEHICLES_LOST, "0 of 12 are lost"), for_s=6.0)
+    (alarm,) = story.holds(for_s=6.0)
+    assert alarm.text == "Too many vehicles were lost: 3 of 12 are lost."
+
+
+@pytest.mark.parametrize(
+    "cause", [cause for cause, row in CAUSES.items() if row.severity in KEPT_UNTIL_ACKNOWLEDGED]
+)
+def test_each_alarm_that_stays_when_it_ends_has_a_past(cause: AlarmCause) -> None:
+    past = for_number(in_the_past(CAUSES[cause]), many=False)
+    assert re.search(r"\b(was|were|had|have)\b", past), past
+
+
+def test_an_alarm_names_the_command_that_its_advice_means(story: Story) -> None:
+    (alarm,) = story.holds(low("d1"))
+    assert alarm.action is AlarmAction.RETURN
+    (alarm,) = story.holds(Condition(AlarmCause.LOW_BATTERY, "20%", ("d1",), advice="Look at it."))
+    assert alarm.action is None, "the advice is another"

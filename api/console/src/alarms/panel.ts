@@ -9,8 +9,8 @@ import { button } from "../panels/controls";
 import { clockTime, seconds } from "../panels/format";
 import { icon, type IconName } from "../panels/icons";
 import { isBesideAPanel, isSmall } from "../panels/layout";
-import { whyNotAcknowledge } from "../panels/rights";
-import { fresh, type State } from "../state";
+import { FROM, whyNot, whyNotAcknowledge, whyNotOnGround, whyNotShow } from "../panels/rights";
+import { fresh, indexOf, PHASES, type State } from "../state";
 import { texts } from "../texts";
 import { ALWAYS_SHOWN, alarmsOf, counted, isOpen, lasts, commanded, worst, type Alarm, type Overall } from "./model";
 
@@ -42,6 +42,60 @@ function vehicles(actions: PanelActions, alarm: Alarm): TemplateResult | typeof 
   </span>`;
 }
 
+/** Each vehicle with its own reason, as a table. */
+function reasons(actions: PanelActions, alarm: Alarm): TemplateResult | typeof nothing {
+  if (alarm.reasons.length === 0) return nothing;
+  return html`<table class="alarm-reasons" data-testid="alarm-reasons">
+    <tbody>
+      ${alarm.reasons.map(
+        ({ vehicle, because }) =>
+          html`<tr>
+            <th scope="row"><button type="button" class="link" @click=${() => actions.select(vehicle)}>${vehicle}</button></th>
+            <td>${because}</td>
+          </tr>`,
+      )}
+    </tbody>
+  </table>`;
+}
+
+/** Why the command that an alarm advises is not possible now; "" where it is. Pure. */
+export function whyNotFollow(state: State, { action, vehicles }: Alarm): string {
+  switch (action) {
+    case "pause":
+      return whyNotShow(state, "pause");
+    case "bring-home":
+      return whyNotShow(state, "stop");
+    case "leave-out":
+    case "include":
+      return whyNot(state, action) || whyNotOnGround(state);
+    case "return":
+    case "land":
+    case "take-control":
+    case "confirm-down": {
+      const phases = vehicles.map((id) => PHASES[state.frame?.phase[indexOf(state, id)] ?? 0] ?? "offline");
+      const why = whyNot(state, action);
+      return why || (phases.some((phase) => FROM[action].includes(phase)) ? "" : texts.vehicle.notIn([...new Set(phases)].join(", ")));
+    }
+    default:
+      return t.noAction;
+  }
+}
+
+/** The button that does what the text advises; none where it would do nothing. */
+function follows(state: State, actions: PanelActions, alarm: Alarm): TemplateResult | typeof nothing {
+  const { action } = alarm;
+  const isAlone = alarmsOf(state.status).length === 1; // the list has no button that opens it
+  const hasRoom = !isSmall(state.panels.layout) || state.panels.allAlarms || isAlone;
+  if (action === null || !hasRoom || !lasts(alarm) || whyNotFollow(state, alarm) !== "") return nothing;
+  const isAsked = action === "confirm-down" && state.panels.sure === alarm.id;
+  return button(actions, {
+    id: `follow-${alarm.id}`,
+    label: isAsked ? t.seenDown(alarm.vehicles.length) : t.actions[action],
+    name: isAsked ? t.seenDown(alarm.vehicles.length) : t.actionTo(t.actions[action], alarm.vehicles),
+    press: () => actions.follow(alarm),
+  });
+}
+
 function since(state: State, alarm: Alarm): string {
   const now_s = state.frame?.unix_time_s ?? NaN;
   const lasted_s = (alarm.ended_unix_time_s ?? now_s) - alarm.since_unix_time_s;
@@ -63,11 +117,12 @@ function one(state: State, actions: PanelActions, alarm: Alarm): TemplateResult 
     <div class="alarm-words">
       <p class="alarm-head"><b>${t.severities[alarm.severity]}</b> <time>${since(state, alarm)}</time> ${vehicles(actions, alarm)}</p>
       <p class="alarm-text">${alarm.text}</p>
-      ${alarm.advice ? html`<p class="alarm-advice">${alarm.advice}</p>` : nothing}
+      ${reasons(actions, alarm)} ${alarm.advice ? html`<p class="alarm-advice">${alarm.advice}</p>` : nothing}
       ${isNew
         ? nothing
         : html`<p class="alarm-seen">${icon("check")} ${t.acknowledged(alarm.acknowledged_by!, clockTime(alarm.acknowledged_unix_time_s))}</p>`}
     </div>
+    ${follows(state, actions, alarm)}
     ${isNew
       ? button(actions, {
           id: `acknowledge-${alarm.id}`,
@@ -103,7 +158,7 @@ export function alarms(state: State, actions: PanelActions): TemplateResult | ty
     <header>
       <h2>${t.title} <b data-testid="alarm-count">${all.length}</b></h2>
       <span class="alarm-counts">
-        ${counted(all).map(({ severity, count }) => html`<span class="alarm-count-${severity}" title=${t.counts[severity](count)}>${icon(SEVERITY_ICON[severity])}${count}</span>`)}
+        ${counted(all.filter(lasts)).map(({ severity, count }) => html`<span class="alarm-count-${severity}" title=${t.counts[severity](count)}>${icon(SEVERITY_ICON[severity])}${count}</span>`)}
       </span>
       <span class="spring"></span>
       ${all.length > 1 && (allAlarms || isBesideAPanel(state.panels))

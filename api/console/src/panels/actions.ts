@@ -2,10 +2,14 @@
 
 import type { Actions, FleetCommand, ReplayChange, ShowCommand, VehicleCommand } from "../actions";
 import type { Choice, Selection } from "../selection";
-import type { Placement, State, View } from "../state";
+import type { Placement, PreflightReport, State, View } from "../state";
 import type { Message } from "../messages";
+import type { Alarm } from "../alarms/model";
 import type { Sort } from "./rows";
 import type { PanelState, Group, LeftPanel, RightPanel, Sheet } from "./state";
+
+/** As a cause of a preflight report has it. */
+export type Remedy = NonNullable<PreflightReport["causes"][number]["action"]>;
 
 export type PanelName = LeftPanel | RightPanel;
 
@@ -45,6 +49,10 @@ export interface PanelActions
   /** To every selected vehicle, as one command. */
   fleet(command: FleetCommand): void;
   exclude(id: string): void;
+  /** The command with which a preflight report mends a cause. */
+  mend(action: Remedy): void;
+  /** The command that an alarm advises. */
+  follow(alarm: Alarm): void;
   include(id: string): void;
   apply(group: Group): void;
   saveObstacle(): void;

@@ -14,7 +14,8 @@ import { whyNotOnGround } from "./rights";
 import { beginOrder, beginTime } from "./begin";
 import { startOrder } from "./start";
 import { isSite } from "./stations";
-import type { PanelActions, PanelName } from "./actions";
+import type { PanelActions, PanelName, Remedy } from "./actions";
+import type { Alarm } from "../alarms/model";
 
 const LEFT: readonly PanelName[] = ["preflight", "shows", "shape", "obstacles"];
 const SHOW_MAX_BYTES = 64 * 1024;
@@ -166,6 +167,52 @@ export function createDeskActions(
     }
   }
 
+  /** The same command to vehicles one after the other, as far as it is accepted. */
+  async function each(vehicles: readonly string[], command: (id: string) => Promise<boolean>): Promise<void> {
+    for (const id of vehicles) if (!(await command(id))) break;
+    await service.loadPreflight();
+  }
+
+  const leaveOut = (vehicles: readonly string[], why: string): Promise<void> => each(vehicles, (id) => service.exclude(id, why));
+  const confirmDown = (vehicles: readonly string[]): Promise<void> => each(vehicles, (id) => service.vehicle(id, "confirm-down"));
+
+  async function mend({ remedy, vehicles, radius_m, obstacle }: Remedy): Promise<void> {
+    switch (remedy) {
+      case "leave-out":
+        return leaveOut(vehicles, texts.preflight.failed);
+      case "confirm-down":
+        return confirmDown(vehicles);
+      case "set-radius":
+        await service.changeFormation({ radius_m: radius_m ?? 0 });
+        break;
+      case "remove-obstacle":
+        await service.removeObstacle(obstacle);
+    }
+    await service.loadPreflight();
+  }
+
+  async function follow({ id, action, vehicles }: Alarm): Promise<void> {
+    switch (action) {
+      case "return":
+      case "land":
+      case "take-control":
+        return void (await service.fleet(action, vehicles));
+      case "pause":
+        return void (await service.show("pause"));
+      case "bring-home":
+        return void (await service.show("stop"));
+      case "leave-out":
+        return leaveOut(vehicles, texts.preflight.silent);
+      case "include":
+        return each(vehicles, (one) => service.vehicle(one, "include"));
+      case "confirm-down": {
+        const isSure = state().panels.sure === id;
+        set({ sure: isSure ? "" : id });
+        if (isSure) await confirmDown(vehicles);
+      }
+    }
+  }
+
   async function readReport(): Promise<void> {
     set({ reportReading: true, reportProblem: "" });
     await service.loadReport();
@@ -235,6 +282,8 @@ export function createDeskActions(
     vehicle: (id, command) => void service.vehicle(id, command),
     fleet: (command) => void service.fleet(command, state().view.selection),
     exclude: (id) => void excluded(id),
+    mend: (action) => void mend(action),
+    follow: (alarm) => void follow(alarm),
     async include(id) {
       if (await service.vehicle(id, "include")) await service.loadPreflight();
     },

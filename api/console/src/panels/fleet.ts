@@ -84,7 +84,7 @@ function rowView(state: State, actions: PanelActions, row: Row, position: number
   const isSelected = state.view.selection.includes(row.id);
   const low = row.battery < LOW_BATTERY;
   return html`<tr
-    class="${isSelected ? "selected" : ""} ${isStale(row) ? "old" : ""}"
+    class="${isSelected ? "selected" : ""} ${!row.received ? "never" : isStale(row) ? "old" : ""}"
     aria-rowindex=${position + 2}
     data-testid="row-${row.id}"
     aria-selected=${String(isSelected)}
@@ -103,7 +103,7 @@ function rowView(state: State, actions: PanelActions, row: Row, position: number
         ${row.id}
       </button>
     </th>
-    <td class="phase phase-${row.phase}">${icon(PHASE_ICON[row.phase])}<span>${texts.fleet.phases[row.phase]}</span></td>
+    <td class="phase phase-${row.phase}">${icon(PHASE_ICON[row.phase])}<span>${row.phase === "offline" && !row.received ? texts.fleet.notReceived : texts.fleet.phases[row.phase]}</span></td>
     ${stationCell(state, row)}
     <td class="held col-held" title=${row.limitedBy || nothing}>
       ${row.limited ? html`${icon("limited")}<span class="for-readers">${texts.fleet.limited}</span>` : nothing}

@@ -1,4 +1,4 @@
-/** Preflight as a list of tasks: a problem of several vehicles is shown once, with their names. */
+/** Preflight as a list of causes: what follows from one is folded under it, with the command that mends most. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
 import { guard } from "lit-html/directives/guard.js";
@@ -6,14 +6,18 @@ import type { PreflightReport, State } from "../state";
 import { texts } from "../texts";
 import type { PanelActions } from "./actions";
 import { button, textField } from "./controls";
-import { plain, seconds } from "./format";
+import { percent, plain, seconds } from "./format";
 import { icon } from "./icons";
 import { whyNot, whyNotOnGround } from "./rights";
 
 type Check = PreflightReport["fleet"][number];
 type Vehicle = PreflightReport["vehicles"][number];
+type Cause = PreflightReport["causes"][number];
 
 const t = texts.preflight;
+
+/** What a report says of itself once nothing fails. */
+const READY = "ready";
 
 /** How long a report counts as what is so now, and not as what was. */
 const NEW_MS = 12_000;
@@ -31,39 +35,15 @@ export function preflightOf(state: State, vehicles: readonly string[] | null): P
 
 export const reportKey = (vehicles: readonly string[] | null): string => vehicles?.join(" ") ?? "";
 
-/** How many checks keep the fleet on the ground; those of vehicles that do not fly do not count. */
-export function failures(report: PreflightReport): number {
-  const failing = (checks: readonly Check[]): number => checks.filter((each) => each.state !== "pass").length;
-  return failing(report.fleet) + report.vehicles.reduce((sum, each) => sum + (each.flies ? failing(each.checks) : 0), 0);
-}
-
-export interface Trouble {
-  check: Check;
-  vehicles: { id: string; measured: string }[];
-}
+/** How many causes keep the fleet on the ground. */
+export const failures = (report: PreflightReport): number => report.causes.length;
 
 function measured(check: Check): string {
   if (check.value === null) return "";
-  return `${plain(check.value)} ${check.unit}`.trim();
+  return check.unit === "of 1" ? percent(check.value) : `${plain(check.value)} ${check.unit}`.trim();
 }
 
-/** What keeps which vehicles on the ground; problems with the same remedy are one, the most common first. Pure. */
-export function troubles(report: PreflightReport): Trouble[] {
-  const found = new Map<string, Trouble>();
-  for (const vehicle of report.vehicles) {
-    for (const check of vehicle.flies ? vehicle.checks : []) {
-      if (check.state === "pass") continue;
-      const hasText = check.unit === ""; // the problem alone gives the measured value
-      const key = [check.name, check.state, check.limit, check.to_do, hasText ? check.problem : ""].join("\n");
-      const trouble = found.get(key) ?? { check, vehicles: [] };
-      trouble.vehicles.push({ id: vehicle.id, measured: hasText ? "" : measured(check) });
-      found.set(key, trouble);
-    }
-  }
-  return [...found.values()].sort((a, b) => b.vehicles.length - a.vehicles.length);
-}
-
-function checkView(one: Check, who: TemplateResult | typeof nothing = nothing): TemplateResult {
+function checkView(one: Check): TemplateResult {
   const passes = one.state === "pass";
   const value = one.unit === "" ? "" : measured(one);
   return html`<li class="check check-${one.state}" data-testid="check-${one.state}">
@@ -71,11 +51,11 @@ function checkView(one: Check, who: TemplateResult | typeof nothing = nothing): 
     <div>
       <p class="check-name">
         <strong>${one.name}</strong>
-        ${who === nothing && value ? html`<span class="value">${value}</span>` : nothing}
+        ${value ? html`<span class="value">${value}</span>` : nothing}
         ${one.state === "unknown" ? html`<span>${t.unknown}</span>` : nothing}
         ${one.limit ? html`<small>${t.limit}: ${one.limit}</small>` : nothing}
       </p>
-      ${who} ${one.problem ? html`<p class="check-problem">${one.problem}</p>` : nothing}
+      ${one.problem ? html`<p class="check-problem">${one.problem}</p>` : nothing}
       ${one.to_do && !passes ? html`<p class="check-do"><b>${t.toDo}:</b> ${one.to_do}</p>` : nothing}
     </div>
   </li>`;
@@ -83,27 +63,68 @@ function checkView(one: Check, who: TemplateResult | typeof nothing = nothing): 
 
 const NAMED_MAX = 12;
 
-function whoView(actions: PanelActions, trouble: Trouble): TemplateResult {
-  const named = trouble.vehicles.slice(0, NAMED_MAX);
-  const more = trouble.vehicles.length - named.length;
+/** The value that fails, of a vehicle of a cause. */
+function valueOf(found: PreflightReport, cause: Cause, id: string): string {
+  const check = found.vehicles.find((each) => each.id === id)?.checks.find((each) => each.name === cause.check && each.state !== "pass");
+  return check === undefined || check.unit === "" ? "" : measured(check);
+}
+
+function whoView(actions: PanelActions, found: PreflightReport, cause: Cause): TemplateResult | typeof nothing {
+  if (cause.vehicles.length < 2) return nothing; // one is named in the text
+  const more = cause.vehicles.length - NAMED_MAX;
   return html`<p class="check-who">
-    ${named.map(
-      (each) => html`<button type="button" class="link" @click=${() => actions.select(each.id)}>${each.id}</button>${each.measured
-          ? html` <span class="value">${each.measured}</span>`
-          : nothing} `,
-    )}
+    ${cause.vehicles.slice(0, NAMED_MAX).map((id) => {
+      const value = valueOf(found, cause, id);
+      return html`<button type="button" class="link" @click=${() => actions.select(id)}>${id}</button>${value
+          ? html` <span class="value">${value}</span>`
+          : nothing} `;
+    })}
     ${more > 0 ? t.moreVehicles(more) : nothing}
-    ${trouble.vehicles.length > 1
-      ? html`<button
-          type="button"
-          class="link"
-          data-testid="select-problem"
-          @click=${() => actions.choose({ how: "only", ids: trouble.vehicles.map((each) => each.id) })}
-        >
-          ${texts.selection.selectAll(trouble.vehicles.length)}
-        </button>`
-      : nothing}
+    <button
+      type="button"
+      class="link"
+      data-testid="select-problem"
+      @click=${() => actions.choose({ how: "only", ids: cause.vehicles })}
+    >
+      ${texts.selection.selectAll(cause.vehicles.length)}
+    </button>
   </p>`;
+}
+
+/** One cause: what is wrong, the command that mends it and what remains then, and what follows from it. */
+function causeView(state: State, actions: PanelActions, found: PreflightReport, cause: Cause, index: number): TemplateResult {
+  const { action } = cause;
+  return html`<li class="check cause check-${cause.state}" data-testid="cause">
+    ${icon(cause.state === "fail" ? "cross" : "question")}
+    <div>
+      <p class="cause-text">
+        ${cause.vehicles.length === 1
+          ? html`<button type="button" class="link" @click=${() => actions.select(cause.vehicles[0]!)}>${cause.text}</button>`
+          : html`<strong>${cause.text}</strong>`}
+      </p>
+      ${whoView(actions, found, cause)}
+      ${cause.to_do ? html`<p class="check-do"><b>${t.toDo}:</b> ${cause.to_do}</p>` : nothing}
+      ${action
+        ? html`<div class="cause-action">
+            ${button(actions, {
+              id: `mend-${index}`,
+              label: action.label,
+              why: whyNot(state, action.remedy) || whyNotOnGround(state),
+              press: () => actions.mend(action),
+            })}
+            ${action.then ? html`<span class="cause-then ${action.then === READY ? "good" : ""}">${t.then(action.then)}</span>` : nothing}
+          </div>`
+        : nothing}
+      ${cause.follows.length
+        ? html`<details>
+            <summary>${t.follows(cause.follows.length)}</summary>
+            <ul class="plain dim">
+              ${cause.follows.map((text) => html`<li>${text}</li>`)}
+            </ul>
+          </details>`
+        : nothing}
+    </div>
+  </li>`;
 }
 
 function excluding(state: State, actions: PanelActions, id: string): TemplateResult {
@@ -165,11 +186,12 @@ function vehicleList(state: State, actions: PanelActions, list: readonly Vehicle
 }
 
 /** Passed checks are one line until the operator opens it: a start is prepared by the failed ones. */
-function passing(state: State, actions: PanelActions, vehicles: readonly Vehicle[], checks: readonly Check[]): TemplateResult {
+function passing(state: State, actions: PanelActions, vehicles: readonly Vehicle[], checks: readonly Check[]): TemplateResult | typeof nothing {
   const { allChecks } = state.panels;
+  if (vehicles.length + checks.length === 0) return nothing; // nothing passed is no pass
   return html`<section class="preflight-passing" data-testid="preflight-passing">
     <h3>${t.passing}</h3>
-    <p class="verdict good">${icon("check")} <span>${t.passingWhat(vehicles.length, checks.length)}</span></p>
+    <p class="verdict">${icon("check")} <span>${t.passingWhat(vehicles.length, checks.length)}</span></p>
     ${button(actions, {
       id: "checks-all",
       label: allChecks ? t.hidden : t.shown,
@@ -186,17 +208,16 @@ function passing(state: State, actions: PanelActions, vehicles: readonly Vehicle
   </section>`;
 }
 
-function details(state: State, actions: PanelActions, found: PreflightReport): TemplateResult {
-  const failing = found.fleet.filter((each) => each.state !== "pass");
-  const list = troubles(found);
+/** What to mend, who stays, and what passes. */
+export function details(state: State, actions: PanelActions, found: PreflightReport): TemplateResult {
   const isGood = (one: Vehicle): boolean => one.flies && one.checks.every((each) => each.state === "pass");
   const rest = found.vehicles.filter((one) => !isGood(one));
   const open = [...rest.filter((one) => one.flies), ...rest.filter((one) => !one.flies)];
-  return html`${failing.length || list.length
+  return html`${found.causes.length
       ? html`<section data-testid="preflight-todo">
           <h3>${t.todo}</h3>
           <ul class="checks">
-            ${failing.map((each) => checkView(each))} ${list.map((each) => checkView(each.check, whoView(actions, each)))}
+            ${found.causes.map((each, index) => causeView(state, actions, found, each, index))}
           </ul>
         </section>`
       : nothing}
@@ -222,9 +243,12 @@ function report(state: State, actions: PanelActions, found: PreflightReport): Te
   const { allChecks, excluding: who, drafts } = state.panels;
   const onGround = whyNotOnGround(state);
   const shown = [found, allChecks, who, drafts["exclude-reason"], onGround, whyNot(state, "exclude"), whyNot(state, "include")];
-  return html`<div class="verdict ${found.passes ? "good" : "bad"}" role="status" data-testid="preflight-verdict">
-      ${icon(found.passes ? "check" : "cross")}
-      <strong>${found.passes ? t.passes : t.fails(failures(found))}</strong>
+  const flying = found.fleet.find((each) => each.name === "vehicles")?.value ?? 0;
+  const verdict = found.passes ? t.passes : failures(found) > 0 ? t.fails(failures(found)) : t.noVehicles;
+  return html`<div class="verdict ${onGround !== "" ? "" : found.passes ? "good" : "bad"}" role="status" data-testid="preflight-verdict">
+      ${icon(onGround !== "" ? "info" : found.passes ? "check" : "cross")}
+      <strong>${onGround !== "" ? t.flies : verdict}</strong>
+      <span>${t.of(flying, found.vehicles.length)}</span>
       <small>${onGround === "" ? "" : `${t.before}; `}${t.read(seconds((state.page_ms - state.panels.preflightRead_ms) / 1000))}</small>
     </div>
     ${guard(shown, () => details(state, actions, found))}`;

@@ -23,6 +23,7 @@ export interface Row {
   limitedBy: string;
   station: string; // that flies it; empty where one flies all, or none is known to
   autopilot: string;
+  received: boolean; // ever: its values are old otherwise, and there are none yet where it was not
 }
 
 export type Column = "id" | "phase" | "mode" | "battery" | "age" | "fix" | "nearest" | "link" | "height" | "held" | "station";
@@ -58,6 +59,7 @@ export function rowOf(status: Status, frame: Frame, nearest_m: ArrayLike<number>
     limitedBy: vehicle.limited_by,
     station: vehicle.station ?? "",
     autopilot: vehicle.autopilot,
+    received: Number.isFinite(frame.uncertainty_m[index]!),
   };
 }
 

@@ -79,7 +79,7 @@ function readiness(state: State, actions: PanelActions): TemplateResult {
   const staying = byReason(report.not_flying);
   return html`<p class="verdict ${passes ? "good" : "bad"}" data-testid="start-preflight">
       ${icon(passes ? "check" : "cross")} <strong>${verdict}</strong>
-      ${passes ? html`<span>${t.flies(flying)}</span>` : nothing}
+      ${passes ? html`<span>${t.flies(flying, report.vehicles.length)}</span>` : nothing}
       ${passes
         ? nothing
         : button(actions, { id: "start-look", label: t.look, kind: "quiet", press: () => actions.openPanel("preflight") })}

@@ -61,7 +61,8 @@ function showState(state: State): TemplateResult {
   const phase = show?.phase ?? "idle";
   const frozen = phase === "running" ? halted(state.status) : "";
   const known = show === undefined ? "–" : frozen || texts.phases[phase];
-  return html`<div class="show-state phase-${frozen ? "paused" : phase} value" data-testid="show-state" role="status" title=${show?.reason || nothing}>
+  const lacks = phase === "running" && / in formation, without /.test(show?.reason ?? ""); // green is for all of it
+  return html`<div class="show-state phase-${frozen || lacks ? "paused" : phase} value" data-testid="show-state" role="status" title=${show?.reason || nothing}>
     ${icon(frozen ? "pause" : SHOW_ICON[phase])}
     <span class="show-words">
       <strong data-testid="show-phase">${known}</strong>

@@ -35,6 +35,9 @@ function place2(x_m: number | undefined, y_m: number | undefined): string {
   return Number.isFinite(x_m) ? `${fixed(x_m)}, ${fixed(y_m)} m` : UNKNOWN;
 }
 
+/** What a vehicle sends: it has none of it before it is received. */
+const NEVER = ["position", "height", "velocity", "battery", "fix", "mode", "armed", "landed", "ready"] as const;
+
 function facts(state: State, row: Row): TemplateResult {
   const frame = state.frame!;
   const status = state.status!;
@@ -43,6 +46,9 @@ function facts(state: State, row: Row): TemplateResult {
   const speed = Math.hypot(frame.vx_m_s[i]!, frame.vy_m_s[i]!);
   const asked = Math.hypot(frame.setpoint_x_m_s[i]!, frame.setpoint_y_m_s[i]!);
   const isCommanded = (frame.flags[i]! & FLAG.commanded) !== 0;
+  const equipment = html`${vehicle.station === null ? nothing : pair("station", vehicle.station)}
+    ${pair("autopilot", vehicle.autopilot)} ${pair("link", `${vehicle.link}, ${vehicle.system_id}`)}`;
+  if (!row.received) return html`<dl class="facts">${NEVER.map((name) => pair(name, t.notReceived))} ${equipment}</dl>`;
   const last = lastOrder(state, row.id);
   const part = last?.outcomes[row.id];
   const moving = (sideways: number, up: number): string =>
@@ -63,9 +69,7 @@ function facts(state: State, row: Row): TemplateResult {
     ${pair("armed", row.armed ? t.yes : t.no)}
     ${pair("landed", t.landed[frame.landed[i]!] ?? UNKNOWN)}
     ${pair("ready", row.ready ? t.yes : t.no)}
-    ${vehicle.station === null ? nothing : pair("station", vehicle.station)}
-    ${pair("autopilot", vehicle.autopilot)}
-    ${pair("link", `${vehicle.link}, ${vehicle.system_id}`)}
+    ${equipment}
     ${pair("commands", last ? `${texts.events.action(last.action)}, ${texts.events.outcomes[part!.outcome] ?? part!.outcome} ${part!.reason}` : UNKNOWN)}
   </dl>`;
 }
@@ -105,7 +109,7 @@ export function vehicle(state: State, actions: PanelActions): TemplateResult {
   if (!status || !frame || index < 0 || index >= frame.n) return html`<p class="empty">${t.gone(id)}</p>`;
   const row = rowOf(status, frame, state.panels.table.nearest_m, index);
   const { reason } = status.vehicles[index]!;
-  return html`<article class="vehicle ${isStale(row) ? "old" : ""}" data-testid="vehicle-page">
+  return html`<article class="vehicle ${row.received && isStale(row) ? "old" : ""}" data-testid="vehicle-page">
     <header>
       <h3 data-testid="vehicle-id">${row.id}</h3>
       <span class="phase phase-${row.phase} value" data-testid="vehicle-phase">
@@ -124,7 +128,7 @@ export function vehicle(state: State, actions: PanelActions): TemplateResult {
     ${isMissingStation(status, row.station)
       ? html`<p class="problem" data-testid="vehicle-station-missing">${icon("warning")} ${texts.stations.ofMissing(row.station)}</p>`
       : nothing}
-    ${isStale(row) ? html`<p class="problem">${icon("warning")} ${texts.fleet.stale}</p>` : nothing}
+    ${row.received && isStale(row) ? html`<p class="problem">${icon("warning")} ${texts.fleet.stale}</p>` : nothing}
     ${row.limited
       ? html`<p class="notice" data-testid="vehicle-limited">${icon("limited")} ${t.held}: ${row.limitedBy || texts.fleet.limited}</p>`
       : nothing}

@@ -22,6 +22,8 @@ export interface components {
             /** @description Name of the token used; null: not acknowledged. */
             acknowledged_by: string | null;
             acknowledged_unix_time_s: number | null;
+            /** @description The command that does what `advice` says; null: none does. */
+            action: components["schemas"]["AlarmAction"] | null;
             /** @description What an operator can do. */
             advice: string;
             /**
@@ -37,6 +39,11 @@ export interface components {
             id: string;
             /** @description When it began, or last concerned a further vehicle or became more severe: it then is no longer acknowledged. The newest of a severity is listed first. */
             raised_unix_time_s: number;
+            /**
+             * @description Why it concerns each of its vehicles, where the text has no room for it.
+             * @default []
+             */
+            reasons: components["schemas"]["VehicleReason"][];
             /** @description emergency: act at once; warning: act soon; caution: be ready to act; information: nothing to do. */
             severity: components["schemas"]["AlarmSeverity"];
             /** @description When the cause began. */
@@ -50,10 +57,15 @@ export interface components {
             vehicles: string[];
         };
         /**
+         * @description A command of the service that does what an alarm advises.
+         * @enum {string}
+         */
+        AlarmAction: "return" | "land" | "take-control" | "confirm-down" | "leave-out" | "include" | "pause" | "bring-home";
+        /**
          * @description Cause of an alarm.
          * @enum {string}
          */
-        AlarmCause: "killed" | "terminated" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "land-now" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "obstacle-near" | "obstacle-waits" | "no-headway" | "no-way" | "radius-small" | "uncertain-position" | "little-authority" | "slow-vehicle" | "slow-answers" | "height-differs" | "corrections-stopped" | "timecode" | "clock-doubtful" | "poor-link" | "no-heartbeat" | "input-flooded" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
+        AlarmCause: "killed" | "terminated" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "land-now" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "obstacle-near" | "obstacle-waits" | "no-headway" | "no-way" | "radius-small" | "uncertain-position" | "little-authority" | "slow-vehicle" | "slow-answers" | "height-differs" | "corrections-stopped" | "timecode" | "clock-doubtful" | "silent" | "poor-link" | "no-heartbeat" | "input-flooded" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
         /** @description All alarms, and the overall severity. */
         AlarmList: {
             /** @description Lasting alarms before ended ones; the most severe first, of one severity the newest. */
@@ -98,6 +110,11 @@ export interface components {
         };
         /** @description One check before a start. */
         Check: {
+            /**
+             * @description Other checks of the same vehicle, or vehicles, from which a failure follows.
+             * @default []
+             */
+            depends_on: string[];
             /**
              * @description Values that pass.
              * @default
@@ -1022,7 +1039,7 @@ export interface components {
                 get: {
                     parameters: {
                         query?: {
-                            /** @description Vehicles that shall fly; absent: every vehicle that is online. */
+                            /** @description Vehicles that shall fly; absent: every vehicle that is not left out. */
                             vehicles?: string[] | null;
                         };
                     };
@@ -1886,9 +1903,51 @@ export interface components {
             /** @description Playback speed as a multiple of the flight's. */
             speed: number;
         };
+        /** @description What mends most of a cause at once, and what remains then. */
+        PreflightAction: {
+            /** @example Leave d3 out */
+            label: string;
+            /** @default  */
+            obstacle: string;
+            radius_m: number | null;
+            remedy: components["schemas"]["Remedy"];
+            /**
+             * @description The report once it is done.
+             * @example ready
+             */
+            then: string;
+            /** @default [] */
+            vehicles: string[];
+        };
+        /** @description One thing to mend, with all that follows from it. */
+        PreflightCause: {
+            /** @description null: no command of the service mends it. */
+            action: components["schemas"]["PreflightAction"] | null;
+            /** @description Name of the check that fails. */
+            check: string;
+            /** @description What fails because of it, one text a check. */
+            follows: string[];
+            state: components["schemas"]["State"];
+            /** @example d3: its receiver's fix is 2D, 3D is needed */
+            text: string;
+            /** @description How to correct it. */
+            to_do: string;
+            /** @description Empty: it concerns the fleet. */
+            vehicles: string[];
+        };
         /** @description All checks before a start. */
         PreflightReport: {
+            /**
+             * @description What to mend, what helps most first; every check that fails is in one of them.
+             * @default []
+             */
+            causes: components["schemas"]["PreflightCause"][];
             fleet: components["schemas"]["Check"][];
+            /**
+             * @description Why a start is refused whatever the checks say: it flies. Empty: it does not.
+             * @default
+             */
+            in_flight: string;
             /** @description What is not checked, and why. */
             not_checked: string[];
             /** @description Vehicles that would stay on the ground, and why. */
@@ -1928,6 +1987,11 @@ export interface components {
             /** @description Waits for a command: take-over or bring-home would reach it. */
             waits: boolean;
         };
+        /**
+         * @description A command of the service that mends a cause.
+         * @enum {string}
+         */
+        Remedy: "leave-out" | "confirm-down" | "set-radius" | "remove-obstacle";
         /** @description Changes of the playback; at least one field. */
         ReplayChange: {
             paused?: boolean;
@@ -2201,7 +2265,7 @@ export interface components {
              */
             show_hash?: string;
             /**
-             * @description Absent: every vehicle that is online.
+             * @description Absent: every vehicle that is not left out.
              * @example [
              *       "d1",
              *       "d2"
@@ -2459,7 +2523,7 @@ export interface components {
              */
             autopilot: string;
             checks: components["schemas"]["Check"][];
-            /** @description Whether the vehicle takes part in a start when every check passes. */
+            /** @description Whether the vehicle takes part in a start when every check passes. A silent one does, and fails, until it is left out. */
             flies: boolean;
             id: string;
             readonly passes: boolean;
@@ -2476,6 +2540,11 @@ export interface components {
             outcome: components["schemas"]["Outcome"];
             /** @default  */
             reason: string;
+        };
+        /** @description Why an alarm concerns one of its vehicles. */
+        VehicleReason: {
+            because: string;
+            vehicle: string;
         };
         /** @description Data of one vehicle that changes seldom. */
         VehicleRecord: {
