@@ -84,7 +84,10 @@ const service = createActions(createApi(token), byHand, newest);
 const actions = createDeskActions(service, byHand, newest, login);
 const scene = createScene(
   canvas,
-  { preview: (preview) => byHand({ kind: "preview", preview }), place: (place) => byHand({ kind: "placed-at", place }), choose: (choice) => actions.chooseInScene(choice) },
+  {
+    preview: (preview) => byHand({ kind: "preview", preview }), shape: (id, change) => actions.shapeObstacle(id, change),
+    place: (place) => byHand({ kind: "placed-at", place }), choose: (choice) => actions.chooseInScene(choice),
+  },
   createTiles(token),
 );
 
