@@ -135,24 +135,6 @@ def an_alarm_leaves_the_scene_where_it_is(ui: Console, control: int) -> None:
 def add_obstacle(ui: Console, ground: Station) -> None:
     ui.press("tab-obstacles")
     ui.opens(lambda: ui.press("obstacle-add"), "obstacle-id")
-    for by_px, field in (((0, 0), "x_m"), ((60, 30), "half_length_y_m")):  # placed by a click, or drawn
-        before = ui.part(f"obstacle:{field}").input_value()
-
-        def on_the_ground(by_px: tuple[int, int] = by_px) -> None:
-            scene = ui.page.locator("#view").bounding_box()
-            assert scene is not None
-            x, y = scene["x"] + 0.5 * scene["width"], scene["y"] + 0.8 * scene["height"]
-            ui.page.mouse.move(x, y)
-            ui.page.mouse.down()
-            ui.page.mouse.move(x + by_px[0], y + by_px[1], steps=4)
-            ui.page.mouse.up()
-
-        def taken(within_ms: float, field: str = field, before: str = before) -> None:
-            expect(ui.part(f"obstacle:{field}")).not_to_have_value(before, timeout=within_ms)
-
-        ui.until(on_the_ground, taken)
-        ui.closes("Escape", "obstacle-id")
-        ui.opens(lambda: ui.press("obstacle-add"), "obstacle-id")
     ui.part("obstacle-id").fill("tower")
     for field, value in BOX.items():
         ui.part(field).fill(value)
