@@ -73,7 +73,7 @@ describe("the filter", () => {
 
 const alarm = (id: string, severity: Alarm["severity"], vehicles: string[], ended_unix_time_s: number | null = null): Alarm => ({
   id, severity, vehicles, ended_unix_time_s, cause: "poor-link", text: "", advice: "", raised_unix_time_s: 1, since_unix_time_s: 1,
-  acknowledged_by: null, acknowledged_unix_time_s: null, command_id: null,
+  acknowledged_by: null, acknowledged_unix_time_s: null, command_id: null, action: null, reasons: [],
 });
 
 /** So many vehicles in formation; the second one has a low battery and two alarms. */
