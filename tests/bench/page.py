@@ -1,7 +1,8 @@
 """How many pictures a second the console draws without a graphics card, while the service flies beside it.
 
-`make bench` prints it; `python -m tests.bench.page 200` measures one fleet. The alternative beside it is the
-same page with its scene hidden: what the browser itself can do here.
+`make bench` prints it; `python -m tests.bench.page 200` measures one fleet, `python -m tests.bench.page grid`
+the fleet as a grid of pills, of a service without vehicles. The alternative beside it is the same page with
+its scene hidden: what the browser itself can do here.
 """
 
 import logging
@@ -13,6 +14,8 @@ from typing import Final
 from playwright.sync_api import Page
 
 from tests.bench.viewers import serving
+from tests.support.api_background import Ticking, in_background
+from tests.support.api_fake_service import FakeService
 from tests.support.browsers import GET_ONE, chromium
 from tests.support.console_bench import browser
 
@@ -22,6 +25,10 @@ LEAST_HZ: Final = {60: 30.0, 200: 30.0, 1000: 5.0}
 
 PANELS_COUNT, PANELS_LEAST = 60, 0.8
 """With so many vehicles, pictures a second with both panels open are at least this share of those without."""
+
+GRID: Final = "grid"
+GRID_COUNT, GRID_LEAST_HZ, SELECTS_MS = 1000, 20.0, 200.0
+"""With so many vehicles as pills: pictures a second, and how long it takes to select all of them."""
 
 PANELS: Final = {"left": "shape", "right": "fleet"}
 ROUNDS, ROUND_S = 4, 4.0
@@ -35,6 +42,18 @@ window.drawn = [];
 const note = (now_ms) => { window.drawn.push(now_ms); requestAnimationFrame(note); };
 requestAnimationFrame(note);
 """
+SELECTED: Final = """(count) => new Promise((done) => {
+  const began_ms = performance.now();
+  document.querySelector("[data-testid=filter-select]").click();
+  const look = () => {
+    const selected = document.querySelectorAll("[role=option][aria-selected=true]");
+    if (selected.length < count) requestAnimationFrame(look);
+    else requestAnimationFrame(() => done(performance.now() - began_ms));
+  };
+  requestAnimationFrame(look);
+})"""
+"""How long after the press all are selected, and painted. ms."""
+
 HIDDEN: Final = "() => document.querySelector('#view').style.setProperty('display', 'none')"
 
 
@@ -74,6 +93,31 @@ def panels_share(page: Page) -> float:
     return hz[True] / hz[False]
 
 
+def grid_is_quick() -> bool:
+    """The fleet as a grid: pictures a second, and a selection of all."""
+    print(f"{GRID_COUNT} vehicles as a grid, {WIDTH_PX}x{HEIGHT_PX}, Chromium without a graphics card")
+    service = FakeService(GRID_COUNT)
+    service.fly()
+    with in_background(Ticking(service)) as port, browser() as chrome:
+        page = chrome.new_page(viewport={"width": WIDTH_PX, "height": HEIGHT_PX})
+        page.add_init_script(COUNT)
+        page.goto(f"http://127.0.0.1:{port}/")
+        page.get_by_test_id("fleet-view").click()
+        page.get_by_test_id(f"pill-d{GRID_COUNT}").wait_for()
+        hz, longest_ms = pictures_hz(page)
+        selected_ms = float(page.evaluate(SELECTED, GRID_COUNT))
+        page.evaluate(HIDDEN)
+        bare_hz, _ = pictures_hz(page)
+    good = hz >= GRID_LEAST_HZ and selected_ms <= SELECTS_MS
+    print(
+        f"  the grid {hz:.1f} pictures a second (longest {longest_ms:.0f} ms),"
+        f" its scene hidden {bare_hz:.1f}; all selected in {selected_ms:.0f} ms"
+    )
+    verdict = "pass" if good else "MISS"
+    print(f"    must: {GRID_LEAST_HZ:g} a second, {SELECTS_MS:g} ms: {verdict}", flush=True)
+    return good
+
+
 def tell(count: int) -> bool:
     """Measure one fleet and print it. Returns: whether what must be reached is."""
     print(f"{count} vehicles, {WIDTH_PX}x{HEIGHT_PX}, Chromium without a graphics card")
@@ -109,7 +153,9 @@ def main(desired: list[str]) -> None:
     if chromium() is None:
         print(f"the page was not measured: there is no Chromium here. To get one: {GET_ONE}")
         return
-    reached = [tell(count) for count in (map(int, desired) if desired else COUNTS)]
+    reached = [tell(int(each)) for each in desired or COUNTS if each != GRID]
+    if not desired or GRID in desired:
+        reached.append(grid_is_quick())
     if not all(reached):
         print("not reached: page")
 

@@ -98,7 +98,8 @@ def by_hand(ui: Console, ground: Station) -> None:
 
     def tower_m() -> list[float]:
         (tower,) = ground.client.obstacles()
-        return [tower.x_m, tower.y_m]
+        sides_m = [2.0 * tower.half_length_x_m, 2.0 * tower.half_length_y_m]
+        return [tower.x_m, tower.y_m, *sides_m, tower.height_m]
 
     for panel in "45":
         ui.page.keyboard.press(panel)  # closes it: what it covers cannot be taken hold of
@@ -107,8 +108,8 @@ def by_hand(ui: Console, ground: Station) -> None:
     ui.page.mouse.wheel(0, 400)  # away, until the tower is in the picture
     (wider_m,) = moved(ui, "radius", SPHERE_PX, (24, 0), radius_m)
     assert wider_m > 0.5
-    north_m, east_m = moved(ui, "tower", BOX_PX, (-30, 40), tower_m)
-    assert (north_m < -0.5, east_m < -0.5) == (True, True)
+    north_m, east_m, *sizes_m = moved(ui, "tower", BOX_PX, (-30, 40), tower_m)
+    assert (north_m < -0.5, east_m < -0.5, sizes_m) == (True, True, [0.0, 0.0, 0.0])
     north_m, east_m = moved(ui, "target", TARGET_PX, (-60, -40), target_m)
     assert (north_m > 0.5, east_m < -0.5) == (True, True)
 

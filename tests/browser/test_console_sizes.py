@@ -90,6 +90,21 @@ REMARK_IS_CUT: Final = """(remark) => {
 }"""
 """Whether the bar cuts off this remark beside its shortest phase."""
 
+HIDDEN_TABS: Final = """() => [...document.querySelectorAll(".rails .tab")].filter((tab) => {
+  const { left, right, top, bottom } = tab.getBoundingClientRect();
+  const [span] = tab.getElementsByTagName("span");
+  const isCut = span.getBoundingClientRect().width > right - left + 1;
+  return isCut || left < 0 || top < 0 || right > innerWidth || bottom > innerHeight;
+}).map((tab) => tab.textContent.trim())"""
+"""Tabs of panels that are off screen, or whose name has no room."""
+
+ROWS: Final = """() => {
+  const { top, bottom } = document.querySelector(".table-scroll").getBoundingClientRect();
+  const rows = [...document.querySelectorAll("tr[data-testid]")].map((row) => row.getBoundingClientRect());
+  return rows.filter((row) => row.top >= top && row.bottom <= Math.min(bottom, innerHeight)).length;
+}"""
+"""Rows of the fleet's table that are seen whole."""
+
 OVERLAPS: Final = """() => {
   const box = (name) => document.querySelector(name).getBoundingClientRect();
   const [alarms, room] = [box(".alarms"), box("[data-room]")];
@@ -131,6 +146,7 @@ def test_flight_commands_are_on_screen_whatever_is_open(
         ui.settles(OVERLAPS, at=False)
         pressable(ui, *COMMANDS)
         ui.settles(CUT_WORDS, list(PHASES), at=[])
+        ui.settles(HIDDEN_TABS, at=[])
         if (width, height) == PHONE:
             ui.settles(REMARK_IS_CUT, "nothing has been started", at=False)
         if (width, height) in AUDITED:
@@ -142,10 +158,12 @@ def test_flight_commands_are_on_screen_whatever_is_open(
         if ui.part("panel-size").count() > 0:
             ui.press("panel-size")  # the sheet covers the scene, and no command
             pressable(ui, *COMMANDS)
+            ui.settles(f"({ROWS})() >= 4", at=True)
         assert ui.serious() == []
         for key, sheet in (("?", "help"), ("Shift+K", "kill")):
             ui.opens(key, f"sheet-{sheet}")
             pressable(ui, *COMMANDS)
+            assert ui.part(f"sheet-{sheet}").evaluate("(sheet) => sheet.scrollTop") == 0
             if (width, height) in AUDITED:
                 assert ui.serious() == []
             ui.closes("Escape", f"sheet-{sheet}")
@@ -158,6 +176,7 @@ def test_a_kill_is_armed_and_disarmed_on_a_small_phone(chrome: Browser, flying: 
         for width, height in ((360, 640), (640, 360)):
             ui.page.set_viewport_size({"width": width, "height": height})
             ui.opens(lambda: ui.tap("kill"), "kill-arm")
+            ui.says("kill-count", "0 of the 4 vehicles listed here")
             ui.tap("kill-pick-d1")
             ui.tap("kill-arm")
             expect(ui.part("kill-hold")).to_be_visible(timeout=SOON_MS)

@@ -1,39 +1,16 @@
 """Four stations that fly one formation, in the console of one: which flies what, which is lost, the lead."""
 
-import asyncio
 from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
 from playwright.sync_api import Browser, expect
-from starlette.types import Receive, Scope, Send
 
-from gcs.api.app import create_app
-from tests.support.api_background import in_background
+from tests.support.api_background import Ticking, in_background
 from tests.support.api_fake_service import FakeService
 from tests.support.console_bench import SOON_MS, console
 
 NAMES = ("north", "south", "west", "east")
-TICK_S = 0.1
-
-
-class Ticking:
-    """The app of a service that has a new state ten times a second."""
-
-    def __init__(self, service: FakeService) -> None:
-        self._service, self._app = service, create_app(service)
-        self._task: asyncio.Task[None] | None = None
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if self._task is None:
-            self._service.tick()
-            self._task = asyncio.create_task(self._tick(), name="ticks")
-        await self._app(scope, receive, send)
-
-    async def _tick(self) -> None:
-        while True:
-            await asyncio.sleep(TICK_S)
-            self._service.tick()
 
 
 @contextmanager

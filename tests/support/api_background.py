@@ -6,9 +6,32 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
-from starlette.types import ASGIApp
+from starlette.types import ASGIApp, Receive, Scope, Send
 
+from gcs.api.app import create_app
 from gcs.api.server import serve
+from tests.support.api_fake_service import FakeService
+
+TICK_S = 0.1
+
+
+class Ticking:
+    """The app of a service that has a new state ten times a second."""
+
+    def __init__(self, service: FakeService) -> None:
+        self._service, self._app = service, create_app(service)
+        self._task: asyncio.Task[None] | None = None
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        if self._task is None:
+            self._service.tick()
+            self._task = asyncio.create_task(self._tick(), name="ticks")
+        await self._app(scope, receive, send)
+
+    async def _tick(self) -> None:
+        while True:
+            await asyncio.sleep(TICK_S)
+            self._service.tick()
 
 
 @contextmanager

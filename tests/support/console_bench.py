@@ -202,7 +202,7 @@ class Console:
         return self.page.locator(WORDS).filter(has_text=word).evaluate_all(PLACES)
 
     def serious(self) -> list[str]:
-        """Findings of axe that are serious or worse: rule and place.
+        """Findings of axe, of any level: rule and place.
 
         On a busy machine data are old for a moment, and drawn paler: axe looks again.
         """
@@ -221,7 +221,6 @@ class Console:
             f"{each['id']}: {each['help']}: {node['target']}: {node['failureSummary']}"
             for each in found["violations"]
             for node in each["nodes"]
-            if node["impact"] in {"serious", "critical"}
         ]
 
     def seen(self) -> Any:

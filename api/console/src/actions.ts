@@ -2,6 +2,7 @@
 
 import type { Features, Preview, Command, DrawnSamples, ImportedShow, PlacedShow, Placement, ShowCheck, State, Station, StoredShow } from "./state";
 import { decoded } from "./drawn/model";
+import type { Box } from "./obstacle";
 import { clockTime } from "./panels/format";
 import { texts } from "./texts";
 import type { Message } from "./messages";
@@ -15,7 +16,6 @@ export type VehicleCommand = "hold" | "join" | "return" | "land" | "take-control
 export type FleetCommand = "hold" | "join" | "return" | "land" | "take-control";
 export type ReplayChange = { paused?: boolean; speed?: number; position_s?: number; skips_idle?: boolean };
 export type DrawingFormat = "skyc" | "zip" | "csv";
-export type Box = { x_m: number; y_m: number; half_length_x_m: number; half_length_y_m: number; height_m: number };
 
 /** Each resolves to whether the service accepted it; a refusal is shown before that. */
 export interface Actions {
@@ -205,12 +205,6 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
           return actions.setTarget({ x_m: preview.x_m, y_m: preview.y_m });
         case "radius":
           return actions.changeFormation({ radius_m: preview.radius_m });
-        case "obstacle":
-          return actions.changeObstacle(preview.id, { x_m: preview.x_m, y_m: preview.y_m });
-        case "new-obstacle": {
-          const { kind: _kind, ...box } = preview;
-          return actions.addObstacle(null, box);
-        }
       }
     },
     async armKill(vehicles) {

@@ -45,7 +45,7 @@ export function onKey(event: KeyboardEvent, state: State, actions: PanelActions)
       requestAnimationFrame(() => document.querySelector<HTMLElement>('[data-testid="filter"]')?.focus());
       break;
     case "confirm":
-      if (state.preview === null) return;
+      if (state.preview === null && state.panels.editing === null) return;
       if (whyNotPreview(state) === "") actions.confirmPreview();
       else actions.refuse(texts.preview.confirm, whyNotPreview(state));
       break;

@@ -14,7 +14,7 @@ import { createActions } from "./actions";
 import { createSigns } from "./alarms/signs";
 import { createDeskActions } from "./panels/createActions";
 import { panels } from "./panels/index";
-import { watchLayout } from "./panels/layout";
+import { isGridSeen, watchLayout } from "./panels/layout";
 import { createReader } from "./panels/reading";
 import { onKey } from "./keyboard";
 import { createScene } from "./scene/index";
@@ -44,6 +44,8 @@ if (localStorage.getItem(LOOK) === "day") state = update(state, { kind: "view", 
 if (localStorage.getItem(SOUND) === "off") state = update(state, { kind: "sound", on: false });
 let waiting: Message[] = [];
 let isUrgent = true;
+/** The scene, which may hold the page up, comes a frame after what was done to a thousand pills. */
+let isGridFirst = false;
 let shown: State | null = null;
 let shown_ms = -Infinity;
 let drawn_ms = -Infinity;
@@ -84,7 +86,10 @@ const service = createActions(createApi(token), byHand, newest);
 const actions = createDeskActions(service, byHand, newest, login);
 const scene = createScene(
   canvas,
-  { preview: (preview) => byHand({ kind: "preview", preview }), place: (place) => byHand({ kind: "placed-at", place }), choose: (choice) => actions.chooseInScene(choice) },
+  {
+    preview: (preview) => byHand({ kind: "preview", preview }), shape: (id, change) => actions.shapeObstacle(id, change),
+    place: (place) => byHand({ kind: "placed-at", place }), choose: (choice) => actions.chooseInScene(choice),
+  },
   createTiles(token),
 );
 
@@ -107,7 +112,8 @@ function onFrame(now_ms: number): void {
   newest();
   if (isFitLate && !scene.isHeld) fit();
   const period_ms = calm.matches ? CALM_MS : DESK_MS;
-  if (!calm.matches || isUrgent || now_ms - drawn_ms >= period_ms) {
+  isGridFirst = isUrgent && !isGridFirst && isGridSeen(state);
+  if (!isGridFirst && (!calm.matches || isUrgent || now_ms - drawn_ms >= period_ms)) {
     scene.draw(state, now_ms);
     drawn_ms = now_ms;
   }

@@ -34,12 +34,10 @@ export interface History {
   energy: Float64Array;
 }
 
-/** What is being dragged or typed, not yet confirmed. */
+/** What is being dragged, not yet confirmed; of an obstacle it is in its form, see obstacle.ts. */
 export type Preview =
   | { kind: "target"; x_m: number; y_m: number }
-  | { kind: "obstacle"; id: string; x_m: number; y_m: number }
-  | { kind: "radius"; radius_m: number }
-  | { kind: "new-obstacle"; x_m: number; y_m: number; half_length_x_m: number; half_length_y_m: number; height_m: number };
+  | { kind: "radius"; radius_m: number };
 
 export interface Toast {
   id: number;
@@ -151,7 +149,12 @@ export function may(state: State, right: Right): boolean {
   return state.access?.rights.has(right) ?? false;
 }
 
-/** Vehicle i's index by its name; -1 when there is none. */
-export function indexOf(state: State, id: string): number {
-  return state.status?.vehicles.findIndex((each) => each.id === id) ?? -1;
+const indices = new WeakMap<Status, ReadonlyMap<string, number>>();
+
+/** A vehicle's index by its name; -1 when there is none. One status is asked for a thousand of them. */
+export function indexOf({ status }: State, id: string): number {
+  if (status === null) return -1;
+  const known = indices.get(status) ?? new Map(status.vehicles.map((each, i) => [each.id, i]));
+  indices.set(status, known);
+  return known.get(id) ?? -1;
 }

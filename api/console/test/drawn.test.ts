@@ -3,7 +3,7 @@ import { describe, expect, it } from "vitest";
 import { drawnBar } from "../src/drawn/bar";
 import { colourAt, cueAt, decoded, placeAt, shown_s } from "../src/drawn/model";
 import { shows } from "../src/panels/shows";
-import { worthSeeing } from "../src/scene/framing";
+import { followed, worthSeeing } from "../src/scene/framing";
 import { Poses } from "../src/scene/playback";
 import type { DrawnSamples } from "../src/state";
 import { texts } from "../src/texts";
@@ -83,7 +83,7 @@ describe("the preview of a drawn show", () => {
     const { state, actions } = await opened();
     expect(() => press(shows(state(), actions), "show-preview-plain")).toThrow("nothing to press");
     expect(state().view.fits).toBe(1);
-    expect([...worthSeeing(state(), new Poses(), [])]).toContainEqual([8, 20, -4]);
+    expect([...worthSeeing(state(), new Poses(), [])]).toContainEqual([8, 12, -4]);
   });
 
   it("plays, pauses, stops at the end and begins again", async () => {
@@ -151,6 +151,16 @@ describe("samples of a drawing", () => {
 
   it("are unknown where the law leads", () => {
     expect(placeAt(drawing, 0, 2.5)[0]).toBeNaN();
-    expect(drawing.box).toEqual([[0, 0, 10], [4, 8, 20]]);
+  });
+
+  it("have an outline for the camera, which parked vehicles do not widen", () => {
+    expect(drawing.outline).toContainEqual([2, 0, 20]);
+    expect(drawing.outline.every((place) => place.every(Number.isFinite))).toBe(true);
+    const parked = new Poses();
+    const far = frame({ vehicles: [{ x_m: 900, y_m: 0, height_m: 0 }] });
+    parked.set({ from: far, to: far, share: 1, beyond_s: 0, still: true, run: 0 }, 0);
+    const state = live({ status: ON_GROUND, frame: frame({}), drawn: { drawing, at_s: 0, since_ms: null } });
+    expect(followed(state, parked)).toEqual([]);
+    expect(Math.max(...[...worthSeeing(state, parked, [0])].map((place) => Math.abs(place[2])))).toBe(4);
   });
 });

@@ -1,13 +1,20 @@
 import { describe, expect, it } from "vitest";
 
-import { autopilots } from "../src/panels/fleet";
+import type { Alarm } from "../src/alarms/model";
+import { autopilots, fleet } from "../src/panels/fleet";
+import { rowIds } from "../src/panels/fleetGrid";
+import { group } from "../src/panels/group";
 import { parseQuery, toggled } from "../src/panels/query";
 import { sorted, windowed, type Row } from "../src/panels/rows";
+import type { State } from "../src/state";
+import { frame } from "./frames";
+import { after, live, page } from "./pages";
+import { press, textOf } from "./pressing";
 import { status } from "./statuses";
 
 const row = (id: string, change: Partial<Row> = {}): Row => ({
   index: 0, id, phase: "formation", mode: "offboard", height_m: 20, battery: 0.8, age_s: 0.1, link: 0.99, fixIsBad: false, fix: "3D", fix_m: 0.4,
-  nearest_m: 8, armed: true, ready: false, limited: false, limitedBy: "", station: "", autopilot: "px4", received: true, ...change,
+  nearest_m: 8, armed: true, ready: false, limited: false, limitedBy: "", station: "", autopilot: "px4", received: true, alarm: "normal", ...change,
 });
 const ids = (rows: readonly Row[]): string[] => rows.map((each) => each.id);
 
@@ -45,9 +52,71 @@ describe("the filter", () => {
     expect(parseQuery("phase:hold battery<30").problem).toBe("");
   });
 
+  it("takes a range of the numbers at the end of ids", () => {
+    expect(found("2-10")).toEqual(["d2", "d10", "x3"]);
+    expect(found("2-10 d")).toEqual(["d2", "d10"]);
+    expect(ids([row("left"), row("d1")].filter(parseQuery("0-9").test))).toEqual(["d1"]);
+  });
+
+  it("finds what has a problem, by whichever sign", () => {
+    expect(found("problem")).toEqual(["d1", "d10", "x3"]);
+    const alarmed = [row("a", { alarm: "caution" }), row("b", { alarm: "information" }), row("c", { fixIsBad: true }), row("d", { phase: "killed" }), row("e")];
+    expect(ids(alarmed.filter(parseQuery("problem").test))).toEqual(["a", "c", "d"]);
+    expect(ids(alarmed.filter(parseQuery("alarm").test))).toEqual(["a", "b"]);
+  });
+
   it("is a line that chips write into", () => {
     expect(toggled("d1", "limited")).toBe("d1 limited");
     expect(toggled("d1  limited", "limited")).toBe("d1");
+  });
+});
+
+const alarm = (id: string, severity: Alarm["severity"], vehicles: string[], ended_unix_time_s: number | null = null): Alarm => ({
+  id, severity, vehicles, ended_unix_time_s, cause: "poor-link", text: "", advice: "", raised_unix_time_s: 1, since_unix_time_s: 1,
+  acknowledged_by: null, acknowledged_unix_time_s: null, command_id: null, action: null, reasons: [],
+});
+
+/** So many vehicles in formation; the second one has a low battery and two alarms. */
+function flying(n: number): State {
+  const names = Array.from({ length: n }, (_, i) => ({ ...status().vehicles[0]!, id: `d${i + 1}` }));
+  const alarms = [alarm("a", "caution", ["d2"]), alarm("b", "warning", ["d2"]), alarm("c", "emergency", ["d1"], 5)];
+  const one = frame({ vehicles: names.map((_, i) => ({ phase: i === 1 ? ("hold" as const) : ("formation" as const), battery: i === 1 ? 0.12 : 0.87 })) }, 2000);
+  one.position_age_s.fill(0.1);
+  return after([{ kind: "status", status: status({ vehicles: names, alarms }) }, { kind: "frame", frame: one }], live({ page_ms: 2000 }));
+}
+
+describe("the grid", () => {
+  it("has a pill for each vehicle: phase, battery, fix and its worst alarm that lasts, as form and as words", () => {
+    const { actions, state } = page({ ...flying(3), panels: { ...flying(3).panels, grid: true } }, () => undefined, "");
+    const text = textOf(fleet(state(), actions));
+    expect(text.match(/role="option"/g)).toHaveLength(3);
+    expect(text).toContain("form-hold b1 alarm-warning low");
+    expect(text).toContain("d2, hold, battery 12 %, fix 3D, alarm: warning");
+    expect(text).toContain("form-formation b9 alarm-normal");
+    expect(text).not.toContain("<table");
+  });
+
+  it("selects what was typed: a range, and what has a problem", () => {
+    const { actions, state } = page(flying(250), () => undefined, "");
+    actions.filter("100-200");
+    press(fleet(state(), actions), "filter-select");
+    expect(state().view.selection).toHaveLength(101);
+    expect([state().view.selection[0], state().view.selected]).toEqual(["d100", "d200"]);
+    actions.filter("problem");
+    press(fleet(state(), actions), "filter", "keydown", {}, "Enter");
+    expect(state().view.selection).toEqual(["d2"]);
+  });
+
+  it("selects a thousand within a fifth of a second, with all that is written of them", () => {
+    const { actions, state } = page(flying(1000), () => undefined, "");
+    actions.set({ grid: true });
+    actions.openPanel("vehicle");
+    const began_ms = performance.now();
+    actions.choose({ how: "only", ids: rowIds(state()) });
+    const texts = [textOf(fleet(state(), actions)), textOf(group(state(), actions))];
+    expect(performance.now() - began_ms).toBeLessThan(200);
+    expect(texts[0]!.match(/aria-selected="?true/g)).toHaveLength(1000);
+    expect(texts[1]).toContain("and 900 more");
   });
 });
 

@@ -1,5 +1,7 @@
 import { describe, expect, it } from "vitest";
 
+import { help } from "../src/panels/help";
+import { kill } from "../src/panels/kill";
 import { previewText } from "../src/panels/preview";
 import { command, type Press } from "../src/panels/keys";
 import { columns } from "../src/panels/plots";
@@ -10,7 +12,7 @@ import { byReason, whyNotStart } from "../src/panels/start";
 import { initial, type PreflightReport, type State } from "../src/state";
 import { texts } from "../src/texts";
 import { frame } from "./frames";
-import { live } from "./pages";
+import { live, page } from "./pages";
 import { press as pressed, textOf } from "./pressing";
 import { GROUNDED, status } from "./statuses";
 
@@ -152,6 +154,19 @@ describe("plots", () => {
     const history = { ...initial(0).history, time_s: Float64Array.of(5, 6, 8) };
     expect(columns(history, Float64Array.of(1, NaN, 3), 2)).toEqual([[-3, -2, 0], [1, null, 3], [2, 2, 2]]);
     expect(columns(history, Float64Array.of(1, NaN, 3), NaN)[2]).toEqual([null, null, null]);
+  });
+});
+
+describe("sheets", () => {
+  it("of a kill says how many vehicles it lists, and how many of them are chosen", () => {
+    const { actions, state, dispatch } = page(live({ status: status(), frame: frame({ vehicles: [{}] }) }), () => undefined, "");
+    expect(textOf(kill(state(), actions))).toContain(texts.kill.listed(0, 1));
+    dispatch({ kind: "panels", change: { killNamed: new Set(["d1"]) } });
+    expect(textOf(kill(state(), actions))).toContain("1 of the 1 vehicles listed here is chosen");
+  });
+
+  it("of help has nothing at its end that takes the focus, which would scroll it there", () => {
+    expect(textOf(help(live()))).not.toContain("<button");
   });
 });
 

@@ -9,6 +9,7 @@ function flat(value: unknown, others: unknown[]): string {
   if (typeof value === "string" || typeof value === "number") return String(value);
   if (Array.isArray(value)) return value.map((each) => flat(each, others)).join("");
   const { strings, values } = (value ?? {}) as Partial<TemplateResult>;
+  if (strings === undefined && values?.length === 2 && typeof values[1] === "function") return flat(values[1](), others); // guard()
   if (strings !== undefined && values !== undefined) {
     return strings.map((text, i) => text + (i < values.length ? flat(values[i], others) : "")).join("");
   }
@@ -19,10 +20,10 @@ function flat(value: unknown, others: unknown[]): string {
 export const textOf = (view: unknown): string => flat(view, []);
 
 /** Call the listener of an event of the control with this test id. Throws: Error where there is none. */
-export function press(view: unknown, testId: string, event: "click" | "input" | "change" = "click", target: object = {}): void {
+export function press(view: unknown, testId: string, event: "click" | "input" | "change" | "keydown" = "click", target: object = {}, key = ""): void {
   const others: unknown[] = [];
   const tag = flat(view, others).match(/<[a-z]+[^>]*>/g)?.find((each) => new RegExp(`data-testid="?${testId}["\\s>]`).test(each));
   const listener = others[Number(tag?.split(`@${event}=${MARK}`)[1]?.split(MARK)[0])];
   if (typeof listener !== "function") throw new Error(`nothing to press: ${testId}`);
-  (listener as (event: unknown) => void)({ target });
+  (listener as (event: unknown) => void)({ target, key });
 }

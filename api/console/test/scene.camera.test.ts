@@ -47,7 +47,7 @@ test("a ray finds the ground, and nothing above the horizon", () => {
 
 test("the place that faces the camera keeps its distance ahead", () => {
   const basis = basisOf(START);
-  const place = facing(rayThrough(basis, START, SCREEN, 100, 800), basis, START.focus);
+  const place = facing(rayThrough(basis, START, SCREEN, 100, 800), basis.forward, START.focus);
   expect(project(basis, START, SCREEN, place)!.ahead_m).toBeCloseTo(project(basis, START, SCREEN, START.focus)!.ahead_m);
 });
 
@@ -126,4 +126,10 @@ test("a processor that paints makes 30 pictures a second, a graphics card as man
   expect(drawn(true)).toBeLessThanOrEqual(31);
   expect(drawn(true)).toBeGreaterThanOrEqual(29);
   expect(drawn(false)).toBeGreaterThanOrEqual(60);
+});
+
+test("beside the fleet's grid a scene that holds the page up leaves it four times as long", () => {
+  expect([300, 340].map((since_ms) => isDue(true, since_ms, 100))).toEqual([false, true]);
+  expect([30, 40].map((since_ms) => isDue(true, since_ms, 1000 / 60))).toEqual([true, true]); // one that holds up nothing
+  expect(isDue(false, 0, 100)).toBe(true);
 });

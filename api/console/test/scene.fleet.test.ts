@@ -1,7 +1,8 @@
 import { expect, test } from "vitest";
 
 import { closePairs } from "../src/scene/proximity";
-import { isStale, Appearance, MARK } from "../src/scene/appearance";
+import { isStale, Appearance, FORMS, MARK } from "../src/scene/appearance";
+import { sceneForm } from "../src/panels/icons";
 import { DAY, NIGHT } from "../src/scene/palette";
 import { Table } from "../src/scene/instances";
 import { Playback, Poses } from "../src/scene/playback";
@@ -9,6 +10,7 @@ import { fenceNearness } from "../src/scene/scenery";
 import { Ring, slotsFor } from "../src/scene/trails";
 import { FLAG, PHASES, type Frame } from "../src/state";
 import { frame, type Vehicle } from "./frames";
+import { textOf } from "./pressing";
 
 const FLOOR = { horizontal_m: 2, vertical_m: 3, pad_height_m: 2 };
 const at = (x_m: number, y_m: number, height_m: number, more: Vehicle = {}): Vehicle => ({ x_m, y_m, height_m, ...more });
@@ -81,9 +83,18 @@ test("what is old is grey and does not shine, be it one vehicle or the whole con
   expect(isStale(one, 1, true)).toBe(true);
 });
 
-test("limited, lost and selected are marked by shape", () => {
+test("limited and selected are marked by shape", () => {
   const vehicles = [at(0, 0, 20, { flags: FLAG.limited }), at(9, 0, 20, { phase: "lost" }), at(18, 0, 20), at(27, 0, 20)];
-  expect([...looked(frame({ vehicles }), { selected: [2, 3] }).marks]).toEqual([MARK.limited, MARK.lost, MARK.selected, MARK.selected]);
+  expect([...looked(frame({ vehicles }), { selected: [2, 3] }).marks]).toEqual([MARK.limited, 0, MARK.selected, MARK.selected]);
+});
+
+test("each phase has a form of its own, told to the shader by its number, and shown in the help", () => {
+  expect([...FORMS].sort()).toEqual([...PHASES].sort());
+  const one = frame({ vehicles: FORMS.map((phase, i) => at(5 * i, 0, 20, { phase })) });
+  const forms = new Appearance();
+  forms.set(one, NIGHT, true, new Set());
+  expect([...forms.forms]).toEqual(FORMS.map((_, i) => i));
+  expect(new Set(PHASES.map((phase) => textOf(sceneForm(phase)))).size).toBe(PHASES.length);
 });
 
 test("no two phases look alike, night and day", () => {

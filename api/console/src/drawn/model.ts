@@ -4,6 +4,8 @@ import type { components } from "../schemas/schema";
 
 type Samples = components["schemas"]["DrawnSamples"];
 
+type Place = readonly [number, number, number];
+
 export interface Drawing {
   show: string;
   n: number;
@@ -18,8 +20,8 @@ export interface Drawing {
   /** Red, green and blue, 0 to 255. */
   colours: Uint8Array;
   cues: readonly { cue: string; at_s: number }[];
-  /** Least and greatest x, y and height. */
-  box: readonly [readonly [number, number, number], readonly [number, number, number]];
+  /** The outermost places of the whole show, x, y and height: one in each direction in which a cube has a corner, an edge or a face. */
+  outline: readonly Place[];
 }
 
 export interface DrawnPreview {
@@ -39,18 +41,27 @@ export function decoded({ show, vehicles, duration_s, from_s, rate_hz, positions
   const [n, times] = [vehicles.length, positions_m.length];
   const places = new Float32Array(3 * n * times).fill(NaN);
   const shines = new Uint8Array(3 * n * times);
-  const low = [Infinity, Infinity, Infinity] as [number, number, number];
-  const high = [-Infinity, -Infinity, -Infinity] as [number, number, number];
   positions_m.forEach((row, k) => {
     places.set(row, 3 * n * k);
-    row.forEach((value, at) => {
-      low[at % 3] = Math.min(low[at % 3]!, value);
-      high[at % 3] = Math.max(high[at % 3]!, value);
-    });
     const hex = colours[k] ?? "";
     for (let at = 0; at < hex.length / 2; at += 1) shines[3 * n * k + at] = Number.parseInt(hex.slice(2 * at, 2 * at + 2), 16);
   });
-  return { show, n, duration_s, from_s, rate_hz, times, positions_m: places, colours: shines, cues, box: [low, high] };
+  return { show, n, duration_s, from_s, rate_hz, times, positions_m: places, colours: shines, cues, outline: outlineOf(places) };
+}
+
+const WAYS: readonly Place[] = [-1, 0, 1].flatMap((x) => [-1, 0, 1].flatMap((y) => [-1, 0, 1].map((h): Place => [x, y, h]))).filter((way) => way.some(Boolean));
+
+function outlineOf(places: Float32Array): Place[] {
+  const farthest = WAYS.map(() => -Infinity);
+  const found: (Place | undefined)[] = WAYS.map(() => undefined);
+  for (let at = 0; at < places.length; at += 3) {
+    const [x, y, h] = [places[at]!, places[at + 1]!, places[at + 2]!];
+    WAYS.forEach((way, k) => {
+      const far = way[0] * x + way[1] * y + way[2] * h;
+      if (far > farthest[k]!) [farthest[k], found[k]] = [far, [x, y, h]];
+    });
+  }
+  return found.filter((each) => each !== undefined);
 }
 
 /** The show's time that is shown now. */

@@ -2,6 +2,7 @@
 
 import type { Actions, FleetCommand, ReplayChange, ShowCommand, VehicleCommand } from "../actions";
 import type { Choice, Selection } from "../selection";
+import type { Box } from "../obstacle";
 import type { Placement, PreflightReport, State, View } from "../state";
 import type { Message } from "../messages";
 import type { Alarm } from "../alarms/model";
@@ -56,6 +57,8 @@ export interface PanelActions
   include(id: string): void;
   apply(group: Group): void;
   saveObstacle(): void;
+  /** With the hand, in the scene: it is being edited then. */
+  shapeObstacle(id: string, change: Partial<Box>): void;
   confirmPreview(): void;
   cancelPreview(): void;
   armKill(vehicles: readonly string[] | null): void;

@@ -1,12 +1,12 @@
 /** The panels' actions: they change the page's own state, or call the service. */
 
-import type { Actions, Box, DrawingFormat } from "../actions";
+import type { Actions, DrawingFormat } from "../actions";
 import type { Choice, Selection } from "../selection";
+import { fieldOf, NEW_OBSTACLE, type Box } from "../obstacle";
 import type { State, View } from "../state";
 import { texts } from "../texts";
 import type { Message } from "../messages";
 import { DEAD_IN_REPLAY, isSmall, shownPanels } from "./layout";
-import { NEW_OBSTACLE } from "./obstacles";
 import { typedNumbers, whyNotGroup, type Group } from "./shape";
 import { HOLD_MS, type PanelState, type LeftPanel, type RightPanel } from "./state";
 import { whyNotApply, whyNotPlacing } from "../placing/panel";
@@ -297,10 +297,15 @@ export function createDeskActions(
     },
     confirmPreview() {
       const { preview } = state();
+      if (preview === null) return void saveObstacle();
       dispatch({ kind: "preview", preview: null });
-      if (preview !== null) void service.sendPreview(preview);
+      void service.sendPreview(preview);
     },
-    cancelPreview: () => dispatch({ kind: "preview", preview: null }),
+    cancelPreview: () => (state().preview === null ? edit(null) : dispatch({ kind: "preview", preview: null })),
+    shapeObstacle(id, change) {
+      if (state().panels.editing !== id) edit(id);
+      for (const [name, value] of Object.entries(change)) dispatch({ kind: "draft", field: fieldOf(name as keyof Box), text: String(value) });
+    },
     armKill: (vehicles) => void service.armKill(vehicles),
     confirmTyped: () => void confirmKill(state().panels.drafts["kill-typed"] ?? ""),
     holdKill() {

@@ -8,11 +8,12 @@ import { texts } from "../texts";
 import type { PanelActions } from "./actions";
 import { button } from "./controls";
 import { fixed, percentOnly, UNKNOWN } from "./format";
+import { fleetGrid, keysOf, onListKey, rowIds } from "./fleetGrid";
 import { selectionBar } from "./group";
 import { icon, PHASE_ICON } from "./icons";
 import { place, sized } from "./place";
 import { hasTerm, toggled } from "./query";
-import { isStale, rowOf, windowed, type Column, type Row } from "./rows";
+import { alarmsByVehicle, isLow, isStale, rowOf, windowed, type Column, type Row } from "./rows";
 import { ROW_PX } from "./state";
 import { isMissingStation } from "./stations";
 
@@ -30,12 +31,11 @@ export function autopilots(status: Status): [string, number][] {
 }
 
 const TERMS = [
+  { term: "problem", label: texts.fleet.problem },
   { term: "limited", label: texts.fleet.limited },
   { term: "stale", label: texts.fleet.stale },
   { term: "battery<30", label: texts.fleet.low },
 ] as const;
-
-export const LOW_BATTERY = 0.3;
 
 function chips(state: State, actions: PanelActions): TemplateResult {
   const { filter, table } = state.panels;
@@ -82,7 +82,7 @@ function heading(state: State, actions: PanelActions, column: Column): TemplateR
 
 function rowView(state: State, actions: PanelActions, row: Row, position: number): TemplateResult {
   const isSelected = state.view.selection.includes(row.id);
-  const low = row.battery < LOW_BATTERY;
+  const low = isLow(row);
   return html`<tr
     class="${isSelected ? "selected" : ""} ${!row.received ? "never" : isStale(row) ? "old" : ""}"
     aria-rowindex=${position + 2}
@@ -126,16 +126,6 @@ function stationCell({ status }: State, { station }: Row): TemplateResult | type
   </td>`;
 }
 
-const keysOf = (event: MouseEvent | KeyboardEvent): { shift: boolean; ctrl: boolean } => ({
-  shift: event.shiftKey,
-  ctrl: event.ctrlKey || event.metaKey,
-});
-
-/** Every vehicle that meets the filter, as the table has them in order. */
-export function rowIds(state: State): string[] {
-  return state.panels.table.command.flatMap((index) => state.status?.vehicles[index]?.id ?? []);
-}
-
 /** The id is a link to the vehicle's page; with a modifier it selects as the rest of its row does. */
 function openRow(actions: PanelActions, event: MouseEvent, id: string): void {
   const keys = keysOf(event);
@@ -144,37 +134,24 @@ function openRow(actions: PanelActions, event: MouseEvent, id: string): void {
   actions.select(id);
 }
 
-/** Up and down go from vehicle to vehicle, also to those that are not drawn yet; with Shift the selection grows. */
+/** Also to those that are not drawn yet. */
 function onKey(actions: PanelActions, event: KeyboardEvent): void {
-  const state = actions.now();
-  if (event.key === "Enter" && state.view.selected !== null) actions.openPanel("vehicle");
-  if (event.key === "a" && (event.ctrlKey || event.metaKey)) {
-    event.preventDefault();
-    actions.choose({ how: "only", ids: rowIds(state) });
-  }
-  const steps: Record<string, number> = { ArrowDown: 1, ArrowUp: -1, PageDown: 10, PageUp: -10, Home: -1e9, End: 1e9 };
-  const step = steps[event.key];
-  const { command } = state.panels.table;
-  if (step === undefined || command.length === 0 || !state.status) return;
-  event.preventDefault();
-  const vehicles = state.status.vehicles;
-  const now = command.findIndex((index) => vehicles[index]?.id === state.view.selected);
-  const next = Math.min(command.length - 1, Math.max(0, now + step));
-  const id = vehicles[command[next]!]!.id;
   const scroller = event.currentTarget as HTMLElement;
-  actions.choose({ how: event.shiftKey ? "add" : "only", ids: [id] });
-  const [top, bottom] = [next * ROW_PX, (next + 2) * ROW_PX]; // the heading covers one
-  if (top < scroller.scrollTop) scroller.scrollTop = top;
-  else if (bottom > scroller.scrollTop + scroller.clientHeight) scroller.scrollTop = bottom - scroller.clientHeight;
+  onListKey(actions, event, { ArrowDown: 1, ArrowUp: -1, PageDown: 10, PageUp: -10 }, (next) => {
+    const [top, bottom] = [next * ROW_PX, (next + 2) * ROW_PX]; // the heading covers one
+    if (top < scroller.scrollTop) scroller.scrollTop = top;
+    else if (bottom > scroller.scrollTop + scroller.clientHeight) scroller.scrollTop = bottom - scroller.clientHeight;
+  });
 }
 
 function table(state: State, actions: PanelActions, status: Status, frame: Frame): TemplateResult {
   const { command, nearest_m } = state.panels.table;
   const shown = windowed(command.length, state.panels.scroll_px, state.panels.room_px, ROW_PX);
+  const alarms = alarmsByVehicle(status);
   const rows = command
     .slice(shown.first, shown.last)
     .filter((index) => index < Math.min(frame.n, status.vehicles.length))
-    .map((index, offset) => ({ row: rowOf(status, frame, nearest_m, index), position: shown.first + offset }));
+    .map((index, offset) => ({ row: rowOf(status, frame, nearest_m, index, alarms), position: shown.first + offset }));
   const columns = hasStations(status) ? OF_SITE : COLUMNS;
   const measured = (event: Event): void => {
     const { scrollTop, clientHeight } = event.currentTarget as HTMLElement;
@@ -219,6 +196,9 @@ export function fleet(state: State, actions: PanelActions): TemplateResult {
       <input
         type="search"
         data-testid="filter"
+        @keydown=${(event: KeyboardEvent) => {
+          if (event.key === "Enter") actions.choose({ how: "only", ids: rowIds(actions.now()) });
+        }}
         autocomplete="off"
         spellcheck="false"
         aria-label=${texts.fleet.filter}
@@ -231,6 +211,14 @@ export function fleet(state: State, actions: PanelActions): TemplateResult {
       <span class="count" data-testid="fleet-count" role="status">
         ${texts.fleet.count(panels.table.command.length, status?.vehicles.length ?? 0)}
       </span>
+      ${button(actions, {
+        id: "fleet-view",
+        label: panels.grid ? texts.grid.toTable : texts.grid.toGrid,
+        icon: panels.grid ? "fleet" : "grid",
+        iconOnly: true,
+        kind: "quiet",
+        press: () => actions.set({ grid: !panels.grid, scroll_px: 0 }),
+      })}
       ${button(actions, {
         id: "filter-select",
         label: texts.selection.selectShown(panels.table.command.length),
@@ -246,6 +234,6 @@ export function fleet(state: State, actions: PanelActions): TemplateResult {
       })}
     </div>
     ${panels.table.problem ? html`<p class="problem" role="alert" data-testid="filter-problem">${panels.table.problem}</p>` : nothing}
-    ${chips(state, actions)} ${status && frame ? table(state, actions, status, frame) : nothing} ${selectionBar(state, actions)}
+    ${chips(state, actions)} ${status && frame ? (panels.grid ? fleetGrid : table)(state, actions, status, frame) : nothing} ${selectionBar(state, actions)}
   </div>`;
 }

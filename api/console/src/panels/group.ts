@@ -12,6 +12,7 @@ import { icon, PHASE_ICON, type IconName } from "./icons";
 import { FROM, whyNot } from "./rights";
 
 const t = texts.selection;
+const LISTED = 100; // vehicles: a thousand lines are not read
 
 export const FLEET_COMMANDS: readonly FleetCommand[] = ["hold", "join", "return", "land", "take-control"];
 
@@ -108,7 +109,8 @@ export function group(state: State, actions: PanelActions): TemplateResult {
     </header>
     ${commands(state, actions, true)}
     <ul class="plain">
-      ${selection.map((id) => line(state, actions, id))}
+      ${selection.slice(0, LISTED).map((id) => line(state, actions, id))}
     </ul>
+    ${selection.length > LISTED ? html`<p class="dim">${texts.preflight.moreVehicles(selection.length - LISTED)}</p>` : nothing}
   </article>`;
 }

@@ -31,6 +31,7 @@ const PATHS = {
   show: "M4 6h16M4 12h10M4 18h16M17 9.5v5l4-2.5z",
   shape: "M12 3a9 9 0 1 0 0 18 9 9 0 0 0 0-18M12 12h9M3.5 9.5c4 2.5 13 2.5 17 0",
   obstacle: "M5 9l7-4 7 4v8l-7 4-7-4zM5 9l7 4 7-4M12 13v8",
+  grid: "M4 5h4v4H4zM10 5h4v4h-4zM16 5h4v4h-4zM4 11h4v4H4zM10 11h4v4h-4zM16 11h4v4h-4zM4 17h4v2H4zM10 17h4v2h-4zM16 17h4v2h-4z",
   fleet: "M4 6h16M4 12h16M4 18h16M8 4v16",
   vehicle: "M9 9l6 6M15 9l-6 6M6.5 4.5a2.5 2.5 0 1 0 0 5 2.5 2.5 0 0 0 0-5M17.5 4.5a2.5 2.5 0 1 0 0 5 2.5 2.5 0 0 0 0-5M6.5 14.5a2.5 2.5 0 1 0 0 5 2.5 2.5 0 0 0 0-5M17.5 14.5a2.5 2.5 0 1 0 0 5 2.5 2.5 0 0 0 0-5",
   events: "M12 4a8 8 0 1 0 0 16 8 8 0 0 0 0-16M12 8v4l3 2",
@@ -47,9 +48,31 @@ const PATHS = {
 
 export type IconName = keyof typeof PATHS;
 
+/** The form around a vehicle in the scene, by its phase; the scene's shader draws the same. */
+const FORM_PATHS: Record<Phase, string> = {
+  formation: "",
+  standby: "M5 19h14",
+  offline: "M5 19h5M14 19h5",
+  takeoff: "M5 10l7-6 7 6",
+  landing: "M5 14l7 6 7-6",
+  hold: "M4 6v12M20 6v12",
+  return: "M4 20V10l8-7 8 7v10z",
+  pilot: "M12 3a9 9 0 1 0 0 18 9 9 0 0 0 0-18",
+  lost: "M4 4l5 5M20 4l-5 5M4 20l5-5M20 20l-5-5",
+  killed: "M12 3a9 9 0 1 0 0 18 9 9 0 0 0 0-18M6 6l4 4M18 6l-4 4M6 18l4-4M18 18l-4-4",
+};
+
+export function sceneForm(phase: Phase): TemplateResult {
+  return drawn(`${FORM_PATHS[phase]}M11 12h2`);
+}
+
 export function icon(name: IconName): TemplateResult {
+  return drawn(PATHS[name]);
+}
+
+function drawn(path: string): TemplateResult {
   return html`<svg class="icon" viewBox="0 0 24 24" aria-hidden="true" focusable="false">
-    ${svg`<path d=${PATHS[name]}></path>`}
+    ${svg`<path d=${path}></path>`}
   </svg>`;
 }
 

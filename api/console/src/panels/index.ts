@@ -140,7 +140,7 @@ function sheet(state: State, actions: PanelActions): TemplateResult | typeof not
   return html`<section class="sheet sheet-${name}" role="dialog" aria-label=${SHEETS[name].title} data-testid="sheet-${name}">
     <div class="head">
       <h2>${SHEETS[name].title}</h2>
-      ${button(actions, { id: "sheet-close", label: texts.shell.close, icon: "cross", iconOnly: true, kind: "quiet", press: () => actions.sheet(null) })}
+      ${button(actions, { id: "sheet-close", label: texts.shell.close, icon: "cross", iconOnly: true, kind: "quiet", focus: name === "help", press: () => actions.sheet(null) })}
     </div>
     ${SHEETS[name].view(state, actions)}
   </section>`;
@@ -177,7 +177,7 @@ export function panels(state: State, actions: PanelActions): TemplateResult {
       ${rail(state, actions, "left", isReplay ? LEFT.filter((each) => !DEAD_IN_REPLAY.has(each)) : LEFT)} ${rail(state, actions, "right", rightTabs(state.status))}
     </div>
     ${panel(state, actions, "left")} ${panel(state, actions, "right")}
-    <div class="room" data-room><div class="room-low">${features.map((each) => each.glance?.(state) ?? nothing)} ${energy(state)} ${isSmall(layout) ? nothing : camera(state, actions)}</div></div>
+    <section class="room" data-room aria-label=${texts.shell.room}><div class="room-low">${features.map((each) => each.glance?.(state) ?? nothing)} ${energy(state)} ${isSmall(layout) ? nothing : camera(state, actions)}</div></section>
     <div class="center-low">${sheet(state, actions)} ${previewBar(state, actions)} ${toasts(state, actions)}</div>
     <footer class="bottom">${placingBar(state, actions)} ${band(state, actions)} ${isReplay ? replayBar(state, actions) : html`${offers(state, actions)} ${flight(state, actions)}`}</footer>
     ${login(state, actions)} ${announcer(state)}

@@ -34,7 +34,8 @@ function choose(state: State, actions: PanelActions): TemplateResult {
       (value) => actions.set({ killNamed: value === "named" ? (killNamed ?? new Set(actions.now().view.selection)) : null }),
     )}
     ${killNamed
-      ? html`<div class="picks">
+      ? html`<p class="dim" role="status" data-testid="kill-count">${t.listed(chosen.length, state.status?.vehicles.length ?? 0)}</p>
+          <div class="picks">
           ${(state.status?.vehicles ?? []).map((each, i) => {
             const phase = PHASES[state.frame?.phase[i] ?? 0] ?? "offline";
             return html`<button

@@ -37,6 +37,10 @@ export function isBesideAPanel(panels: Pick<PanelState, "layout" | "left" | "rig
 /** Panels that ask the service for what a record does not hold. */
 export const DEAD_IN_REPLAY: ReadonlySet<string> = new Set<LeftPanel>(["preflight", "shows"]);
 
+export function isGridSeen({ panels }: { panels: PanelState }): boolean {
+  return panels.grid && shownPanels(panels).right === "fleet";
+}
+
 export interface ShownPanels {
   left: LeftPanel | null;
   right: RightPanel | null;

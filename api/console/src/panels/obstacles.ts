@@ -1,6 +1,7 @@
-/** Obstacles as a list: add, change, remove. A drag in the scene makes a preview first; see scene/dragPreviews.ts. */
+/** Obstacles as a list: add, change, remove. The scene shows what is edited as a ghost, and its handles change it; see obstacle.ts. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
+import { fieldOf, NEW, NEW_OBSTACLE, type Box } from "../obstacle";
 import type { Obstacle, State } from "../state";
 import { texts } from "../texts";
 import type { PanelActions } from "./actions";
@@ -11,16 +12,13 @@ import { whyNot } from "./rights";
 
 const t = texts.obstacles;
 
-const FIELDS = [
+const FIELDS: readonly (readonly [keyof Box, string])[] = [
   ["x_m", t.x],
   ["y_m", t.y],
   ["half_length_x_m", t.halfX],
   ["half_length_y_m", t.halfY],
   ["height_m", t.height],
-] as const;
-
-/** Default values of a new obstacle. */
-export const NEW_OBSTACLE = { x_m: 0, y_m: 0, half_length_x_m: 2, half_length_y_m: 2, height_m: 10 } as const;
+];
 
 function form(state: State, actions: PanelActions, known: Obstacle | null): TemplateResult {
   const values = known ?? NEW_OBSTACLE;
@@ -34,7 +32,7 @@ function form(state: State, actions: PanelActions, known: Obstacle | null): Temp
   >
     ${known ? nothing : textField(state, actions, { field: "obstacle-id", label: t.id, placeholder: "tower", focus: true })}
     <div class="fields">
-      ${FIELDS.map(([name, label]) => numberField(state, actions, { field: `obstacle:${name}`, label, unit: "m", value: fixed(values[name]) }))}
+      ${FIELDS.map(([name, label]) => numberField(state, actions, { field: fieldOf(name), label, unit: "m", value: fixed(values[name]) }))}
     </div>
     <div class="buttons">
       <button type="submit" class="button primary" data-testid="obstacle-save"><span>${t.save}</span></button>
@@ -80,9 +78,9 @@ export function obstacles(state: State, actions: PanelActions): TemplateResult {
   const { editing } = state.panels;
   return html`<div class="obstacles" data-testid="obstacles">
     ${all.length ? html`<ul class="cards">${all.map((box) => one(state, actions, box))}</ul>` : html`<p class="empty">${t.none}</p>`}
-    ${editing === ""
+    ${editing === NEW
       ? form(state, actions, null)
-      : button(actions, { id: "obstacle-add", label: t.add, icon: "obstacle", why: whyNot(state, "obstacle"), press: () => actions.edit("") })}
-    <p class="dim">${t.drag}</p>
+      : button(actions, { id: "obstacle-add", label: t.add, icon: "obstacle", why: whyNot(state, "obstacle"), press: () => actions.edit(NEW) })}
+    ${editing === NEW ? html`<p class="dim">${t.place}</p>` : nothing} ${all.length || editing === NEW ? html`<p class="dim">${t.drag}</p>` : nothing}
   </div>`;
 }

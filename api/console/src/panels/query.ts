@@ -1,10 +1,10 @@
 /** The filter of the fleet table: a line of terms, all of which a vehicle must meet. Pure.
  *
- * `phase:hold,return station:north autopilot:px4 battery<30 age>1 fix>2 nearest<5 link<80 limited -ready d1`
+ * `100-200 phase:hold,return station:north autopilot:px4 battery<30 age>1 fix>2 nearest<5 link<80 problem limited -ready d1`
  */
 
 import { texts } from "../texts";
-import { isStale, type Row } from "./rows";
+import { hasProblem, isStale, type Row } from "./rows";
 
 export type Test = (row: Row) => boolean;
 
@@ -36,9 +36,14 @@ const FLAGS: Record<string, Test> = {
   ready: (row) => row.ready,
   armed: (row) => row.armed,
   stale: isStale,
+  problem: hasProblem,
+  alarm: (row) => row.alarm !== "normal",
 };
 
 export const FIELDS = [...new Set([...Object.keys(WORDS), ...Object.keys(NUMBERS)])];
+
+/** The number at the end of a vehicle's id; NaN: it has none. */
+const numberOf = (row: Row): number => Number(/\d+$/.exec(row.id)?.[0] ?? NaN);
 
 /** Raises: Error with words for the operator. */
 function term(text: string): Test {
@@ -51,6 +56,8 @@ function term(text: string): Test {
     if (given === "" || Number.isNaN(limit)) throw new Error(texts.fleet.noNumber(field + sign));
     return sign === "<" ? (row) => value(row) < limit : (row) => value(row) > limit;
   }
+  const numbers = /^(\d+)-(\d+)$/.exec(text)?.slice(1).map(Number);
+  if (numbers) return (row) => numberOf(row) >= numbers[0]! && numberOf(row) <= numbers[1]!;
   const named = /^([a-z]+):(.*)$/.exec(text);
   if (named) {
     const [, field, given] = named as unknown as [string, string, string];

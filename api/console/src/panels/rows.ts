@@ -1,5 +1,6 @@
 /** The fleet as rows of a table: columns, order, and the rows on the screen. Pure. */
 
+import { commanded, lasts, type Overall } from "../alarms/model";
 import type { Frame, Phase, Status } from "../snapshot";
 import { MODES, PHASES, type Mode } from "../snapshot";
 import { texts } from "../texts";
@@ -24,6 +25,7 @@ export interface Row {
   station: string; // that flies it; empty where one flies all, or none is known to
   autopilot: string;
   received: boolean; // ever: its values are old otherwise, and there are none yet where it was not
+  alarm: Overall; // the worst that lasts and names it
 }
 
 export type Column = "id" | "phase" | "mode" | "battery" | "age" | "fix" | "nearest" | "link" | "height" | "held" | "station";
@@ -37,7 +39,15 @@ export interface Sort {
 export const STALE_S = 1.0;
 const FIX_3D = 3; // GPS_FIX_TYPE
 
-export function rowOf(status: Status, frame: Frame, nearest_m: ArrayLike<number>, index: number): Row {
+export type AlarmsByVehicle = ReadonlyMap<string, Overall>;
+
+/** The worst alarm that lasts of each vehicle that one names. */
+export function alarmsByVehicle({ alarms }: Status): AlarmsByVehicle {
+  const lasting = commanded(alarms).filter(lasts).reverse(); // the worst last: it stays
+  return new Map(lasting.flatMap(({ severity, vehicles }) => vehicles.map((id): [string, Overall] => [id, severity])));
+}
+
+export function rowOf(status: Status, frame: Frame, nearest_m: ArrayLike<number>, index: number, alarms: AlarmsByVehicle): Row {
   const vehicle = status.vehicles[index]!;
   const flags = frame.flags[index]!;
   return {
@@ -60,11 +70,22 @@ export function rowOf(status: Status, frame: Frame, nearest_m: ArrayLike<number>
     station: vehicle.station ?? "",
     autopilot: vehicle.autopilot,
     received: Number.isFinite(frame.uncertainty_m[index]!),
+    alarm: alarms.get(vehicle.id) ?? "normal",
   };
 }
 
 export function isStale(row: Row): boolean {
   return !(row.age_s <= STALE_S);
+}
+
+const LOW_BATTERY = 0.3;
+
+export const isLow = (row: Row): boolean => row.battery < LOW_BATTERY;
+
+/** What an operator looks for among a thousand. */
+export function hasProblem(row: Row): boolean {
+  const isGone = row.phase === "lost" || row.phase === "killed";
+  return isGone || row.fixIsBad || isLow(row) || isStale(row) || (row.alarm !== "normal" && row.alarm !== "information");
 }
 
 const byName = new Intl.Collator("en", { numeric: true });

@@ -43,6 +43,7 @@ export interface PanelState {
   drafts: Readonly<Record<string, string>>; // typed and not sent, by field
   sort: Sort;
   filter: string;
+  grid: boolean; // the fleet as a grid of pills, not as a table
   scroll_px: number;
   room_px: number;
   table: Table;
@@ -89,6 +90,7 @@ export function initialDesk(): PanelState {
     drafts: {},
     sort: { column: "id", descending: false },
     filter: "",
+    grid: false,
     scroll_px: 0,
     room_px: 600,
     table: { command: [], nearest_m: new Float64Array(0), phases: {}, problem: "", made_ms: -Infinity },

@@ -6,7 +6,7 @@ import type { Message } from "../messages";
 import { withLayout } from "./layout";
 import { reportKey } from "./preflight";
 import { parseQuery } from "./query";
-import { rowOf, sorted } from "./rows";
+import { alarmsByVehicle, rowOf, sorted } from "./rows";
 import { isSite } from "./stations";
 import { REFUSALS_KEPT, type PanelState, type Table } from "./state";
 import { steppedBack, steppedForward } from "./stepping";
@@ -91,7 +91,8 @@ function madeTable(state: State): Table {
   const query = parseQuery(panels.filter);
   if (!status || !frame) return { ...panels.table, problem: query.problem };
   const nearest = nearest_m(frame);
-  const rows = status.vehicles.slice(0, frame.n).map((_, index) => rowOf(status, frame, nearest, index));
+  const alarms = alarmsByVehicle(status);
+  const rows = status.vehicles.slice(0, frame.n).map((_, index) => rowOf(status, frame, nearest, index, alarms));
   const phases: Record<string, number> = Object.fromEntries(PHASES.map((phase) => [phase, 0]));
   for (const row of rows) phases[row.phase] = (phases[row.phase] ?? 0) + 1;
   return {

@@ -10,7 +10,7 @@ import { group, lastOrder } from "./group";
 import { roughly } from "./energy";
 import { icon, PHASE_ICON, type IconName } from "./icons";
 import { VEHICLE_ACTIONS, whyNotVehicle, type VehicleAction } from "./rights";
-import { isStale, rowOf, type Row } from "./rows";
+import { alarmsByVehicle, isStale, rowOf, type Row } from "./rows";
 import { isMissingStation } from "./stations";
 
 const ACTION_ICON: Record<VehicleAction, IconName> = {
@@ -107,7 +107,7 @@ export function vehicle(state: State, actions: PanelActions): TemplateResult {
   if (id === null) return html`<p class="empty">${t.none}</p>`;
   const index = indexOf(state, id);
   if (!status || !frame || index < 0 || index >= frame.n) return html`<p class="empty">${t.gone(id)}</p>`;
-  const row = rowOf(status, frame, state.panels.table.nearest_m, index);
+  const row = rowOf(status, frame, state.panels.table.nearest_m, index, alarmsByVehicle(status));
   const { reason } = status.vehicles[index]!;
   return html`<article class="vehicle ${row.received && isStale(row) ? "old" : ""}" data-testid="vehicle-page">
     <header>

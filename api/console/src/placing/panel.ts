@@ -117,7 +117,7 @@ function summary(state: State, placing: Placing): TemplateResult {
 export function placingBar(state: State, actions: PanelActions): TemplateResult | typeof nothing {
   const { placing } = state;
   if (placing === null) return nothing;
-  return html`<section class="replay placing-bar" aria-label=${t.title(placing.found.show)} data-testid="placing">
+  return html`<section class="replay placing-bar" aria-label=${t.bar} data-testid="placing">
     <div class="placing-words">
       <strong>${icon("info")} ${t.title(placing.found.show)}</strong>
       <span class="value" data-testid="placing-summary">${placing.busy === "" ? summary(state, placing) : t.busy[placing.busy]}</span>

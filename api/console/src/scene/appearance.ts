@@ -4,7 +4,9 @@ import { FLAG, PHASES, STALE_MS, type Frame, type Phase } from "../state";
 import type { Palette, Rgb } from "./palette";
 
 /** What is marked by a shape, not by colour alone. Bits, as the shader counts them. */
-export const MARK = { limited: 1, lost: 2, selected: 4 } as const;
+export const MARK = { limited: 1, selected: 2 } as const;
+/** The form of each phase around its vehicle, as the shader counts them; the help shows them. What flies in formation, as most do, has none. */
+export const FORMS: readonly Phase[] = ["formation", "standby", "offline", "takeoff", "landing", "hold", "return", "pilot", "lost", "killed"];
 
 const ON_GROUND: ReadonlySet<Phase> = new Set(["offline", "standby", "killed"]);
 const DARKEST = 0.35; // a light that is nearly off still has a colour that one can see
@@ -19,15 +21,17 @@ export function isStale(frame: Frame, i: number, isFresh: boolean): boolean {
   return !isFresh || !(frame.position_age_s[i]! <= STALE_MS / 1000);
 }
 
-/** Red, green, blue and shine of each, and its marks. Owns its arrays, as long as the largest fleet yet. */
+/** Red, green, blue and shine of each, its marks, and its phase's form. Owns its arrays, as long as the largest fleet yet. */
 export class Appearance {
   tints = new Float32Array(0);
   marks = new Float32Array(0);
+  forms = new Float32Array(0);
 
   set(frame: Frame, palette: Palette, isFresh: boolean, selected: ReadonlySet<number>): void {
     if (this.marks.length < frame.n) {
       this.tints = new Float32Array(4 * frame.n);
       this.marks = new Float32Array(frame.n);
+      this.forms = new Float32Array(frame.n);
     }
     for (let i = 0; i < frame.n; i += 1) {
       const isOld = isStale(frame, i, isFresh);
@@ -36,11 +40,8 @@ export class Appearance {
       this.tints[4 * i + 1] = color[1];
       this.tints[4 * i + 2] = color[2];
       this.tints[4 * i + 3] = shine;
-      const phase = phaseOf(frame, i);
-      this.marks[i] =
-        ((frame.flags[i]! & FLAG.limited) !== 0 && !isOld ? MARK.limited : 0) +
-        (phase === "lost" || phase === "killed" ? MARK.lost : 0) +
-        (selected.has(i) ? MARK.selected : 0);
+      this.marks[i] = ((frame.flags[i]! & FLAG.limited) !== 0 && !isOld ? MARK.limited : 0) + (selected.has(i) ? MARK.selected : 0);
+      this.forms[i] = FORMS.indexOf(phaseOf(frame, i));
     }
   }
 }

@@ -10,6 +10,7 @@ import type { Shared } from "./camera";
 import { Table } from "./instances";
 import { ORDER } from "./materials";
 import type { Palette, Rgb } from "./palette";
+import type { Screen } from "./screen";
 import { Strokes } from "./strokes";
 import { REPORTED, Vehicles } from "./vehicles";
 
@@ -38,7 +39,7 @@ export class DrawnLayer {
   }
 
   /** A show that is being placed moves with its pads. */
-  draw(preview: DrawnPreview | null, placing: Placing | null, now_ms: number): void {
+  draw(preview: DrawnPreview | null, placing: Placing | null, now_ms: number, free: Screen["free"]): void {
     this.#moved = placing !== null && placing.found.show === preview?.drawing.show ? placing : null;
     const n = preview?.drawing.n ?? 0;
     this.#paths.clear();
@@ -48,8 +49,8 @@ export class DrawnLayer {
       this.#path(preview.drawing, time_s);
     }
     this.#paths.commit();
-    this.#vehicles.draw(this.#table, n);
-    this.#glows.draw(this.#table, n);
+    this.#vehicles.draw(this.#table, n, free);
+    this.#glows.draw(this.#table, n, free);
   }
 
   #tell(drawing: Drawing, time_s: number): void {

@@ -3,13 +3,14 @@
 
 import type { Group } from "three";
 
-import type { Frame, Preview, State } from "../state";
+import { editedBox } from "../obstacle";
+import type { Frame, Obstacle, Preview, State } from "../state";
 import { texts } from "../texts";
 import { toScene, type Vec3 } from "./axes";
 import { CLOSE, type Floor, type Pair } from "./proximity";
 import { DECAL, Decals } from "./decals";
 import type { Eye, Shared } from "./camera";
-import { cornersOf, previewBox, handleOf } from "./dragPreviews";
+import { boxHandles, cornersOf, handleOf } from "./dragPreviews";
 import { ORDER } from "./materials";
 import type { Overlay } from "./overlay";
 import type { Palette, Rgb } from "./palette";
@@ -113,17 +114,15 @@ export class DynamicLayer {
 
   #preview(picture: Picture, overlay: Overlay): void {
     const { preview } = picture.state;
-    if (preview === null || picture.state.status === null) {
-      return;
+    const box = editedBox(picture.state);
+    if (box !== null) {
+      this.#edited(box, picture, overlay);
     }
-    switch (preview.kind) {
+    switch (preview?.kind) {
       case "target":
         return this.#previewTarget(preview, picture, overlay);
       case "radius":
         return this.#previewRadius(preview.radius_m, picture, overlay);
-      case "obstacle":
-      case "new-obstacle":
-        return this.#previewObstacle(preview, picture, overlay);
     }
   }
 
@@ -151,25 +150,24 @@ export class DynamicLayer {
     overlay.put(eye, handleOf(poses.center, radius_m, eye.basis), text, "handle-preview");
   }
 
-  #previewObstacle(preview: Exclude<Preview, { kind: "target" | "radius" }>, { state, palette, eye }: Picture, overlay: Overlay): void {
-    const box = previewBox(state);
-    if (box === null) {
-      return;
-    }
+  /** Of an obstacle that is edited, with its handles. */
+  #edited(box: Obstacle, { state, palette, eye }: Picture, overlay: Overlay): void {
     const style = dashed(palette, eye);
-    const [low, high] = cornersOf(box);
+    const [low, corner] = cornersOf(box);
+    const high = toScene(box.x_m, box.y_m, box.height_m);
     this.#previewBox.put([box.y_m, box.height_m / 2, -box.x_m], [box.half_length_y_m, box.height_m / 2, box.half_length_x_m], palette.preview, 0.16);
-    this.#previewLines.box(low, high, style);
-    const top = toScene(box.x_m, box.y_m, box.height_m);
+    this.#previewLines.box(low, corner, style);
     const at = [box.x_m.toFixed(1), box.y_m.toFixed(1)] as const;
-    if (preview.kind === "obstacle") {
-      const real = state.status!.obstacles.find((each) => each.id === preview.id)!;
+    const real = state.status?.obstacles.find((each) => each.id === box.id);
+    const moved_m = real === undefined ? null : Math.hypot(box.x_m - real.x_m, box.y_m - real.y_m);
+    if (real !== undefined) {
       this.#previewLines.line(toScene(real.x_m, real.y_m, 0), toScene(box.x_m, box.y_m, 0), style);
-      const moved_m = Math.hypot(box.x_m - real.x_m, box.y_m - real.y_m);
-      overlay.put(eye, top, texts.scene.previewPlace(...at, moved_m.toFixed(1)), "preview", -16);
-    } else {
-      const size = [2 * box.half_length_x_m, 2 * box.half_length_y_m, box.height_m].map((each) => each.toFixed(1));
-      overlay.put(eye, top, texts.scene.previewBox(...at, size[0]!, size[1]!, size[2]!), "preview", -16);
+    }
+    overlay.put(eye, high, moved_m === null ? texts.scene.at(...at) : texts.scene.previewPlace(...at, moved_m.toFixed(1)), "preview", -24);
+    for (const { part, place } of boxHandles(box, eye)) {
+      const length_m = part.kind !== "side" ? box.height_m : 2 * (part.side[0] !== 0 ? box.half_length_x_m : box.half_length_y_m);
+      const isNamed = part.kind !== "side" || part.side[0] + part.side[1] > 0;
+      overlay.put(eye, place, isNamed ? texts.scene[part.kind === "side" ? "side" : "high"](length_m.toFixed(1)) : "", "handle-preview");
     }
   }
 

@@ -19,17 +19,27 @@ export function believed({ status }: State, poses: Poses): number[] {
   return Array.from({ length: poses.n }, (_, i) => i).filter((i) => poses.known(i) && Math.hypot(...placeOf(poses, i)) < limit_m);
 }
 
+/** A drawn show is looked at, beside which nothing flies: it alone belongs in the picture. */
+const isPreview = ({ drawn, placing }: State): boolean => drawn !== null && placing === null;
+
 /** Vehicles that must stay in the picture: those of them that are not on the ground, or all where nothing flies. */
 export function followed(state: State, poses: Poses): number[] {
+  if (isPreview(state)) {
+    return [];
+  }
   const all = believed(state, poses);
   const flying = all.filter((i) => !ON_GROUND.has(PHASES[state.frame?.phase[i] ?? 0]));
   return flying.length > 0 ? flying : all;
 }
 
-/** What a fit shows: these vehicles and the sphere that flies; before it flies, pads, target and the sphere as it will be. */
+/** What a fit shows: these vehicles and the sphere that flies; before it flies, pads, target and the sphere as it will be; a preview alone. */
 export function* worthSeeing(state: State, poses: Poses, vehicles: readonly number[]): Generator<Vec3> {
   const { status, frame } = state;
   if (status === null || frame === null) {
+    return;
+  }
+  if (isPreview(state)) {
+    yield* state.drawn!.drawing.outline.map((place) => toScene(...place));
     return;
   }
   for (const i of vehicles) {
@@ -39,11 +49,6 @@ export function* worthSeeing(state: State, poses: Poses, vehicles: readonly numb
     for (const [x_m, y_m] of padsOf(state.placing)) {
       yield toScene(x_m, y_m, 0);
     }
-    return;
-  }
-  if (state.drawn !== null) {
-    const [low, high] = state.drawn.drawing.box;
-    yield* [low, high].flatMap(([x]) => [low, high].flatMap(([, y]) => [low, high].map(([, , h]) => toScene(x, y, h))));
     return;
   }
   const { radius_m, height_m } = status.formation;

@@ -4,6 +4,8 @@ import "../styles/scene.css";
 
 import { Color, Group, Scene as Root, SRGBColorSpace } from "three";
 
+import { isUnplaced, type Box } from "../obstacle";
+import { isGridSeen } from "../panels/layout";
 import type { Choice } from "../selection";
 import { fresh, indexOf, may, type Frame, type Placement, type Preview, type State, type Status } from "../state";
 import { texts } from "../texts";
@@ -15,7 +17,7 @@ import { CameraController } from "./cameraController";
 import { closePairs, type Floor, type Pair } from "./proximity";
 import { Controls, type Keys } from "./controls";
 import { Eye } from "./camera";
-import { gripAt, handleOf, moved, type Grip } from "./dragPreviews";
+import { gripAt, handleOf, moved, placedAt, type Dragged, type Grip } from "./dragPreviews";
 import { Grid } from "./grid";
 import { Ground } from "./ground";
 import { Table } from "./instances";
@@ -46,11 +48,14 @@ export interface Scene {
 export interface SceneEvents {
   /** During a drag: the values it would set. It sends no command. */
   preview(preview: Preview | null): void;
+  /** Likewise, of an obstacle. */
+  shape(id: string, change: Partial<Box>): void;
   /** Likewise, of a drawn show that is being placed. */
   place(place: Placement): void;
   choose(choice: Choice): void;
 }
 
+const HELD_MOST_MS = 250;
 const PICK_PX = 18;
 const NAMED_UP_TO = 16; // vehicles
 const PAD_HEIGHT_M = 2; // as the safety filter's: lower pairs do not count
@@ -97,6 +102,7 @@ class LiveScene implements Scene {
   #isDue = true;
   #wasFresh = false;
   #drawn_ms = -Infinity;
+  #held_ms: number | null = 0; // how long the last picture held the page up
   #palette: Palette | null = null;
 
   constructor(canvas: HTMLCanvasElement, on: SceneEvents, tile: LoadTile) {
@@ -130,6 +136,7 @@ class LiveScene implements Scene {
 
   draw(state: State, now_ms: number): void {
     const isFresh = fresh(state);
+    this.#held_ms ??= Math.min(HELD_MOST_MS, now_ms - this.#drawn_ms); // the first beat after a picture
     if (state.frame !== null) {
       this.#playback.push(state.frame);
     }
@@ -137,10 +144,11 @@ class LiveScene implements Scene {
     if (!this.#isDue && !this.#changed(state) && isFresh === this.#wasFresh && !this.#camera_controller.moves && (moment?.still ?? true)) {
       return;
     }
-    if (!isDue(this.#fitted.software, now_ms - this.#drawn_ms)) {
+    if (!isDue(this.#fitted.software, now_ms - this.#drawn_ms, isGridSeen(state) ? this.#held_ms : 0)) {
       return;
     }
     this.#drawn_ms = now_ms;
+    this.#held_ms = null;
     this.#isDue = false;
     this.#wasFresh = isFresh;
     this.#state = state;
@@ -179,7 +187,7 @@ class LiveScene implements Scene {
     return (
       last === null || state.status !== last.status || state.frame !== last.frame || state.preview !== last.preview ||
       state.view !== last.view || state.access !== last.access || state.drawn !== last.drawn ||
-      state.placing !== last.placing || (state.drawn?.since_ms ?? null) !== null
+      state.placing !== last.placing || state.panels.editing !== last.panels.editing || state.panels.drafts !== last.panels.drafts || (state.drawn?.since_ms ?? null) !== null
     );
   }
 
@@ -208,7 +216,7 @@ class LiveScene implements Scene {
     this.#backdrop.look(this.#eye, this.#palette!);
     this.#ground.draw(status, this.#eye, this.#camera_controller.moves, now_ms, this.#overlay);
     this.#grid.draw(this.#eye, this.#overlay);
-    this.#drawn.draw(state.drawn, state.placing, state.page_ms);
+    this.#drawn.draw(state.drawn, state.placing, state.page_ms, screen.free);
     this.#pads.draw(state, this.#palette!, this.#eye, this.#overlay);
     this.#overlay.north(north_rad(heading_deg) - this.#eye.pose.azimuth, this.#eye);
     if (moment === null || status === null) {
@@ -219,8 +227,8 @@ class LiveScene implements Scene {
     this.#appearance.set(frame, palette, isFresh, this.#selectionOf(state));
     const { tints } = this.#appearance;
     this.#tell(frame.n);
-    this.#vehicles.draw(this.#reported, frame.n);
-    this.#billboards.draw(this.#reported, frame.n);
+    this.#vehicles.draw(this.#reported, frame.n, screen.free);
+    this.#billboards.draw(this.#reported, frame.n, screen.free);
     this.#trails.draw(this.#poses, tints, selected);
     this.#shell.place(this.#poses.center, frame.radius_m, this.#eye);
     this.#scenery.draw(status, frame, this.#poses.time_s, palette, this.#eye);
@@ -230,7 +238,7 @@ class LiveScene implements Scene {
     const pairs = this.#pairsOf(frame, floor);
     const picture: Picture = { state, frame, poses: this.#poses, pairs, floor, tints, selected, palette, eye: this.#eye };
     this.#dynamicLayer.draw(picture, this.#overlay);
-    this.#names(state, frame, selected);
+    if (state.drawn === null) this.#names(state, frame, selected);
   }
 
   /** Indices of the selected vehicles. */
@@ -250,6 +258,7 @@ class LiveScene implements Scene {
       numbers.set(this.#poses.place.subarray(4 * i, 4 * i + 4), 4 * REPORTED * i);
       numbers.set(this.#appearance.tints.subarray(4 * i, 4 * i + 4), 4 * REPORTED * i + 4);
       numbers[4 * REPORTED * i + 8] = this.#appearance.marks[i]!;
+      numbers[4 * REPORTED * i + 9] = this.#appearance.forms[i]!;
     }
     texture.needsUpdate = n > 0;
   }
@@ -326,13 +335,17 @@ class LiveScene implements Scene {
           this.#on.place(padsMoved(this.#padGrip, this.#eye, this.#ray(px, py)));
         }
         if (this.#grip !== null) {
-          this.#on.preview(moved(this.#grip, this.#poses.center, this.#eye, this.#ray(px, py)));
+          this.#tellOf(moved(this.#grip, this.#poses.center, this.#eye, this.#ray(px, py)));
         }
       },
       drop: (): void => {
         this.#grip = this.#padGrip = null;
       },
       click: (px: number, py: number, keys: Keys): void => {
+        const placed = this.#state === null ? null : placedAt(this.#state, this.#eye, this.#ray(px, py));
+        if (placed !== null) {
+          return this.#tellOf(placed);
+        }
         const id = this.#state?.status?.vehicles[this.#vehicleAt(px, py)]?.id;
         const isMore = keys.shift || keys.ctrl;
         if (id !== undefined) {
@@ -358,7 +371,7 @@ class LiveScene implements Scene {
         const ray = this.#ray(px, py);
         const isPad = padGripAt(this.#state, this.#eye, ray, px, py) !== null;
         const isGrip = isPad || (i < 0 && gripAt(this.#state, this.#eye, ray, px, py) !== null);
-        this.#canvas.style.cursor = isGrip ? "grab" : i >= 0 ? "pointer" : "";
+        this.#canvas.style.cursor = isUnplaced(this.#state) ? "crosshair" : isGrip ? "grab" : i >= 0 ? "pointer" : "";
       },
       leave: (): void => {
         this.#hovered = -1;
@@ -369,6 +382,14 @@ class LiveScene implements Scene {
       zoom: (factor: number): void => this.#move(() => this.#camera_controller.zoom(factor)),
       frame: (): void => this.#move(() => this.#camera_controller.frame()),
     };
+  }
+
+  #tellOf(dragged: Dragged): void {
+    if (dragged.kind === "box") {
+      this.#on.shape(dragged.id, dragged.change);
+    } else {
+      this.#on.preview(dragged);
+    }
   }
 
   #move(by: () => void): void {

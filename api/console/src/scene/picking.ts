@@ -58,9 +58,9 @@ export function onLevel(ray: Ray, height_m: number, farthest_m = 20_000): Vec3 |
   return [ray.from[0] + far_m * ray.along[0], height_m, ray.from[2] + far_m * ray.along[2]];
 }
 
-/** Where a ray meets the plane through a place that faces the camera. */
-export function facing(ray: Ray, basis: Basis, place: Vec3): Vec3 {
-  const far_m = dot(minus(place, ray.from), basis.forward) / dot(ray.along, basis.forward);
+/** Where a ray meets the plane through a place across `forward`. */
+export function facing(ray: Ray, forward: Vec3, place: Vec3): Vec3 {
+  const far_m = dot(minus(place, ray.from), forward) / dot(ray.along, forward);
   return [ray.from[0] + far_m * ray.along[0], ray.from[1] + far_m * ray.along[1], ray.from[2] + far_m * ray.along[2]];
 }
 

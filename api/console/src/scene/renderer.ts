@@ -28,9 +28,15 @@ function isSoftware(): boolean {
 const SOFTWARE_MS = 1000 / 30;
 const EARLY_MS = 4; // the browser's own beat: rather a little early than a whole picture late
 
-/** Whether a frame is due: without a graphics card every second one is left to the panels. Pure. */
-export function isDue(software: boolean, sinceLast_ms: number): boolean {
-  return !software || sinceLast_ms >= SOFTWARE_MS - EARLY_MS;
+const BEAT_MS = 1000 / 60;
+const LEFT_TO_GRID = 4; // times what a picture holds up
+
+/**
+ * Whether a frame is due: without a graphics card every second one is left to the panels. Beside the fleet's grid a picture
+ * that held the page up for `held_ms` is followed by four times as long without one. Pure.
+ */
+export function isDue(software: boolean, sinceLast_ms: number, held_ms = 0): boolean {
+  return !software || sinceLast_ms >= Math.max(SOFTWARE_MS, LEFT_TO_GRID * (held_ms - BEAT_MS)) - EARLY_MS;
 }
 
 export interface Fitted {

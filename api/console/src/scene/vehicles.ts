@@ -7,8 +7,9 @@ import { Repeated, telling, type Table } from "./instances";
 import { ORDER } from "./materials";
 import type { Palette } from "./palette";
 import { quadrotor } from "./quadrotor";
+import type { Screen } from "./screen";
 
-/** Attributes of every vehicle in every frame: position and turn; colour and shine; marks. */
+/** Attributes of every vehicle in every frame: position and turn; colour and shine; marks and form. */
 export const REPORTED = 3;
 
 /** Half of the span that is drawn at least: somewhat more than theirs, and what one still sees from far away. */
@@ -16,8 +17,12 @@ export const HALF_SPAN_M = 0.45;
 const FINE_UP_TO = 40; // vehicles; the more there are, the simpler
 const MEDIUM_UP_TO = 120;
 
-export function least_px(n: number): number {
-  return Math.min(19, Math.max(5.5, 25 - 2.2 * Math.log2(Math.max(1, n))));
+/** In a small picture they are smaller: their lights would be one. */
+const SMALL_SIDE_PX = 640;
+
+export function least_px(n: number, { width, height }: Screen["free"]): number {
+  const share = Math.min(1, Math.max(0.5, Math.min(width, height) / SMALL_SIDE_PX));
+  return Math.max(5.5, share * Math.min(19, 25 - 2.2 * Math.log2(Math.max(1, n))));
 }
 
 export class Vehicles {
@@ -37,8 +42,8 @@ export class Vehicles {
     return this.#all.mesh;
   }
 
-  draw(table: Table, n: number): void {
-    this.#uniforms.uLeast.value = least_px(n);
+  draw(table: Table, n: number, free: Screen["free"]): void {
+    this.#uniforms.uLeast.value = least_px(n, free);
     this.#all.draw(this.#shapeFor(n), table, n);
   }
 
