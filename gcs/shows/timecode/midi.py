@@ -33,7 +33,7 @@ class MidiTimecode:
     _status: int = 0  # of a message that is not complete yet; 0: none
     _data: list[int] = field(default_factory=list)
     _pieces: list[int] = field(default_factory=list)  # of the label that arrives, from piece 0
-    _begins: tuple[Label, Rate] | None = None  # the newest whole label, of the eight pieces before
+    _begins: tuple[float, Rate] | None = None  # time of the newest whole label, of the eight pieces before
 
     def take(self, data: bytes) -> list[Reading]:
         """The readings that `data` completes. Never raises, and keeps at most one message that is not."""
@@ -69,9 +69,9 @@ class MidiTimecode:
             self._pieces = []
         self._pieces.append(value)
         if self._begins is not None:
-            label, rate = self._begins
+            time_s, rate = self._begins
             behind = BEHIND_FRAMES + piece / 4
-            readings.append(Reading(label.time_s(rate) + behind / rate.per_s, rate))
+            readings.append(Reading(time_s + behind / rate.per_s, rate))
         if piece == PIECES - 1:
             self._label()
 
@@ -81,7 +81,7 @@ class MidiTimecode:
             low | high << 4 for low, high in zip(self._pieces[::2], self._pieces[1::2], strict=True)
         )
         label, rate = Label(hours & 0x1F, minutes, seconds, frames), Rate(hours >> 5 & 3)
-        self._begins = (label, rate) if label.exists(rate) else None
+        self._begins = (label.time_s(rate), rate) if label.exists(rate) else None
         self.garbage += self._begins is None
 
     def _full_frame(self, readings: list[Reading]) -> None:

@@ -35,7 +35,7 @@ class Rate(Enum):
     @property
     def pulled_down(self) -> "Rate":
         """The slower rate of the same labels; the rate itself where there is none."""
-        return next((slower for slower, nominal in _NOMINAL.items() if nominal is self), self)
+        return _PULLED_DOWN.get(self, self)
 
     @property
     def nominal(self) -> "Rate":
@@ -63,6 +63,7 @@ class Rate(Enum):
 
 
 _NOMINAL: Final = {Rate.FPS_23_976: Rate.FPS_24, Rate.FPS_29_97: Rate.FPS_30}
+_PULLED_DOWN: Final = {nominal: slower for slower, nominal in _NOMINAL.items()}
 _RATES: Final[Mapping[Rate, tuple[int, float, str]]] = {
     Rate.FPS_24: (24, 24.0, "24"),
     Rate.FPS_25: (25, 25.0, "25"),
