@@ -11,6 +11,7 @@ import pytest
 from gcs.config.schema import Config
 from gcs.model.errors import GcsError, InvalidError, RefusedError, UnknownError
 from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.plan import Target
 from gcs.model.preflight_report import Check, PreflightReport
 from gcs.recording.session import Record
 from gcs.service import CALLER, Outcome, ShowAction
@@ -431,3 +432,22 @@ def test_radius_refused_for_one_receiver_names_that_vehicle() -> None:
     assert text.endswith(
         "2.8 m is enough at 0.05 m, as with RTK; the least certain is d3, with an RTK fixed fix of 0.6 m"
     )
+
+
+def test_a_target_that_moved_out_of_reach_refuses_the_start() -> None:
+    """It goes on after a landing: the next start would follow it to the fence."""
+
+    async def story(show: VirtualShow) -> None:
+        await show.standby()
+        reach_m = show.config.control.safety.fence.distance_max_m - 30.0
+        show.service.plan.set_target(Target(reach_m, 0.0, 3.0, 0.0))
+        assert show.service.preflight.report().passes
+        await show.wait(20.0)
+        assert list(failing(show.service.preflight.report())) == ["target"]
+        refusal = await refused(show, lambda: show.service.commands.command_show(ShowAction.START))
+        assert "the target has moved out of reach" in refusal.text
+        show.service.plan.set_target(Target(0.0, 0.0))
+        await show.wait(2.0)
+        assert show.service.preflight.report().passes
+
+    fly(story, show_config(2))

@@ -17,10 +17,9 @@ SHIPPED_ADDRESS = "http://127.0.0.1:8000"
 
 
 def session() -> str:
-    """The README's block of the third terminal."""
-    block = re.search(r"```sh\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
-    assert block is not None
-    return block[1]
+    """The README's two blocks of the third terminal."""
+    first, stop = re.findall(r"```sh\n(.*?)```", README.read_text(encoding="utf-8"), re.DOTALL)
+    return f"{first}{stop}"
 
 
 def open_api(address: str) -> httpx.Client:

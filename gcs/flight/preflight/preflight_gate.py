@@ -29,7 +29,12 @@ from gcs.model.preflight_report import (
     describe,
 )
 from gcs.model.state import Array, VehicleId
-from gcs.planning.feasibility import check_formation, check_obstacle, smallest_formation_radius_m
+from gcs.planning.feasibility import (
+    check_formation,
+    check_obstacle,
+    check_target,
+    smallest_formation_radius_m,
+)
 from gcs.planning.landing_sites import column_m, describe_columns, most_overlapping
 from gcs.planning.loss_times import APART_MAX_S, check_loss_times
 from gcs.planning.setpoint_loss import PREDICTED_MAX, check_setpoint_loss, formation_m
@@ -68,6 +73,7 @@ TO_DO: Final = {
     DOWN: "look for it; confirm that it is down once it was seen on the ground",
     "show": "check and select the show again, name the vehicles that fly, or take the others out",
     "formation": "choose a larger radius, better receivers, or fewer vehicles",
+    "target": "say where the target is now, and how it moves",
     "loss times": "do as the text says, or fly vehicles with one time only",
     "loss of the ground station": "do as the text says, or choose a larger radius",
     "obstacles": "remove the obstacle, or move the pad",
@@ -388,6 +394,8 @@ class PreflightGate:
         ):
             return
         yield ("formation", "a sphere that has room for all vehicles", lambda: self._check_formations(chosen))
+        if flight.show.run is None:
+            yield "target", "where the formation can follow it", self._check_target
         if operation.require_safe_setpoint_loss:
             alone = [flight.vehicles[name].without_setpoints for name in chosen]
             flies_on_s = np.array([each.flies_on_s for each in alone])
@@ -431,6 +439,16 @@ class PreflightGate:
                 if not cue:
                     raise InvalidError(error.field, error.value, error.allowed + whose) from None
                 raise RefusedError(f"at '{cue}': {error}{whose}") from None
+
+    def _check_target(self) -> None:
+        """Check that the target is where it can be followed: it has moved on since it was set."""
+        plan, now_s = self.flight.in_force.plan, self.flight.newest.state.time_s
+        x_m, y_m = plan.target.position_m(now_s)
+        target = replace(plan.target, x_m=x_m, y_m=y_m, time_s=now_s)
+        try:
+            check_target(target, plan.orbit, plan.formation, self.flight.in_force.control)
+        except InvalidError as error:
+            raise RefusedError(f"the target has moved out of reach: {error}") from None
 
     def _least_certain(self, chosen: Sequence[VehicleId]) -> str:
         """Which vehicle's receiver decides the least radius, in words."""
