@@ -3,6 +3,7 @@
 Files of other programs may have comments from a # on, empty lines, and a comma at the end of each row.
 """
 
+import re
 from typing import Final
 
 import numpy as np
@@ -37,7 +38,9 @@ def table(data: bytes, place: str, columns: tuple[int, ...]) -> Array:
         raise DrawingError(place, f"a line of more than {LINE_MAX} characters")
     written = [(at, row) for at, line in enumerate(lines, start=1) if (row := _row(line))]
     if written and _is_names(written[0][1]):
-        del written[0]
+        _, names = written.pop(0)
+        if text := _misnamed(names.split(",")):
+            raise DrawingError(place, text)
     if not written:
         raise DrawingError(place, "rows of numbers are needed, it has none")
     try:
@@ -58,6 +61,27 @@ def _is_names(row: str) -> bool:
     """Whether these are the names of the columns."""
     first = row.lstrip("\"' ").lower()
     return first[:1].isalpha() and not first.startswith(("nan", "inf"))
+
+
+MEANT: Final = (("time", "t"), ("x",), ("y",), ("z",), ("red", "r"), ("green", "g"), ("blue", "b"))
+"""Names of the columns of a sampled trajectory, in their order: time in ms, metres, and a colour."""
+
+OTHER_TIMES: Final = frozenset({"s", "sec", "secs", "second", "seconds", "min", "us", "usec"})
+OTHER_LENGTHS: Final = frozenset({"ft", "feet", "foot", "inch", "inches", "mm", "cm", "km", "yd"})
+
+
+def _misnamed(names: list[str]) -> str:
+    """Return how the names of 4 or 7 columns contradict their order or units; empty: they do not."""
+    if len(names) not in {4, len(MEANT)}:
+        return ""
+    for at, name in enumerate(names):
+        first, *units = re.findall("[a-z]+", name.lower()) or [""]
+        if any(first in meant for meant in MEANT[:at] + MEANT[at + 1 :]):
+            return f"column {at + 1} is called {quoted(name)}: {MEANT[at][0]} is needed there"
+        if (OTHER_TIMES if at == 0 else OTHER_LENGTHS).intersection(units):
+            unit = "milliseconds" if at == 0 else "metres"
+            return f"column {at + 1} is called {quoted(name)}: {unit} are needed"
+    return ""
 
 
 def _wrong(written: list[tuple[int, str]], place: str) -> DrawingError:

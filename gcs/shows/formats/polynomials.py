@@ -29,7 +29,11 @@ YAW_S: Final = 0.1
 
 def read_polynomials(data: bytes, file: str) -> DrawnShow:
     """Read the file of one vehicle; `file` names it in errors. Raises: DrawingError."""
-    return polynomial_show([table(data, file, (COLUMNS,))], (Path(file).stem,), [file])
+    rows = table(data, file, (4, 7, COLUMNS))
+    if rows.shape[1] != COLUMNS:
+        samples = f"{rows.shape[1]} columns, as samples of one drone have"
+        raise DrawingError(file, f"{samples}: put the CSV files of all drones into a .zip")
+    return polynomial_show([rows], (Path(file).stem,), [file])
 
 
 def polynomial_show(tables: list[Array], vehicles: tuple[str, ...], places: list[str]) -> DrawnShow:

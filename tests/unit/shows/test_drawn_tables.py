@@ -1,5 +1,7 @@
 """Drawn shows in CSV: samples of Skybrush, polynomials of Crazyswarm."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -22,6 +24,35 @@ def test_rows_without_colours_are_white_and_need_no_names() -> None:
     show = parse_drawing(zipped({"one.csv": "0,0,0,0\r\n1000,0,0,5\r\n"}), "a.zip")
     assert show.lights.colours_at(0.5)[0].tolist() == [255, 255, 255]
     assert show.trajectories.at(0.5).position_m[0].tolist() == [0.0, 0.0, -2.5]
+
+
+@pytest.mark.parametrize(
+    ("names", "text"),
+    [
+        ("Time_msec,R,G,B,X,Y,Z", "column 2 is called 'R': x is needed there"),
+        ("t,y,x,z", "column 2 is called 'y': x is needed there"),
+        ("Time_msec,X_ft,Y_ft,Z_ft,R,G,B", "column 2 is called 'X_ft': metres are needed"),
+        (
+            "Time [s],x [m],y [m],z [m],red,green,blue",
+            "column 1 is called 'Time [s]': milliseconds are needed",
+        ),
+    ],
+)
+def test_names_that_contradict_the_columns_are_refused(names: str, text: str) -> None:
+    rows = "\n".join(",".join([str(500 * at), *["1"] * names.count(",")]) for at in range(3))
+    with pytest.raises(DrawingError, match=re.escape(text)):
+        parse_drawing(zipped({"one.csv": f"{names}\n{rows}\n"}), "a.zip")
+
+
+@pytest.mark.parametrize("names", ["time [ms],x [m],y [m],z [m],Red,Green,Blue", "t,px,py,pz,c1,c2,c3"])
+def test_other_names_of_the_columns_are_taken(names: str) -> None:
+    rows = SAMPLES.partition("\n")[2]
+    assert len(parse_drawing(zipped({"one.csv": f"{names}\n{rows}"}), "a.zip")) == 1
+
+
+def test_samples_of_one_drone_belong_into_a_zip() -> None:
+    with pytest.raises(DrawingError, match=r"put the CSV files of all drones into a \.zip"):
+        parse_drawing(SAMPLES.encode(), "one.csv")
 
 
 def test_a_sampled_circle_is_smooth() -> None:
