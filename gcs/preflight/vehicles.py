@@ -11,7 +11,7 @@ from gcs.estimation.height_bias import HeightBias
 from gcs.estimation.positioning import Positioning
 from gcs.links.link import Absent
 from gcs.model.preflight_report import Check, State
-from gcs.model.state import Array, FleetState, Telemetry, VehicleId
+from gcs.model.state import Array, FleetState, Mask, Telemetry, VehicleId
 from gcs.safety.floor import Floor
 from gcs.safety.walls import Fence
 
@@ -217,6 +217,14 @@ def _battery(inputs: PreflightInputs, row: int) -> Check:
     return judged("battery", left, "of 1", limit, f"{problem}{show_note}", to_do, good=left >= least)
 
 
+def _of_one_or_all(inputs: PreflightInputs, row: int, right: Mask, to_do: str) -> str:
+    """What mends a position that is wrong: where most of the others are `right` (n,), it is not the frame."""
+    others: Mask = np.isfinite(inputs.fleet.position_m).all(axis=1) & (np.arange(len(right)) != row)
+    if others.any() and right[others].mean() > 0.5:
+        return f"reboot it where it stands: most of the others are right; if it does stand there, {to_do}"
+    return to_do
+
+
 def _origin(inputs: PreflightInputs, row: int) -> Iterator[Check]:
     """Check that its pad is where pads are expected around the show's origin."""
     if not inputs.is_placed(row):
@@ -227,7 +235,10 @@ def _origin(inputs: PreflightInputs, row: int) -> Iterator[Check]:
     limit = f"from -{PAD_HEIGHT_MAX_M:g} to {PAD_HEIGHT_MAX_M:g} m"
     problem = f"stands {beside}, at most {PAD_HEIGHT_MAX_M:g} m is possible"
     good = abs(height_m) <= PAD_HEIGHT_MAX_M
-    to_do = "check show_frame.altitude_amsl_m"
+    heights_m, distances_m = -inputs.fleet.position_m[:, 2], np.hypot(*inputs.fleet.position_m[:, :2].T)
+    to_do = _of_one_or_all(
+        inputs, row, np.abs(heights_m) <= PAD_HEIGHT_MAX_M, "check show_frame.altitude_amsl_m"
+    )
     yield judged(
         "height of the origin", height_m, "m", limit, problem, to_do, good=good, depends_on=POSITIONED_BY
     )
@@ -239,6 +250,7 @@ def _origin(inputs: PreflightInputs, row: int) -> Iterator[Check]:
     else:
         problem = f"{away}, its autopilot's fence allows for {inputs.pads_within_m:g} m"
         to_do = "check show_frame, or raise operation.pads_within_m and apply the parameters again"
+    to_do = _of_one_or_all(inputs, row, distances_m <= least_m, to_do)
     limit, good = f"at most {least_m:g} m" if least_m < inf else "none", distance_m <= least_m
     yield judged(
         "distance of the origin", distance_m, "m", limit, problem, to_do, good=good, depends_on=POSITIONED_BY

@@ -243,7 +243,14 @@ def test_fence_of_the_autopilot_bounds_the_pads() -> None:
     vehicle, check = only(known(east_m=(0.0, 4.0, 60.0), pads_within_m=50.0))
     assert vehicle == "c"
     assert check.problem == "stands 60 m from the show's origin, its autopilot's fence allows for 50 m"
+    assert check.to_do.startswith("reboot it where it stands")  # the others stand where they should
     assert "raise operation.pads_within_m" in check.to_do
+    for _, far in failed(known(east_m=(60.0, 65.0, 70.0), pads_within_m=50.0)):
+        assert far.to_do.startswith("check show_frame, or raise operation.pads_within_m")
+    (own,) = (
+        each for _, each in failed(known(height_m=(0.0, 0.0, 5.0))) if each.name == "height of the origin"
+    )
+    assert own.to_do.startswith("reboot it where it stands")
     assert failed(known(height_m=(0.0, PAD_HEIGHT_MAX_M, -PAD_HEIGHT_MAX_M))) == []
 
 
