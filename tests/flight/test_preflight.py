@@ -451,3 +451,16 @@ def test_a_target_that_moved_out_of_reach_refuses_the_start() -> None:
         assert show.service.preflight.report().passes
 
     fly(story, show_config(2))
+
+
+def test_a_refused_start_names_the_cause_before_its_consequences() -> None:
+    async def story(show: VirtualShow) -> str:
+        await show.standby()
+        show.befall("d2", "fix", type="2d")
+        await show.wait(2.5)
+        start = await refused(show, lambda: show.service.commands.command_show(ShowAction.START))
+        return start.text
+
+    text = fly(story, show_config(4))
+    assert re.match(r"d2: its receiver's fix is 2D", text), text
+    assert "d1: stands" in text

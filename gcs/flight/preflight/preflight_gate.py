@@ -265,7 +265,8 @@ class PreflightGate:
         self._need_show(chosen, show_hash, desired)
         looked = self._look(chosen)
         checks = [(name, check) for name in chosen for check in looked.of[name]]
-        if text := describe([*checks, *((None, check) for check in looked.fleet)]):
+        causes_first = sorted(checks, key=lambda each: each[1].name in OF_SEVERAL)  # consequences name others
+        if text := describe([*causes_first, *((None, check) for check in looked.fleet)]):
             raise RefusedError(text)
         fleet = [_all_vehicles(chosen, chosen)]
         if show_hash is not None:
