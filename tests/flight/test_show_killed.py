@@ -67,7 +67,7 @@ def test_killed_vehicle_is_sent_nothing_until_confirmed_down(kill: Killed) -> No
     assert kill.sent == 0
     assert kill.track.between(kill.kill_s + 0.06).phases("d2") == [Phase.KILLED, Phase.STANDBY]
     assert kill.start.kind is RefusedError
-    assert "d2 is killed" in kill.start.text
+    assert "d2: killed: motors stopped on command" in kill.start.text
     assert kill.confirmed.outcome is Outcome.DONE
 
 
