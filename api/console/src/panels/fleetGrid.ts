@@ -39,7 +39,7 @@ export function onListKey(actions: PanelActions, event: KeyboardEvent, steps: Re
   show(next, ids[next]!);
 }
 
-/** Words for those who do not see its form, and for a pointer that rests on it. */
+/** The pill in words: for a screen reader, and for the tooltip. */
 export function pillText(row: Row): string {
   const battery = texts.grid.battery(percent(row.battery));
   const alarm = row.alarm === "normal" ? "" : texts.grid.alarm(texts.alarms.severities[row.alarm]);

@@ -208,7 +208,7 @@ function passing(state: State, actions: PanelActions, vehicles: readonly Vehicle
   </section>`;
 }
 
-/** What to mend, who stays, and what passes. */
+/** What to mend, which vehicles stay on the ground, and what passes. */
 export function details(state: State, actions: PanelActions, found: PreflightReport): TemplateResult {
   const isGood = (one: Vehicle): boolean => one.flies && one.checks.every((each) => each.state === "pass");
   const rest = found.vehicles.filter((one) => !isGood(one));
