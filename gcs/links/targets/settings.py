@@ -1,0 +1,102 @@
+"""Settings of targets and of their sources. No I/O."""
+
+from pathlib import Path
+from typing import Annotated, Final, Literal, TypeAlias
+
+from pydantic import Field
+
+from gcs.model.settings import NotNegative, Positive, Settings
+
+_UDP: Final = r"^udp://[A-Za-z0-9.-]{1,253}:\d{1,5}$"
+_SERIAL: Final = r"^serial:///?[^:]{1,200}:\d{1,8}$"
+_STREAMS: Final = r"^(udp|tcp)://[A-Za-z0-9.-]{1,253}:\d{1,5}$"
+
+Endpoint: TypeAlias = Annotated[str, Field(pattern=f"{_STREAMS}|{_SERIAL}")]
+"""`udp://` an address to receive at, `tcp://` one to connect to, or `serial://DEVICE:BAUD`."""
+
+
+class NmeaSource(Settings):
+    """A GNSS receiver that speaks NMEA 0183."""
+
+    kind: Literal["nmea"]
+    """`nmea`"""
+    at: Endpoint
+    """`udp://HOST:PORT` to receive at, `tcp://HOST:PORT` to connect to, or `serial://DEVICE:BAUD`."""
+
+
+class GpsdSource(Settings):
+    """A receiver behind gpsd."""
+
+    kind: Literal["gpsd"]
+    """`gpsd`"""
+    at: Annotated[str, Field(pattern=r"^tcp://[A-Za-z0-9.-]{1,253}:\d{1,5}$")] = "tcp://127.0.0.1:2947"
+    """Where gpsd listens, `tcp://HOST:PORT`."""
+    device: Annotated[str, Field(max_length=200)] = ""
+    """The receiver that counts, as gpsd names it; empty: each."""
+
+
+class CotSource(Settings):
+    """A track in Cursor on Target, as TAK sends it."""
+
+    kind: Literal["cot"]
+    """`cot`"""
+    at: Annotated[str, Field(pattern=r"^(udp|tcp|tls)://[A-Za-z0-9.-]{1,253}:\d{1,5}$")]
+    """`udp://HOST:PORT` to receive at, also a multicast group; `tcp://` or `tls://` a server."""
+    track: Annotated[str, Field(max_length=100)]
+    """The uid or callsign of the track."""
+    certificate: Path | None = None
+    """Client certificate for `tls://`, PEM with its key."""
+    authority: Path | None = None
+    """Certificate of the authority that signed the server's; without it those of this computer count."""
+
+
+class MavlinkSource(Settings):
+    """A MAVLink system that is listened to, and never commanded."""
+
+    kind: Literal["mavlink"]
+    """`mavlink`"""
+    at: Annotated[str, Field(pattern=_UDP)]
+    """`udp://HOST:PORT` to receive at."""
+    system_id: Annotated[int, Field(ge=1, le=255)]
+    """The system that is followed; for ADS-B and AIS the one that reports them."""
+    track: Annotated[str, Field(max_length=20)] = ""
+    """Of ADS-B or AIS: the ICAO address (hexadecimal) or the MMSI; empty: the system itself."""
+
+
+class PathSource(Settings):
+    """A recorded track, played as if it were live: for rehearsals."""
+
+    kind: Literal["path"]
+    """`path`"""
+    file: Path
+    """A CSV, a GPX, or a telemetry log (`.tlog`)."""
+    repeat: bool = True
+    """Whether it begins anew at its end."""
+
+
+class RestSource(Settings):
+    """Reports by `PUT /api/v1/targets/NAME` and its WebSocket."""
+
+    kind: Literal["rest"]
+    """`rest`"""
+
+
+TargetSource: TypeAlias = Annotated[
+    NmeaSource | GpsdSource | CotSource | MavlinkSource | PathSource | RestSource,
+    Field(discriminator="kind"),
+]
+
+
+class TargetSettings(Settings):
+    """A target that the formation can follow, and where reports of it come from (docs/how-to/targets.md)."""
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]{1,32}$")]
+    """Its name, for `gcs target select`."""
+    sources: Annotated[tuple[TargetSource, ...], Field(min_length=1, max_length=4)]
+    """Where reports of it come from, the best first; another is used while the best is silent."""
+    deviation_m: Positive = 3.0
+    """Standard deviation of a report along each axis, where its source does not say, in m."""
+    delay_s: NotNegative = 0.0
+    """How late reports arrive where their source has no clock that can be used, in s."""
+    coast_s: Positive = 5.0
+    """Without reports the estimate is followed for so long, in s; then the formation holds."""

@@ -1,0 +1,25 @@
+"""One report of where a target is, as its source gives it."""
+
+from dataclasses import dataclass
+from math import nan
+
+
+@dataclass(frozen=True, slots=True)
+class TargetFix:
+    """A report of one target. NaN where its source does not say; WGS84, and velocities along NED.
+
+    A source's own clock may begin anywhere and be wrong; the estimator finds its offset.
+    """
+
+    arrived_s: float  # loop clock
+    latitude_deg: float
+    longitude_deg: float
+    altitude_amsl_m: float = nan
+    north_m_s: float = nan
+    east_m_s: float = nan
+    down_m_s: float = nan
+    deviation_m: float = nan  # standard deviation along each axis, sideways
+    height_deviation_m: float = nan
+    velocity_deviation_m_s: float = nan
+    source_s: float = nan  # when it was there, by the source's own clock
+    track: str = ""  # which one, of a source that has several
