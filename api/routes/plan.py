@@ -2,9 +2,9 @@
 
 from dataclasses import replace
 from http import HTTPStatus
-from typing import Final
+from typing import Annotated, Final
 
-from fastapi import APIRouter, Response
+from fastapi import APIRouter, Path, Response
 
 from gcs.api.context import Context, ContextDep
 from gcs.api.openapi import READ, TOKEN, ObstacleId, command, errors
@@ -12,6 +12,9 @@ from gcs.api.schemas import convert, requests
 from gcs.api.schemas import fleet as schemas
 from gcs.model.errors import InvalidError, UnknownError
 from gcs.model.plan import Obstacle, Orbit
+from gcs.model.target_fix import TargetFix
+from gcs.service import TargetsView
+
 
 router = APIRouter(dependencies=TOKEN)
 
@@ -49,6 +52,40 @@ async def put_target(body: requests.TargetPut, context: ContextDep) -> schemas.T
     context.service.plan.set_target(convert.target_desired(body, context.frame, context.now_s()))
     target = context.plan.target
     return convert.target(target, target.position_m(target.time_s), context.frame)
+
+
+@router.get("/targets", tags=["target"], summary="Targets that the formation can follow")
+async def get_targets(context: ContextDep) -> TargetsView:
+    """Those of the configuration, where each is estimated, and which one is followed."""
+    return context.view.features.targets or TargetsView("", ())
+
+
+@router.post("/targets/select", tags=["target"], summary="Follow a target", **command(HTTPStatus.NOT_FOUND))
+async def select_target(body: requests.TargetName, context: ContextDep) -> TargetsView:
+    """On the ground and in flight. One that was lost is believed anew, wherever its source says it is."""
+    context.service.plan.select_target(body.name)
+    return await get_targets(context)
+
+
+@router.post("/targets/hold", tags=["target"], summary="Follow none of them", **command(no_body=True))
+async def hold_target(context: ContextDep) -> schemas.Target:
+    """The target stands where it is now, until another one is selected or `PUT target` moves it."""
+    context.service.plan.hold_target()
+    return await get_target(context)
+
+
+@router.put(
+    "/targets/{name}",
+    tags=["target"],
+    summary="Report where a target is",
+    **command(HTTPStatus.NOT_FOUND, status=HTTPStatus.NO_CONTENT),
+)
+async def report_target(
+    name: Annotated[str, Path(max_length=32)], body: requests.TargetReport, context: ContextDep
+) -> None:
+    """For a target with a source of kind `rest`: 1 to 20 reports a second, best with velocity and time."""
+    fix = TargetFix(context.now_s(), **body.model_dump(exclude_none=True))
+    context.service.plan.report_target(name, fix)
 
 
 @router.get("/orbit", tags=["target"], summary="Orbit of the formation around the target")

@@ -166,6 +166,29 @@ TargetPut = Annotated[
 ]
 
 
+class TargetName(Inward):
+    """A target of the configuration."""
+
+    name: Annotated[str, Field(max_length=32, examples=["boat"])]
+
+
+class TargetReport(Inward):
+    """Where a target is, in WGS84; what is absent is not known."""
+
+    latitude_deg: Annotated[float, Field(ge=-90, le=90, examples=[47.3977])]
+    longitude_deg: Annotated[float, Field(ge=-180, le=180, examples=[8.5456])]
+    altitude_amsl_m: Annotated[float, Field(ge=-1000, le=10_000)] | None = None
+    north_m_s: Velocity | None = None
+    east_m_s: Velocity | None = None
+    deviation_m: Annotated[float, Field(gt=0, le=1000)] | None = Field(
+        default=None, description="Standard deviation along each axis."
+    )
+    velocity_deviation_m_s: Annotated[float, Field(gt=0, le=100)] | None = None
+    source_s: Annotated[float, Field(ge=0, le=1e11)] | None = Field(
+        default=None, description="When it was there, by the sender's clock: s since 1970, or from any begin."
+    )
+
+
 class PlacementPut(Inward):
     """Where a drawn show lies: turned with its pads about the drawing's origin, then moved; show frame."""
 

@@ -449,6 +449,34 @@ class Client(Calls):
     ) -> schemas.Target:
         """Set the target's position (WGS84) and velocity."""
 
+    @calls("GET", "/api/v1/targets")
+    def targets(self) -> service.TargetsView:
+        """Get the targets that the formation can follow, and which one it follows."""
+
+    @calls("POST", "/api/v1/targets/select")
+    def select_target(self, name: str) -> service.TargetsView:
+        """Follow a target."""
+
+    @calls("POST", "/api/v1/targets/hold")
+    def hold_target(self) -> schemas.Target:
+        """Follow none of them: the target stands where it is now."""
+
+    @calls("PUT", "/api/v1/targets/{name}")
+    def report_target(
+        self,
+        name: str,
+        latitude_deg: float,
+        longitude_deg: float,
+        *,
+        altitude_amsl_m: float | None = None,
+        north_m_s: float | None = None,
+        east_m_s: float | None = None,
+        deviation_m: float | None = None,
+        velocity_deviation_m_s: float | None = None,
+        source_s: float | None = None,
+    ) -> None:
+        """Report where a target is that has a source of kind rest."""
+
     @calls("GET", "/api/v1/orbit")
     def orbit(self) -> service.Orbit:
         """Get the orbit of the formation around the target."""

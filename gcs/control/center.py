@@ -10,6 +10,7 @@ from gcs.control.detour import follow_detour
 from gcs.control.inputs import FormationState, Task, TickInputs
 from gcs.control.memory import Detour, Memory
 from gcs.control.scene import Scene
+from gcs.formation.following import SPEED_SHARE, CenterLimits, closing_velocity, following_velocity
 from gcs.formation.law import desired_center_velocity
 from gcs.formation.obstacles import Outlines
 from gcs.formation.orbit import (
@@ -17,8 +18,10 @@ from gcs.formation.orbit import (
     SIDE_KEPT,
     Center,
     advance_center,
+    followed_target,
     held_within,
     kept_sides,
+    orbit_velocity,
     target_reach_m,
 )
 from gcs.model.jit import kernel
@@ -64,12 +67,30 @@ def move_center(now: TickInputs, memory: Memory, shared: FormationState | None =
         center, radius_m = _begun(now), now.plan.formation.radius_m
     ahead = center.later(now.dt_s)  # at the step's end
     sphere_m = max(radius_m, now.plan.formation.radius_m)
-    desired_m_s, sides, detour = _around_obstacles(now, center, ahead, radius_m, memory)
-    held_m_s = _inside_fence(now, ahead, sphere_m, desired_m_s)
-    moved = advance_center(center, held_m_s, now.dt_s, now.settings.law.center_acceleration_max_m_s2)
+    limits = _limits(now, radius_m)
+    desired_m_s, sides, detour = _around_obstacles(now, center, ahead, radius_m, memory, limits)
+    held_m_s = _inside_fence(now, ahead, sphere_m, desired_m_s, limits)
+    moved = advance_center(center, held_m_s, now.dt_s, limits.acceleration_m_s2)
     change_m = now.settings.radius_rate_m_s * now.dt_s
     wider_m = min(max(now.plan.formation.radius_m - radius_m, -change_m), change_m)
     return Lead(moved, radius_m + wider_m, engaged_s, sides, detour)
+
+
+def _limits(now: TickInputs, radius_m: float) -> CenterLimits:
+    """Limits of the centre: those of the law, or of what the vehicles can while a target is followed.
+
+    Among obstacles those of the law count: ways past them are planned with these.
+    """
+    law = now.settings.law
+    limits = CenterLimits(law.center_speed_max_m_s, law.center_acceleration_max_m_s2)
+    if not now.plan.target.followed or now.ellipses:
+        return limits
+    fastest_m_s = np.minimum(now.settings.safety.limits.horizontal_m_s, now.traits.speed_max_m_s)
+    fleet_m_s = SPEED_SHARE * fastest_m_s[now.sphere].min() - abs(now.plan.formation.spin_rad_s) * radius_m
+    return CenterLimits(
+        max(limits.speed_m_s, float(fleet_m_s)),
+        max(limits.acceleration_m_s2, float(now.acceleration_max_m_s2[now.sphere].min())),
+    )
 
 
 @kernel
@@ -100,7 +121,7 @@ def _begun(now: TickInputs) -> Center:
 
 
 def _around_obstacles(
-    now: TickInputs, center: Center, ahead: Center, radius_m: float, memory: Memory
+    now: TickInputs, center: Center, ahead: Center, radius_m: float, memory: Memory, limits: CenterLimits
 ) -> tuple[Array, dict[str, float], Detour | None]:
     """The velocity (3,) for target, orbit and height, led around the obstacles; sides taken; the detour."""
     fleet, plan, law, moves = now.fleet, now.plan, now.settings.law, now.tasks.center_moves
@@ -109,6 +130,8 @@ def _around_obstacles(
     desired_m_s = desired_center_velocity(
         ahead, plan, fleet.time_s + now.dt_s, law, reach_m=reach_m, pace=min(memory.pace, now.pace)
     )
+    if plan.target.followed and not now.ellipses:
+        desired_m_s[:2] = _following(now, ahead, reach_m, min(memory.pace, now.pace), limits)
     if not moves:
         desired_m_s[:2] = 0.0
     if not now.ellipses:
@@ -129,13 +152,44 @@ def _around_obstacles(
     return led_m_s, sides, detour
 
 
-def _inside_fence(now: TickInputs, ahead: Center, sphere_m: float, desired_m_s: Array) -> Array:
+def _following(now: TickInputs, ahead: Center, reach_m: float, pace: float, limits: CenterLimits) -> Array:
+    """(2,) the velocity that follows a target, or circles it, as fast as `limits` allow."""
+    target, orbit, then_s = now.plan.target, now.plan.orbit, now.fleet.time_s + now.dt_s
+    target_m_s2 = np.array([target.acceleration_x_m_s2, target.acceleration_y_m_s2])
+    asked_m = np.array(target.position_m(then_s))
+    target_m, target_m_s = followed_target(asked_m, np.array(target.velocity_m_s), reach_m)
+    if target_m is not asked_m:
+        target_m_s2 = np.zeros(2)  # it is followed along the fence
+    if orbit.radius_m == 0.0:
+        relative_m_s = closing_velocity(target_m - ahead.position_m[:2], limits.acceleration_m_s2)
+    else:
+        relative_m_s = pace * orbit_velocity(
+            ahead.position_m[:2] - target_m,
+            radius_m=orbit.radius_m,
+            speed_m_s=orbit.speed_m_s,
+            direction=orbit.direction,
+            braking_m_s2=limits.acceleration_m_s2 / 2,
+        )
+    return following_velocity(
+        ahead.velocity_m_s[:2],
+        target_m_s,
+        target_m_s2,
+        relative_m_s,
+        limits,
+        deviation_m_s=target.deviation_m_s,
+        dt_s=now.dt_s,
+    )
+
+
+def _inside_fence(
+    now: TickInputs, ahead: Center, sphere_m: float, desired_m_s: Array, limits: CenterLimits
+) -> Array:
     """The part of the velocity (3,) with which the whole sphere can still stop inside the fence."""
     reach_m = now.settings.safety.fence.distance_max_m - sphere_m
     level_m_s = held_within(
         desired_m_s[:2],
         ahead.position_m[:2],
         reach_m - CLEAR_OF_FENCE_M / 2,  # the orbit itself ends farther inside
-        now.settings.law.center_acceleration_max_m_s2 / 2,
+        limits.acceleration_m_s2 / 2,
     )
     return np.array([level_m_s[0], level_m_s[1], desired_m_s[2]])

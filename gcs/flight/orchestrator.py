@@ -15,6 +15,7 @@ from typing import Final, Protocol
 from gcs.config.schema import Config
 from gcs.control import Memory, Tick, tick, warm_up
 from gcs.estimation import link_health
+from gcs.estimation.targets import motion
 from gcs.failsafe import triggers
 from gcs.flight.commands.commander import Commander
 from gcs.flight.commands.plan_editor import PlanEditor
@@ -36,6 +37,7 @@ from gcs.flight.shows.show_player import ShowPlayer
 from gcs.flight.state.elsewhere import Elsewhere
 from gcs.flight.state.flight import Flight
 from gcs.flight.state.refusals import Refusals
+from gcs.flight.state.targets import Targets
 from gcs.flight.state.ticker import TickClock, garbage_between_ticks, ticks
 from gcs.links.batch_link import Link
 from gcs.links.link_set import SetpointRouting, keep_open
@@ -56,6 +58,7 @@ WARM_UPS: Final = (
     planner.warm_up,
     lost_space.warm_up,
     silent_space.warm_up,
+    motion.warm_up,
 )
 """Compile or load all that a tick runs, before the first."""
 
@@ -145,7 +148,8 @@ class Orchestrator:
         self._group = asyncio.TaskGroup()  # the control group, entered by `run`
         newest, vehicles, show, in_force = flight.newest, flight.vehicles, flight.show, flight.in_force
         self._estimating = Estimating(newest, vehicles, show, in_force, config, flight.slow_from_m)
-        flight.features = features_of(flight)
+        targets = Targets(config.targets, flight, config.frame)
+        flight.features = features_of(flight, targets)
         if record is not None:
             configured = vehicles.keys()
             flight.excluded |= {name: out for name, out in record.excluded.items() if name in configured}
@@ -192,6 +196,7 @@ class Orchestrator:
             flight.in_formation_m,
             self.player,
             maneuvers,
+            targets,
             loop.time,
         )
         interruption = None if record is None else record.found
@@ -315,6 +320,8 @@ class Orchestrator:
             self._telemetry_monitor.resume()
         self._telemetry_monitor.look()
         self.player.lead()
+        for feature in flight.features:
+            feature.lead(flight.instant)
         result = self._decide()
         if hooks.may_send:
             self._routing.send(result.setpoints)

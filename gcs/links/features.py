@@ -8,6 +8,7 @@ from typing import Annotated, Final
 from pydantic import Field, model_validator
 
 from gcs.links.settings import SerialPort, parse
+from gcs.links.targets.settings import TargetSettings
 from gcs.mavlink.lights import LightDriver
 from gcs.model.errors import ConfigError
 from gcs.model.settings import Positive, Settings
@@ -166,3 +167,13 @@ class FeatureSettings(StationInputs):
     """How the vehicles receive colours."""
     rtk: RtkSettings | None = None
     """Where corrections for RTK come from; without it none are sent."""
+    targets: Annotated[tuple[TargetSettings, ...], Field(max_length=16)] = ()
+    """Targets that the formation can follow (docs/how-to/targets.md)."""
+
+    @model_validator(mode="after")
+    def _check_names(self) -> "FeatureSettings":
+        names = [target.name for target in self.targets]
+        twice = next((name for name in names if names.count(name) > 1), "")
+        if twice:
+            raise ValueError(f"targets: {twice} is there twice; each needs a name of its own")
+        return self

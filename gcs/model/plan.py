@@ -130,9 +130,18 @@ class Target(_Moving):
     velocity_x_m_s: float = 0.0
     velocity_y_m_s: float = 0.0
     time_s: float = 0.0  # loop clock: when it was there
+    followed: bool = False  # as fast as the vehicles can; False: within the limits of the law, or of the show
+    acceleration_x_m_s2: float = 0.0  # now; it moves on without
+    acceleration_y_m_s2: float = 0.0
+    deviation_m_s: float = 0.0  # standard deviation of its velocity along an axis
 
     def __post_init__(self) -> None:
         self.require_finite_motion()
+        require_finite(
+            acceleration_x_m_s2=self.acceleration_x_m_s2,
+            acceleration_y_m_s2=self.acceleration_y_m_s2,
+            deviation_m_s=self.deviation_m_s,
+        )
 
 
 @dataclass(frozen=True, slots=True)

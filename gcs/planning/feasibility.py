@@ -7,6 +7,7 @@ from typing import Literal
 import numpy as np
 
 from gcs.control import ControlSettings
+from gcs.formation.following import SPEED_SHARE
 from gcs.formation.law import LawSettings
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse
 from gcs.formation.orbit import CLEAR_OF_FENCE_M, followed_target, target_reach_m
@@ -157,10 +158,11 @@ def check_target(
     Raises: InvalidError when the target is too fast, or following it would cross the fence.
     """
     law, safety = control.law, control.safety
-    if changed == "target" and target.speed_m_s > law.center_speed_max_m_s:
-        raise InvalidError(
-            "velocity", f"{target.speed_m_s:.2f} m/s", f"at most {law.center_speed_max_m_s:g} m/s"
-        )
+    fastest_m_s = law.center_speed_max_m_s
+    if target.followed:
+        fastest_m_s = max(fastest_m_s, SPEED_SHARE * safety.limits.horizontal_m_s)
+    if changed == "target" and target.speed_m_s > fastest_m_s:
+        raise InvalidError("velocity", f"{target.speed_m_s:.2f} m/s", f"at most {fastest_m_s:g} m/s")
     fence_m, away_m = safety.fence.distance_max_m, hypot(target.x_m, target.y_m)
     if orbit.radius_m + formation.radius_m + away_m + CLEAR_OF_FENCE_M <= fence_m + NEARLY_M:
         return

@@ -56,6 +56,9 @@ class AlarmCause(StrEnum):
     STATION_LOST = "station-lost"
     RETURN_UNPLANNED = "return-unplanned"
     TARGET_STALE = "target-stale"
+    TARGET_LOST = "target-lost"
+    TARGET_OUTRUNS = "target-outruns"
+    TARGET_SOURCES = "target-sources"
     OBSTACLE_NEAR = "obstacle-near"
     OBSTACLE_WAITS = "obstacle-waits"
     NO_HEADWAY = "no-headway"
@@ -245,6 +248,27 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         past="Return was without a common plan",
     ),
     AlarmCause.TARGET_STALE: CauseRow(C, "Live target not renewed", "Check what sends the target."),
+    AlarmCause.TARGET_LOST: CauseRow(
+        C,
+        "Target {about} not tracked",
+        "Check its source. If it says where the target is, select it again; or select another one.",
+        on_after_s=0.3,
+        past="Target {about} was not tracked",
+    ),
+    AlarmCause.TARGET_OUTRUNS: CauseRow(
+        C,
+        "Target {about} is faster than the formation",
+        "Let it slow down, or select another one; the formation follows at its own limit.",
+        on_after_s=1.0,
+        past="Target {about} was faster than the formation",
+    ),
+    AlarmCause.TARGET_SOURCES: CauseRow(
+        C,
+        "Sources of target {about} contradict each other",
+        "Check which one is right, and switch the other off.",
+        on_after_s=2.0,
+        past="Sources of target {about} contradicted each other",
+    ),
     AlarmCause.OBSTACLE_NEAR: CauseRow(
         W,
         "{vehicles} too near obstacle {about}",

@@ -189,6 +189,50 @@ class LightsView(FeatureView):
 
 
 @dataclass(frozen=True, slots=True)
+class TargetView:
+    """A target of the configuration, as its best source has it. Show frame."""
+
+    __pydantic_config__ = PUBLISHED
+
+    name: str
+    source: Annotated[str, Field(description="Kind of the source that counts.", examples=["nmea"])]
+    state: Annotated[
+        Literal["none", "tracked", "coasting", "lost"],
+        Field(description="How well it is known. coasting: on its last motion. lost: the formation holds."),
+    ]
+    why: Annotated[str, Field(description="Why it is not tracked; empty: it is.")]
+    age_s: Annotated[Measured, Field(description="Of the newest report that is believed; null: none.")]
+    rate_hz: Annotated[Measured, Field(description="Reports a second; null: not known.")]
+    x_m: Annotated[Measured, Field(description="Where it is estimated now; null: nowhere yet.")]
+    y_m: Measured
+    velocity_x_m_s: Measured
+    velocity_y_m_s: Measured
+    deviation_m: Annotated[Measured, Field(description="Standard deviation of the estimate, along an axis.")]
+    reports: Annotated[int, Field(description="Reports that were believed, of all its sources.")]
+    refused: Annotated[int, Field(description="Reports that were not.")]
+
+
+@dataclass(frozen=True, slots=True)
+class TargetsView(FeatureView):
+    """Targets that the formation can follow."""
+
+    __pydantic_config__ = PUBLISHED
+
+    selected: Annotated[
+        str, Described("The one that is followed; empty: the target of the plan.", moves=False)
+    ]
+    targets: Annotated[tuple[TargetView, ...], Described("All of the configuration.")]
+
+    def line(self, unix_time_s: float) -> Line:  # noqa: ARG002
+        for target in self.targets:
+            mark = "follows " if target.name == self.selected else ""
+            yield f"{mark}{target.name} {target.state} ({target.source})", ""
+            if target.name == self.selected and target.why:
+                yield f": {target.why}", "urgent" if target.state == "lost" else "bad"
+            yield " ", ""
+
+
+@dataclass(frozen=True, slots=True)
 class Features:
     """What each feature reports; null: it is not configured, or this is a replay."""
 
@@ -196,6 +240,7 @@ class Features:
 
     corrections: CorrectionsView | None = None
     timecode: TimecodeView | None = None
+    targets: TargetsView | None = None
     lights: LightsView | None = None
 
     @property

@@ -10,6 +10,7 @@ from gcs.model.interrupted_flight import Offer
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw
 from gcs.model.preflight_report import PreflightReport
 from gcs.model.state import VehicleId
+from gcs.model.target_fix import TargetFix
 from gcs.service.alarms import Alarm
 from gcs.service.commands import CommandRecord, ShowAction, VehicleAction
 from gcs.service.event_log import LogEvent
@@ -283,6 +284,15 @@ class PlanChanges(Protocol):
 
     def set_target(self, target: Target) -> None:
         """Set the target's position and velocity; `time_s` is overwritten with now."""
+
+    def select_target(self, name: str) -> None:
+        """Follow a target of the configuration, as its sources report it; empty: none of them."""
+
+    def hold_target(self) -> None:
+        """Follow none of them: the target stands where it is now."""
+
+    def report_target(self, name: str, fix: TargetFix) -> None:
+        """Report where a target is that has a source of kind rest."""
 
     def set_yaw(self, yaw: Yaw, fields: Sequence[str] = ()) -> None:
         """Change the vehicles' heading."""

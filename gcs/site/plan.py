@@ -10,9 +10,13 @@ from pydantic import TypeAdapter
 from gcs.flight.commands.plan_editor import PlanEditor
 from gcs.model.errors import GcsError, RefusedError
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw
+from gcs.model.target_fix import TargetFix
 from gcs.service import CALLER
 from gcs.site.member import SiteMember
 from gcs.site.requests import REQUEST, PlanRequest, Refusal
+
+NAMED: Final[TypeAdapter[dict[str, str]]] = TypeAdapter(dict[str, str])
+"""Changes that name something at most."""
 
 VALUES: Final[Mapping[str, TypeAdapter[Any]]] = {
     "set_formation": TypeAdapter(Formation),
@@ -21,7 +25,9 @@ VALUES: Final[Mapping[str, TypeAdapter[Any]]] = {
     "set_yaw": TypeAdapter(Yaw),
     "add_obstacle": TypeAdapter(Obstacle),
     "change_obstacle": TypeAdapter(Obstacle),
-    "remove_obstacle": TypeAdapter(dict[str, str]),
+    "remove_obstacle": NAMED,
+    "select_target": NAMED,
+    "hold_target": NAMED,
 }
 
 PARTS: Final = {"set_formation": "formation", "set_orbit": "orbit", "set_yaw": "yaw"}
@@ -50,6 +56,17 @@ class SitePlanEditor:
 
     def set_target(self, target: Target) -> None:
         self._change("set_target", target, partial(self.local.set_target, target))
+
+    def select_target(self, name: str) -> None:
+        self._change("select_target", {"name": name}, partial(self.local.select_target, name))
+
+    def hold_target(self) -> None:
+        self._change("hold_target", {}, self.local.hold_target)
+
+    def report_target(self, name: str, fix: TargetFix) -> None:
+        if not self.member.site.lead.leads:
+            raise RefusedError(f"report to the leading station, {self.member.site.lead.name}")
+        self.local.report_target(name, fix)
 
     def set_yaw(self, yaw: Yaw, fields: Sequence[str] = ()) -> None:
         self._change("set_yaw", yaw, partial(self.local.set_yaw, yaw, fields), fields)
@@ -88,10 +105,11 @@ class SitePlanEditor:
             if request.change in PARTS:
                 given = asdict(getattr(self.local.current, PARTS[request.change])) | given
             value = VALUES[request.change].validate_python(given)
-            if request.change == "remove_obstacle":
-                self.local.remove_obstacle(value["id"])
+            change = getattr(self.local, request.change)
+            if VALUES[request.change] is NAMED:
+                change(*value.values())
             else:
-                getattr(self.local, request.change)(value)
+                change(value)
         except (GcsError, KeyError, ValueError) as refused:
             self.member.refuse(station, Refusal(request.change, request.by, str(refused)[:500]))
         self.member.sender.note_applied(station, request.number)

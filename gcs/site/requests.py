@@ -100,6 +100,8 @@ class PlanRequest:
         "add_obstacle",
         "change_obstacle",
         "remove_obstacle",
+        "select_target",
+        "hold_target",
     ]
     value: dict[str, Any]  # of the fields that are changed
     kind: Literal["plan"] = "plan"

@@ -16,6 +16,7 @@ from gcs.model.lifecycle import AIRBORNE, Event, Phase, ShowEvent, ShowPhase, ad
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw
 from gcs.model.preflight_report import Check, Exclusion, PreflightReport, State, VehicleChecks
 from gcs.model.state import Landed, Mode
+from gcs.model.target_fix import TargetFix
 from gcs.model.vehicle_columns import unknown
 from gcs.preflight.causes import causes_of
 from gcs.service import (
@@ -89,6 +90,16 @@ class FakePlan:
 
     def set_target(self, target: Target) -> None:
         self.current = replace(self.current, target=replace(target, time_s=time.monotonic()))
+
+    def select_target(self, name: str) -> None:
+        if name:
+            raise UnknownError(f"there is no target {name!r}")
+
+    def hold_target(self) -> None:
+        self.set_target(Target(self.current.target.x_m, self.current.target.y_m))
+
+    def report_target(self, name: str, fix: TargetFix) -> None:
+        raise UnknownError(f"there is no target {name!r}")
 
     def set_yaw(self, yaw: Yaw, fields: Sequence[str] = ()) -> None:
         self.current = replace(self.current, yaw=yaw)

@@ -9,6 +9,7 @@ from gcs.flight.maneuvers.maneuvers import Maneuvers
 from gcs.flight.shows.show_player import ShowPlayer
 from gcs.flight.state.newest import InForce, Newest
 from gcs.flight.state.show_state import ShowState
+from gcs.flight.state.targets import Targets
 from gcs.flight.state.vehicle import FlightVehicles, Vehicle
 from gcs.model.errors import GcsError, RefusedError, UnknownError
 from gcs.model.interrupted_flight import TAKEN_OVER_FROM, Interruption, Offer
@@ -16,6 +17,7 @@ from gcs.model.lifecycle import ON_THE_GROUND, Phase
 from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Plan, Target, Yaw, plan_of
 from gcs.model.preflight_report import Exclusion
 from gcs.model.state import Array, VehicleId
+from gcs.model.target_fix import TargetFix
 from gcs.planning.feasibility import check_formation, check_orbit, check_radius, check_target, followed
 
 log = logging.getLogger(__name__)
@@ -34,6 +36,7 @@ class PlanEditor:
     in_formation_m: Callable[[Sequence[Vehicle]], Array]  # uncertainty of these, and of those elsewhere
     show_player: ShowPlayer
     maneuvers: Maneuvers
+    targets: Targets
     now_s: Callable[[], float]
 
     @property
@@ -82,7 +85,20 @@ class PlanEditor:
         self.in_force.plan = replace(self.in_force.plan, orbit=orbit)
 
     def set_target(self, target: Target) -> None:
-        self.show_player.set_target(replace(target, time_s=self.now_s()))
+        followed = self.show.run is None and target.speed_m_s > 0.0
+        self.show_player.set_target(replace(target, time_s=self.now_s(), followed=followed))
+        self.targets.select("")
+
+    def select_target(self, name: str) -> None:
+        self.targets.select(name)
+
+    def hold_target(self) -> None:
+        now_s = self.now_s()
+        self.targets.select("")
+        self.show_player.set_target(Target(*self.in_force.plan.target.position_m(now_s), time_s=now_s))
+
+    def report_target(self, name: str, fix: TargetFix) -> None:
+        self.targets.report(name, fix)
 
     def _followed(self) -> Target:
         now_s = self.now_s()

@@ -39,6 +39,9 @@ class Feature:
     def find(self, vehicle: Vehicle) -> None:
         """Let a vehicle on the ground be found. Raises: RefusedError."""
 
+    def lead(self, at: Instant) -> None:
+        """Change the plan as its input says: once a tick, before it computes."""
+
     def send(self) -> None:
         """Send what waits, within the links' budgets: once a tick, after the setpoints."""
 

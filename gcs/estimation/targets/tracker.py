@@ -1,0 +1,221 @@
+"""One target as one source reports it: what is believed, and which reports are not. Pure."""
+
+from collections import deque
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from functools import partial
+from math import hypot, inf, isfinite, nan
+from typing import Final
+
+import numpy as np
+
+from gcs.estimation.targets.motion import Belief, Motion, begun, corrected, foreseen, off_deviations
+from gcs.estimation.targets.source_clock import SourceClock
+from gcs.model.state import Array
+
+GATE: Final = 4.5
+"""A report farther than this from where the target is expected, in standard deviations, is refused."""
+
+GATE_LEAST_M: Final = 3.0
+"""Nearer than this none is refused: sources err by more than they say."""
+
+REFUSED_S: Final = 1.0
+"""After refused reports for so long the source counts as saying something else."""
+
+STANDS_M: Final = 0.01
+"""Two reports nearer to each other than this are of the same place."""
+
+STANDS_S, STANDING_M_S = 1.0, 0.5
+"""A source that repeats a place for so long, of a target that moves faster than this, has stopped."""
+
+KEPT: Final = 32
+"""Newest reports that are kept for those that arrive out of order."""
+
+SILENT_S, SILENT_PERIODS = 0.5, 2.5
+"""A source is silent when nothing came for both so long and so many of its periods."""
+
+FARTHEST_M: Final = 100_000.0
+"""Farther from the show's origin a report is of another frame: degrees exchanged, or none."""
+
+
+class TrackState(StrEnum):
+    """How well a target is known."""
+
+    NONE = "none"
+    """Nothing was received yet."""
+    TRACKED = "tracked"
+    """Reports arrive, and are believed."""
+    COASTING = "coasting"
+    """None are, for a short time; the estimate moves on as it did."""
+    LOST = "lost"
+    """None are, for longer than `coast_s`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """A report in the show frame. NaN where the source does not say."""
+
+    arrived_s: float
+    position_m: tuple[float, float]
+    velocity_m_s: tuple[float, float] = (nan, nan)
+    deviation_m: float = nan
+    velocity_deviation_m_s: float = nan
+    source_s: float = nan
+
+
+VELOCITY_DEVIATION_M_S: Final = 0.3
+"""Of a reported velocity along each axis, where the source does not say."""
+
+
+@dataclass(slots=True, eq=False)
+class Tracker:
+    """Estimates one target from the reports of one source.
+
+    Attributes:
+        deviation_m: of a report along each axis, where its source does not say.
+        coast_s: how long the estimate is believed without reports.
+        clock: of the source.
+        belief: None: nothing was received.
+        newest_s: when the newest believed report was true, loop clock.
+        period_s: between reports, smoothed.
+        why: why reports are not believed, in words; empty: they are.
+        accepted, outliers, doubled, standing: how many reports were each.
+    """
+
+    deviation_m: float
+    coast_s: float
+    clock: SourceClock
+    belief: Belief | None = None
+    newest_s: float = -inf
+    period_s: float = 1.0
+    why: str = ""
+    accepted: int = 0
+    outliers: int = 0
+    doubled: int = 0
+    standing: int = 0
+    _believed: deque[tuple[float, Array, Array, Belief]] = field(
+        default_factory=lambda: deque(maxlen=KEPT), init=False
+    )
+    _arrived_s: float = field(default=-inf, init=False)
+    _source_s: float = field(default=nan, init=False)
+    _place_m: tuple[float, float] = field(default=(nan, nan), init=False)
+    _since_s: float = field(default=nan, init=False)  # when the source began to say this place
+    _refused_s: float = field(default=nan, init=False)  # when it began to be refused
+    _late_s: float = field(default=0.0, init=False)  # how late the newest believed report was
+
+    def take(self, report: Report, unix_minus_loop_s: float = nan) -> None:
+        """Take one report, whatever it says."""
+        if not all(map(isfinite, report.position_m)) or hypot(*report.position_m) > FARTHEST_M:
+            self.outliers += 1
+            self.why = "it is reported too far away: are latitude and longitude exchanged?"
+            return
+        if isfinite(report.source_s) and report.source_s == self._source_s:
+            self.doubled += 1
+            return
+        self._source_s = report.source_s
+        if self._stands(report):
+            self.standing += 1
+            self.why = f"its source has repeated one place for {report.arrived_s - self._since_s:.1f} s"
+            return
+        was_s = self.clock.was_s(report.arrived_s, report.source_s, unix_minus_loop_s)
+        if not isfinite(was_s):
+            self.why = "the times of its source do not agree"
+            return
+        self._note_period(report.arrived_s)
+        self._believe(report, was_s)
+
+    def state(self, now_s: float) -> TrackState:
+        """How well the target is known at `now_s`."""
+        if self.belief is None:
+            return TrackState.NONE
+        silent_s = now_s - self.newest_s
+        if silent_s - self._late_s <= max(SILENT_S, SILENT_PERIODS * self.period_s) and not self.why:
+            return TrackState.TRACKED
+        return TrackState.COASTING if silent_s - self._late_s <= self.coast_s else TrackState.LOST
+
+    def motion(self, now_s: float) -> Motion | None:
+        """How the target moves at `now_s`; None: nothing was received."""
+        return None if self.belief is None else foreseen(self.belief, now_s)
+
+    def begin_again(self) -> None:
+        """Forget the target: the next report is believed, wherever it is."""
+        self.belief, self.why, self.newest_s = None, "", -inf
+        self._believed.clear()
+        self._refused_s = self._since_s = nan
+
+    def _stands(self, report: Report) -> bool:
+        """Whether a source repeats a place although the target moves."""
+        off_m = hypot(report.position_m[0] - self._place_m[0], report.position_m[1] - self._place_m[1])
+        if not off_m <= STANDS_M:
+            self._place_m, self._since_s = report.position_m, report.arrived_s
+            return False
+        moves_m_s = hypot(*report.velocity_m_s)
+        if not isfinite(moves_m_s):
+            motion = self.motion(report.arrived_s)
+            moves_m_s = 0.0 if motion is None else float(np.hypot(*motion.velocity_m_s))
+        return report.arrived_s - self._since_s >= STANDS_S and moves_m_s > STANDING_M_S
+
+    def _note_period(self, arrived_s: float) -> None:
+        if isfinite(self._arrived_s):
+            apart_s = min(max(arrived_s - self._arrived_s, 0.0), 5.0)
+            self.period_s += 0.2 * (apart_s - self.period_s)
+        self._arrived_s = arrived_s
+
+    def _believe(self, report: Report, was_s: float) -> None:
+        reported, variance = self._values(report)
+        before = self._before(was_s)
+        if before is None:
+            if self.belief is None:
+                self._insert(was_s, reported, variance, None)
+                self._late_s = report.arrived_s - was_s
+            return  # older than all that are kept
+        off_m = self._off_m(before, was_s, reported, variance)
+        if off_m > 0.0:
+            self.outliers += 1
+            if not isfinite(self._refused_s):
+                self._refused_s = was_s
+            if was_s - self._refused_s >= REFUSED_S:
+                self.why = f"it is reported {off_m:.0f} m from where it was expected"
+            return
+        self._insert(was_s, reported, variance, before)
+        self._late_s = report.arrived_s - was_s
+
+    def _off_m(self, before: Belief, was_s: float, reported: Array, variance: Array) -> float:
+        """How far a report is from where it is expected, if that is too far; else 0.
+
+        While reports are refused the gate stops growing: what says another place stays refused.
+        """
+        expected = foreseen(before, was_s)
+        if isfinite(self._refused_s):
+            ends_s = min(was_s, self._refused_s + REFUSED_S)
+            expected = replace(expected, covariance=foreseen(before, ends_s).covariance)
+        off_m = float(np.hypot(*(reported[:2] - expected.position_m)))
+        near = off_m <= GATE_LEAST_M or off_deviations(expected, reported[:2], variance[0]) <= GATE
+        return 0.0 if near else off_m
+
+    def _before(self, was_s: float) -> Belief | None:
+        """The newest belief that is not later than a report; None: all that are kept are."""
+        return next((belief for time_s, _, _, belief in reversed(self._believed) if time_s <= was_s), None)
+
+    def _values(self, report: Report) -> tuple[Array, Array]:
+        deviation_m = report.deviation_m if isfinite(report.deviation_m) else self.deviation_m
+        if not all(map(isfinite, report.velocity_m_s)):
+            return np.array(report.position_m), np.full(2, deviation_m**2)
+        deviation_m_s = report.velocity_deviation_m_s
+        if not isfinite(deviation_m_s):
+            deviation_m_s = VELOCITY_DEVIATION_M_S
+        variance = np.array([deviation_m, deviation_m, deviation_m_s, deviation_m_s]) ** 2
+        return np.array([*report.position_m, *report.velocity_m_s]), variance
+
+    def _insert(self, was_s: float, reported: Array, variance: Array, belief: Belief | None) -> None:
+        """Believe a report after `belief`; later ones that arrived before it are believed again."""
+        again = [(was_s, reported, variance)]
+        while self._believed and self._believed[-1][0] > was_s:
+            again.insert(1, self._believed.pop()[:3])
+        for time_s, values, variances in again:
+            believed = begun if belief is None else partial(corrected, belief)
+            belief = believed(time_s, values, variances)
+            self._believed.append((time_s, values, variances, belief))
+        self.belief, self.newest_s = belief, self._believed[-1][0]
+        self.why, self._refused_s = "", nan
+        self.accepted += 1

@@ -1,0 +1,77 @@
+"""How the centre follows a target that moves: as fast as its vehicles can, and as smoothly as it is known.
+
+The centre's acceleration is that of the target and a share of what its velocity lacks; the velocity wanted is
+the target's and one that closes the distance, no faster than can still be braked. Measured in
+docs/decisions/targets.md.
+"""
+
+from dataclasses import dataclass
+from math import hypot, sqrt
+from typing import Final
+
+import numpy as np
+
+from gcs.model.state import Array
+
+SPEED_SHARE: Final = 0.8
+"""Share of its vehicles' speed with which the formation follows; the rest keeps the shape."""
+
+CLOSING_PER_S: Final = 1.0
+"""Rate at which a small distance from the target decays."""
+
+ANSWER_PER_S, ANSWER_LEAST_PER_S = 3.0, 1.0
+"""Rate at which the centre takes on a velocity that is known well, and one that is known badly."""
+
+KNOWN_M_S: Final = 0.3
+"""A velocity with a smaller standard deviation than this is known well."""
+
+BRAKING_SHARE: Final = 0.9
+"""Share of the acceleration with which the distance is closed; the rest corrects."""
+
+
+@dataclass(frozen=True, slots=True)
+class CenterLimits:
+    """The fastest that the centre flies over the ground, and its greatest acceleration."""
+
+    speed_m_s: float
+    acceleration_m_s2: float
+
+
+def closing_velocity(off_m: Array, acceleration_m_s2: float) -> Array:
+    """(2,) velocity relative to the target that closes the distance (2,) to it, and can still be braked."""
+    away_m, braking_m_s2 = hypot(off_m[0], off_m[1]), BRAKING_SHARE * acceleration_m_s2
+    near_m = braking_m_s2 / CLOSING_PER_S**2
+    if away_m <= near_m:
+        return CLOSING_PER_S * off_m
+    closing: Array = off_m / away_m * sqrt(2.0 * braking_m_s2 * (away_m - near_m / 2.0))
+    return closing
+
+
+def following_velocity(
+    velocity_m_s: Array,
+    target_m_s: Array,
+    target_m_s2: Array,
+    relative_m_s: Array,
+    limits: CenterLimits,
+    *,
+    deviation_m_s: float,
+    dt_s: float,
+) -> Array:
+    """(2,) velocity of the centre after `dt_s`.
+
+    Args:
+        velocity_m_s: (2,) of the centre now.
+        target_m_s: (2,) of the target.
+        target_m_s2: (2,) its acceleration.
+        relative_m_s: (2,) wanted relative to it: towards it (`closing_velocity`), or along its orbit.
+        limits: of the centre.
+        deviation_m_s: standard deviation of the target's velocity along an axis.
+        dt_s: of the step.
+    """
+    wanted_m_s = target_m_s + relative_m_s
+    wanted_m_s = wanted_m_s * min(1.0, limits.speed_m_s / max(hypot(*wanted_m_s), 1e-9))
+    answer_per_s = max(ANSWER_PER_S / max(deviation_m_s / KNOWN_M_S, 1.0), ANSWER_LEAST_PER_S)
+    asked_m_s2 = target_m_s2 + answer_per_s * (wanted_m_s - velocity_m_s)
+    asked_m_s2 = asked_m_s2 * min(1.0, limits.acceleration_m_s2 / max(hypot(*asked_m_s2), 1e-9))
+    reached: Array = np.asarray(velocity_m_s + dt_s * asked_m_s2)
+    return reached
