@@ -6,13 +6,19 @@ import math
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import get_args
+from pathlib import Path
+from time import time
+from typing import NamedTuple, get_args
+from urllib.parse import urlsplit
 
-from gcs.sim.endpoint import MAX_PORT, Port, PortError, own_ports, serve, shared_ports
+from gcs.sim.endpoint import MAX_PORT, Port, PortError, noted_stops, own_ports, serve, shared_ports
 from gcs.sim.ground_truth import FIRST_PORT, HOST, GroundTruthFile
 from gcs.sim.mixed import KINDS
 from gcs.sim.protocol.streams import RECORDED_HZ, lean_hz
 from gcs.sim.settings import MAX_SYSTEM_ID, PAD_SPACING_M, Autopilot, Origin, Settings
+from gcs.sim.targets import formats, motions
+from gcs.sim.targets.reports import Errors, reports
+from gcs.sim.targets.sending import GpsdServer, UdpOutlet, send
 from gcs.sim.vehicle import versions
 from gcs.sim.vehicle.parameters import ParameterError, ParameterList, Table, Value
 from gcs.sim.vehicle.px4 import QuirkError, Quirks, quirk_names
@@ -144,11 +150,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--spacing", type=number(0.0, 1e5), default=PAD_SPACING_M, metavar="M", help="of the start grid")
     text = "vehicle i starts at row i // C (north), column i %% C (east)"
     add("--grid-columns", type=whole(1, 10**6), metavar="C", help=text)
-    text = "where vehicle 0 of the grid stands, m north and east of the origin"
+    text = "where vehicle 0 of the grid stands, or a target begins, m north and east of the origin"
     add("--grid-at", type=pair("N,E"), default=(0.0, 0.0), metavar="N,E", help=text)
     text = "where the grid's rows lead, clockwise from north; columns are to the right"
     add("--grid-heading", type=number(-360.0, 360.0), default=0.0, metavar="DEG", help=text)
-    add("--heading", type=number(-360.0, 360.0), default=0.0, metavar="DEG", help="initial yaw")
+    add(
+        "--heading",
+        type=number(-360.0, 360.0),
+        default=0.0,
+        metavar="DEG",
+        help="initial yaw, or course of a target",
+    )
 
     _add_flight(parser)
 
@@ -164,11 +176,67 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     text = 'receive faults as JSON on that UDP port: {"vehicle": 3, "fault": "loss", "share": 0.3}'
     add("--control", type=whole(1, MAX_PORT), metavar="PORT", help=text)
     add("--faults-from", choices=["-"], help="the same, line by line, from standard input")
+    _add_target(parser)
+
+
+class Format(NamedTuple):
+    """What a target sends, and where to if nothing else is named."""
+
+    to: str
+    encoder: Callable[[argparse.Namespace, float], formats.Encoder]
+
+
+FORMATS = {
+    "nmea": Format("udp://127.0.0.1:10110", lambda _, unix_s: formats.nmea(unix_s)),
+    "gpsd": Format("tcp://127.0.0.1:2947", lambda _, unix_s: formats.tpv(unix_s)),
+    "cot": Format("udp://127.0.0.1:6969", lambda given, unix_s: formats.cot(unix_s, given.name)),
+    "mavlink": Format("udp://127.0.0.1:14560", lambda given, _: formats.Mavlink(given.system_id)),
+    "follow-target": Format(
+        "udp://127.0.0.1:14560", lambda given, _: formats.Mavlink(given.system_id, follow_target=True)
+    ),
+}
+
+FOR_BOTH = {"noise", "seed", "origin", "heading", "grid_at"}
+"""Options of vehicles that a target has as well."""
+
+
+def _add_target(parser: argparse.ArgumentParser) -> None:
+    add = parser.add_argument_group("a target instead of vehicles").add_argument
+    share, s_pair = number(0.0, 1.0), partial(numbers, words="two numbers with a comma")
+    text = f"how it moves: {', '.join(motions.KINDS)}, or a track, FILE.csv ({','.join(motions.COLUMNS)})"
+    add("--target", metavar="MOTION", help=text)
+    text = "what it sends; mavlink: GLOBAL_POSITION_INT, HEARTBEAT, GPS_RAW_INT"
+    add("--send", choices=list(FORMATS), help=text)
+    text = "where to, udp://HOST:PORT; of gpsd where it listens, tcp://HOST:PORT. Without: "
+    text += ", ".join(f"{name} {form.to}" for name, form in FORMATS.items())
+    add("--to", default="", metavar="URL", help=text)
+    usual = ", ".join(f"{name} {kind.speed_m_s:g}" for name, kind in motions.KINDS.items())
+    add("--speed", type=number(0.1, 300.0), metavar="M_S", help=f"without: {usual}")
+    add("--rate", type=number(0.01, 200.0), default=5.0, metavar="HZ", help="reports a second")
+    add("--name", default="target", metavar="NAME", help="of cot: uid and callsign")
+    add("--system-id", type=whole(1, 255), default=42, metavar="N", help="of mavlink and follow-target")
+    text = "how long an error of the position stays alike; 0: each is another"
+    add("--correlated", type=number(0.0, 1e4), default=0.0, metavar="S", help=text)
+    add("--delay", type=number(0.0, 60.0), default=0.0, metavar="S", help="from measuring to sending")
+    text = "probability that a drop-out begins with a report, and its length in s"
+    add("--drop-out", type=s_pair("SHARE,S"), default=(0.0, 0.0), metavar="SHARE,S", help=text)
+    text = "how far its clock is ahead in s, and how much too fast it is, in millionths"
+    add("--clock", type=s_pair("S,PPM"), default=(0.0, 0.0), metavar="S,PPM", help=text)
+    text = "its clock is set forward by so many s, AT s after the beginning"
+    add("--clock-step", type=s_pair("S,AT"), default=(0.0, math.inf), metavar="S,AT", help=text)
+    text = "once every S seconds one report is off by so many metres"
+    add("--jump", type=s_pair("M,S"), default=(0.0, math.inf), metavar="M,S", help=text)
+    text = "from AT s after the beginning it reports the same position for S seconds"
+    add("--freeze", type=s_pair("AT,S"), default=(math.inf, 0.0), metavar="AT,S", help=text)
+    add("--double", type=share, default=0.0, metavar="SHARE", help="of its reports that are sent twice")
+    add("--nan", type=share, default=0.0, metavar="SHARE", help="of its reports without a position")
+    add("--swap", action="store_true", help="latitude and longitude are exchanged")
 
 
 def _add_flight(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument_group("how they fly").add_argument
-    text = "error of the position estimates, 1 as recorded; receivers report what was recorded"
+    text = "error of the position estimates, 1 as recorded; receivers report what was recorded. "
+    text += "Of a target: one sigma in m"
     add("--noise", type=number(0.0, 100.0), default=1.0, metavar="SCALE", help=text)
     add("--ideal", action="store_true", help="positions without error or resets, RTK fixed")
     text = "as the autopilots' simulators without it: PX4 1.0, ArduPilot 0.65; real 0.1 to 0.3"
@@ -212,10 +280,13 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def fly(given: argparse.Namespace, greeting: str) -> None:
-    """Fly until SIGINT, SIGTERM or SIGHUP; print the greeting when the fleet can be reached.
+    """Fly, or move a target, until SIGINT, SIGTERM or SIGHUP; print the greeting when all can be reached.
 
     Raises: FleetError when a port or file is taken, or the arguments exceed the possible ones.
     """
+    if given.target is not None:
+        _send_target(given, greeting)
+        return
     ports = _checked_ports(given)
     with contextlib.ExitStack() as stack:
         try:
@@ -315,13 +386,100 @@ def _check_parameter(name: str, value: Value | Sequence[Value], lists: Sequence[
         raise FleetError(2, f"--param {error}") from None
 
 
+def _send_target(given: argparse.Namespace, greeting: str) -> None:
+    host, port = _target_address(given)
+    origin, motion = _motion(given)
+    errors = Errors(
+        rate_hz=given.rate,
+        noise_m=given.noise,
+        correlated_s=given.correlated,
+        delay_s=given.delay,
+        drop_out=given.drop_out,
+        clock=given.clock,
+        clock_step=given.clock_step,
+        jump=given.jump,
+        freeze=given.freeze,
+        doubled=given.double,
+        unknown=given.nan,
+        swapped=given.swap,
+    )
+    try:
+        outlet = (GpsdServer if given.send == "gpsd" else UdpOutlet)(host, port)
+    except OSError as error:
+        raise FleetError(1, f"--to {_to(given)}: {error.strerror}") from error
+    except UnicodeError:
+        raise FleetError(2, f"--to {_to(given)}: {host!r} is no host name") from None
+    with contextlib.ExitStack() as stack:
+        stops = noted_stops(stack)
+        print(greeting, flush=True)  # noqa: T201 - the command's output
+        encode = FORMATS[given.send].encoder(given, time())
+        send(reports(motion, origin, errors, given.seed), encode, outlet, stops)
+
+
+def _motion(given: argparse.Namespace) -> tuple[Origin, motions.Motion]:
+    """Raises: FleetError where there is no such motion or track."""
+    if given.target in motions.KINDS:
+        options = {"seed": given.seed, "course_deg": given.heading, "speed_m_s": given.speed}
+        return given.origin, motions.moved(motions.motion(given.target, **options), *given.grid_at)
+    if not given.target.lower().endswith(".csv"):
+        kinds = ", ".join(motions.KINDS)
+        raise FleetError(2, f"--target {given.target}: there are {kinds}, and tracks, FILE.csv")
+    try:
+        return motions.played(motions.read_track(Path(given.target)))
+    except OSError as error:
+        raise FleetError(1, f"--target {given.target}: {error.strerror}") from error
+    except (UnicodeError, motions.TrackError) as error:
+        raise FleetError(2, f"--target {error}") from error
+
+
+def _to(given: argparse.Namespace) -> str:
+    return str(given.to or FORMATS[given.send].to)
+
+
+def _target_address(given: argparse.Namespace) -> tuple[str, int]:
+    """Raises: FleetError where options do not fit together, or the address is none."""
+    if given.send is None:
+        raise FleetError(2, f"--target {given.target} needs --send: {', '.join(FORMATS)}")
+    if options := _changed(given, of_target=False):
+        text = f"{', '.join(options)}: of vehicles, and --target moves a target alone"
+        raise FleetError(2, f"{text}; start the vehicles in a process of their own")
+    scheme = "tcp" if given.send == "gpsd" else "udp"
+    url = urlsplit(_to(given))
+    try:
+        host, port = url.hostname, url.port
+    except ValueError:
+        host, port = None, None
+    if url.scheme != scheme or not host or not port or url.path:
+        raise FleetError(2, f"--to {given.to}: --send {given.send} needs {scheme}://HOST:PORT")
+    return host, port
+
+
+def _changed(given: argparse.Namespace, *, of_target: bool) -> list[str]:
+    """Options that are not as without them, of targets or of vehicles alone."""
+    whole_parser, target_parser = argparse.ArgumentParser(), argparse.ArgumentParser()
+    add_arguments(whole_parser)
+    _add_target(target_parser)
+    of_targets = vars(target_parser.parse_args([]))
+    usual = vars(whole_parser.parse_args([]))
+    names = [name for name in usual if (name in of_targets) == of_target and name not in FOR_BOTH]
+    return [f"--{name.replace('_', '-')}" for name in names if getattr(given, name) != usual[name]]
+
+
 def destinations(given: argparse.Namespace) -> list[int]:
-    """The UDP ports that the vehicles send to. Raises: FleetError."""
+    """The ports that the vehicles or the target send to. Raises: FleetError."""
+    if given.target is not None:
+        return [_target_address(given)[1]]
+    if options := _changed(given, of_target=True):
+        raise FleetError(2, f"{', '.join(options)}: of a target; name its motion with --target")
     return [port.destination for port in _checked_ports(given)]
 
 
 def greeting(given: argparse.Namespace) -> str:
-    """Number of vehicles, their ids and ports, in words. Raises: FleetError."""
+    """Number of vehicles, their ids and ports, or the target's motion, in words. Raises: FleetError."""
+    if given.target is not None:
+        _target_address(given)
+        _motion(given)
+        return f"sim: target {given.target}, {given.send}, {given.rate:g} a second, {_to(given)}"
     vehicles = f"{given.count} vehicle" + ("s" if given.count > 1 else "") + KINDS_IN_WORDS[given.autopilot]
     return f"sim: {vehicles}, {_ids(given)}, udp {HOST}:{_span(destinations(given))}"
 

@@ -308,7 +308,7 @@ REST_S = 0.002  # time in which datagrams of a continuous flow gather; PX4 answe
 STOPS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
-def _noted_stops(stack: ExitStack) -> list[int]:
+def noted_stops(stack: ExitStack) -> list[int]:
     """Requests to stop, as they come; until the stack is closed."""
     stops: list[int] = []
     for number in STOPS:
@@ -336,7 +336,7 @@ def serve(
     Raises: PortError when a port is taken.
     """
     with ExitStack() as stack:
-        stops = _noted_stops(stack)
+        stops = noted_stops(stack)
         fleet = fleet_of(settings, start_s=time.monotonic(), unix_at_start_s=time.time())
         fault_injector = FaultInjector(fleet)
         endpoints = [

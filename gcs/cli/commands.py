@@ -75,7 +75,7 @@ COMMANDS: Final = {
     "preflight": CliCommand("status", "what a start would find"),
     "kill": CliCommand("kill.kill", "stop motors now, even in the air; works without the service"),
     "timecode": CliCommand("timecode", "read linear timecode from sound, and send it on", LINES),
-    "sim": CliCommand("main", "run a fake fleet alone, as python -m gcs.sim does", LINES),
+    "sim": CliCommand("main", "run a fake fleet or target alone, as python -m gcs.sim does", LINES),
     "completion": CliCommand("main", "print what a shell needs to complete gcs"),
     "files": CliCommand("local_files", "documents, dashboard and unit file that came along"),
 }

@@ -169,14 +169,16 @@ def add_sim_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run_sim(arguments: argparse.Namespace) -> int:
-    """Run the fake fleet alone. Returns: exit code 0, 1 for a port or file in use, 2 for bad arguments."""
+    """Run fake vehicles or a target alone. Returns: 0, 1 for a port or file in use, 2 for bad arguments."""
     from gcs.sim import cli as sim  # noqa: PLC0415 (only this command needs it)
 
     try:
         text = sim.greeting(arguments)
         if arguments.json:
             ports = sorted(set(sim.destinations(arguments)))
-            text = json.dumps({"event": "flying", "text": text, "vehicles": arguments.count, "ports": ports})
+            flies = arguments.target is None
+            event, vehicles = ("flying", arguments.count) if flies else ("sending", 0)
+            text = json.dumps({"event": event, "text": text, "vehicles": vehicles, "ports": ports})
         sim.fly(arguments, text)
     except sim.FleetError as error:
         fail(str(error), error.code, as_json=arguments.json)

@@ -1,12 +1,13 @@
 """Reads sockets, pipes and devices that never block, so many times in a turn."""
 
 import asyncio
-from collections.abc import Callable
+import socket
+from collections.abc import AsyncGenerator, Callable
 from dataclasses import dataclass
 from math import inf
 from typing import Final
 
-from gcs.links.intake import TURN_S, Arrived
+from gcs.links.intake import TURN_S, Arrived, Intake
 from gcs.model.errors import LinkError
 
 READS_MAX: Final = 200
@@ -16,6 +17,9 @@ BUFFER_BYTES: Final = 1 << 16
 """Receive buffer of such a socket: what waits there is never older than a few turns."""
 
 DATAGRAM_BYTES: Final = 65535
+
+IDLE_S: Final = 1.0
+"""After so long without a datagram, an empty batch says so."""
 
 
 @dataclass(slots=True)
@@ -90,3 +94,35 @@ class Reader:
         if self._later is not None:
             self._later.cancel()
         self._loop.remove_reader(self._file)
+
+
+async def datagrams(host: str, port: int, intake: Intake) -> AsyncGenerator[list[Arrived], None]:
+    """Receive at a UDP address without end, and send nothing: what has arrived and may pass, in batches.
+
+    An empty batch: nothing arrived for `IDLE_S`.
+
+    Raises: OSError, UnicodeError where the address cannot be used.
+    """
+    waiting: asyncio.Queue[list[Arrived]] = asyncio.Queue(1)
+
+    def take(arrived: list[Arrived], now_s: float) -> None:
+        older = [] if waiting.empty() else waiting.get_nowait()
+        waiting.put_nowait(older + intake.admit(arrived, now_s))
+
+    loop = asyncio.get_running_loop()
+    family, kind, _, _, place = (await loop.getaddrinfo(host, port, type=socket.SOCK_DGRAM))[0]
+    with socket.socket(family, kind) as bound:
+        bound.setblocking(False)
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+        bound.bind(place)
+        reader = Reader(bound.fileno(), lambda: Arrived(*bound.recvfrom(DATAGRAM_BYTES)), take)
+        reader.ended.add_done_callback(lambda _: take([], loop.time()))
+        try:
+            while not reader.ended.done():
+                try:
+                    yield await asyncio.wait_for(waiting.get(), IDLE_S)
+                except TimeoutError:
+                    yield []
+            await reader.ended
+        finally:
+            reader.close()

@@ -12,9 +12,9 @@ from urllib.parse import urlsplit
 import serial
 
 from gcs.links.features import RtkSettings
-from gcs.links.intake import TURN_S, Arrived, Bound, Intake
+from gcs.links.intake import TURN_S, Bound, Intake
 from gcs.links.ntrip import Chunked, Plain, ask_caster
-from gcs.links.reading import BUFFER_BYTES, DATAGRAM_BYTES, Reader
+from gcs.links.reading import BUFFER_BYTES, datagrams
 from gcs.links.rtcm_stream import Place, RtcmStream
 from gcs.model.errors import LinkError, quoted
 
@@ -92,27 +92,9 @@ async def _serial_chunks(device: str, baud: int, intake: Intake) -> AsyncGenerat
 
 
 async def _udp_chunks(host: str, port: int, intake: Intake) -> AsyncGenerator[bytes, None]:
-    waiting: asyncio.Queue[bytes] = asyncio.Queue(1)
-
-    def take(arrived: list[Arrived], now_s: float) -> None:
-        older = b"" if waiting.empty() else waiting.get_nowait()
-        admitted = b"".join(datagram.data for datagram in intake.admit(arrived, now_s))
-        waiting.put_nowait(older + admitted)
-
-    loop = asyncio.get_running_loop()
-    family, kind, _, _, place = (await loop.getaddrinfo(host, port, type=socket.SOCK_DGRAM))[0]
-    with socket.socket(family, kind) as bound:
-        bound.setblocking(False)
-        bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
-        bound.bind(place)
-        reader = Reader(bound.fileno(), lambda: Arrived(*bound.recvfrom(DATAGRAM_BYTES)), take)
-        reader.ended.add_done_callback(lambda _: take([], loop.time()))
-        try:
-            while not reader.ended.done():
-                yield await waiting.get()
-            await reader.ended
-        finally:
-            reader.close()
+    async with aclosing(datagrams(host, port, intake)) as batches:
+        async for batch in batches:
+            yield b"".join(datagram.data for datagram in batch)
 
 
 async def _stream_chunks(settings: RtkSettings, intake: Intake) -> AsyncGenerator[bytes, None]:

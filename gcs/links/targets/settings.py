@@ -59,8 +59,8 @@ class MavlinkSource(Settings):
     """`udp://HOST:PORT` to receive at."""
     system_id: Annotated[int, Field(ge=1, le=255)]
     """The system that is followed; for ADS-B and AIS the one that reports them."""
-    track: Annotated[str, Field(max_length=20)] = ""
-    """Of ADS-B or AIS: the ICAO address (hexadecimal) or the MMSI; empty: the system itself."""
+    track: Annotated[str, Field(pattern=r"^([0-9A-Fa-f]{6}|[0-9]{9})?$")] = ""
+    """An ICAO address (ADS-B), 6 hexadecimal digits, or an MMSI (AIS), 9 digits; empty: the system itself."""
 
 
 class PathSource(Settings):
@@ -70,6 +70,8 @@ class PathSource(Settings):
     """`path`"""
     file: Path
     """A CSV, a GPX, or a telemetry log (`.tlog`)."""
+    system_id: Annotated[int, Field(ge=0, le=255)] = 0
+    """Of a telemetry log: the system that moves; 0: the first one with a position."""
     repeat: bool = True
     """Whether it begins anew at its end."""
 
@@ -87,7 +89,7 @@ TargetSource: TypeAlias = Annotated[
 ]
 
 
-class TargetSettings(Settings):
+class RealTargetSettings(Settings):
     """A target that the formation can follow, and where reports of it come from (docs/how-to/targets.md)."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]{1,32}$")]

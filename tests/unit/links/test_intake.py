@@ -18,6 +18,7 @@ from gcs.links.ntrip import Chunked
 from gcs.links.reading import READS_MAX, Reader
 from gcs.links.rtcm_stream import RtcmStream
 from gcs.links.rtk import CORRECTIONS
+from gcs.links.targets.mavlink import TELEMETRY, TargetReports
 from gcs.mavlink.codec import split
 from gcs.model.errors import LinkError
 from gcs.shows.timecode import Chase
@@ -26,6 +27,7 @@ from gcs.shows.timecode.receiver import MIDI, READINGS_MAX, SAMPLE_BYTES, pcm_de
 from gcs.shows.timecode.rtp_midi import MidiSession
 from gcs.shows.timecode.smpte import Rate, label_at
 from tests.support.rtcm import base_message, rtcm
+from tests.support.target_fakes import aircraft, packed, position, source, vessel
 from tests.support.timecode import rtp
 from tests.support.work import lines_run
 
@@ -144,6 +146,10 @@ def of_a_station() -> Take:
     return split
 
 
+def of_a_target(track: str = "") -> Take:
+    return partial(TargetReports(source(track=track), 0.0).take, now_s=0.0)
+
+
 SOUND = sound(SAMPLES_PER_S, SAMPLE_BYTES)
 PING = bytes(dialect.MAVLink_ping_message(0, 0, 1, 1).pack(dialect.MAVLink(None, srcSystem=255)))
 FLOODS = {
@@ -158,6 +164,11 @@ FLOODS = {
     "sound-noise": (SOUND, JUNK["random"][:4096], of_sound),
     "station": (FORWARDED, PING * 60, of_a_station),
     "station-junk": (FORWARDED, b"\xfd\xfe" * 500, of_a_station),
+    "target": (TELEMETRY, packed(position()), of_a_target),
+    "target-in-large-datagrams": (TELEMETRY, packed(position()) * 30, of_a_target),
+    "target-aircraft": (TELEMETRY, packed(vessel(), aircraft()) * 10, partial(of_a_target, "4CA1B2")),
+    "target-pings": (TELEMETRY, PING * 60, of_a_target),
+    "target-junk": (TELEMETRY, b"\xfd\xfe" * 500, of_a_target),
 }
 
 

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 ARDUPILOT = ("--autopilot", "ardupilot")
 MIXED = ("--autopilot", "mixed")
+BOAT = ("--target", "boat", "--send")
 
 
 @pytest.mark.parametrize(
@@ -71,6 +72,14 @@ def test_bad_arguments_are_named_and_exit_with_two(
         ([*MIXED, "--autopilot-version", "1.16,3.6"], "autopilot version '3.6' is not known"),
         ([*MIXED, "--autopilot-version", "1.16,1.17"], "'1.16,1.17': one of PX4 is possible"),
         (["--autopilot-version", "1.18", "--param", "COM_RC_STICK_OV=9"], "PX4 v1.18.0-beta has no such"),
+        (["--target", "boa", "--send", "nmea"], "--target boa: there are still, walker, rover"),
+        (["--target", "boat"], "--target boat needs --send: nmea, gpsd, cot, mavlink, follow-target"),
+        ([*BOAT, "cot", "--to", "tcp://a:1"], "--to tcp://a:1: --send cot needs udp://HOST:PORT"),
+        ([*BOAT, "gpsd", "--to", "udp://a:1"], "--to udp://a:1: --send gpsd needs tcp://HOST:PORT"),
+        ([*BOAT, "nmea", "--to", "udp://a:99999"], "needs udp://HOST:PORT"),
+        ([*BOAT, "nmea", "--to", "udp://a..b:9"], "--to udp://a..b:9: 'a..b' is no host name"),
+        ([*BOAT, "nmea", "--count", "2", "--ideal"], "--count, --ideal: of vehicles, and --target moves"),
+        (["--send", "nmea", "--swap"], "--send, --swap: of a target; name its motion with --target"),
     ],
 )
 def test_arguments_that_do_not_fit_together_exit_with_two(
@@ -85,6 +94,11 @@ def test_a_truth_file_that_cannot_be_written_is_named(
 ) -> None:
     assert cli.main(["--truth", str(tmp_path / "none" / "truth.jsonl")]) == 1
     assert "truth.jsonl: No such file or directory" in capsys.readouterr().err
+
+
+def test_a_track_that_cannot_be_read_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["--target", "none.csv", "--send", "nmea"]) == 1
+    assert "--target none.csv: No such file or directory" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
