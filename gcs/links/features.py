@@ -8,7 +8,7 @@ from typing import Annotated, Final
 from pydantic import Field, model_validator
 
 from gcs.links.settings import SerialPort, parse
-from gcs.links.targets.settings import TargetSettings
+from gcs.links.targets.settings import RealTargetSettings
 from gcs.mavlink.lights import LightDriver
 from gcs.model.errors import ConfigError
 from gcs.model.settings import Positive, Settings
@@ -167,7 +167,7 @@ class FeatureSettings(StationInputs):
     """How the vehicles receive colours."""
     rtk: RtkSettings | None = None
     """Where corrections for RTK come from; without it none are sent."""
-    targets: Annotated[tuple[TargetSettings, ...], Field(max_length=16)] = ()
+    targets: Annotated[tuple[RealTargetSettings, ...], Field(max_length=16)] = ()
     """Targets that the formation can follow (docs/how-to/targets.md)."""
 
     @model_validator(mode="after")

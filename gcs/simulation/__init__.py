@@ -3,7 +3,7 @@
 from typing import Final
 
 ROWS: Final = (
-    *("shape", "saddle", "article", "tracking", "separation", "uncertainty", "obstacles"),
+    *("shape", "saddle", "article", "tracking", "tracking-real", "separation", "uncertainty", "obstacles"),
     *("moving-boxes", "concave", "wind", "delays", "authority", "changes", "neighbours"),
     *("laws", "landing", "loss", "return", "stations", "drawn", "mixed"),
 )

@@ -19,6 +19,7 @@ from gcs.simulation.scenario import (
     Scenario,
 )
 from gcs.simulation.simulated_flight import SimulatedFlight
+from gcs.simulation.tracked_target import MovingTarget
 from gcs.simulation.world import Neighbourhood
 
 AFTER_BOXES_S = 25.0
@@ -78,7 +79,8 @@ class FormationRun(SimulatedFlight):
             )
         )
         self._target_m_s = np.array([flight.target.velocity_x_m_s, flight.target.velocity_y_m_s])
-        self._target_stands = not (flight.target.turns or self._target_m_s.any())
+        self._tracked = None if flight.tracked is None else MovingTarget(flight.tracked, seed)
+        self._target_stands = not (flight.tracked or flight.target.turns or self._target_m_s.any())
         changes = flight.spins or self._boxes or flight.carried or flight.join or flight.leave_share
         only_assembles = self._target_stands and flight.ending == "none" and not changes
         self.stands = only_assembles and flight.law is LawName.SLOTS and not orbit.radius_m
@@ -113,6 +115,9 @@ class FormationRun(SimulatedFlight):
         now_s, dt_s = self.time_s, self.world.tick_s
         if self._target_stands and now_s > 0.0:
             return
+        if self._tracked is not None:
+            self.plan = replace(self.plan, target=self._tracked.seen(now_s, self.plan.target))
+            return
         if now_s > 0.0:
             acceleration_m_s2 = np.zeros(2)
             for turn in self.flight.target.turns:
@@ -123,6 +128,9 @@ class FormationRun(SimulatedFlight):
         (x_m, y_m), (x_m_s, y_m_s) = self._target_m.tolist(), self._target_m_s.tolist()
         target = Target(x_m, y_m, x_m_s, y_m_s, now_s)
         self.plan = replace(self.plan, target=target)
+
+    def true_target_m(self) -> Array:
+        return super().true_target_m() if self._tracked is None else self._tracked.truth_m(self.time_s)
 
     def _carry(self, carried: Carried) -> None:
         """Carry the first vehicle along the sphere, hold it, and let it go."""

@@ -299,6 +299,8 @@ def tracking(record: FlightRecord, shape: Shape) -> dict[str, object]:
         "center_speed_m_s": None,
         "spin_radius_error_m": _spin_radius_error_m(record, shape),
     }
+    if isinstance(flight, FormationFlight) and flight.tracked is not None:
+        figures |= _behind_target(record, flight, flight.tracked.from_s)
     if isinstance(flight, GoalFlight | ShowFlight) or not flight.orbit.radius_m:
         return figures
     settle_s = _on_orbit_s(record, flight)
@@ -314,6 +316,22 @@ def tracking(record: FlightRecord, shape: Shape) -> dict[str, object]:
     figures["orbit_radius_error_m"] = rounded(float(np.sqrt(((rho_m - flight.orbit.radius_m) ** 2).mean())))
     figures["center_speed_m_s"] = rounded(float(speed_m_s.mean()))
     return figures
+
+
+def _behind_target(record: FlightRecord, flight: FormationFlight, from_s: float) -> dict[str, object]:
+    """Errors of the true centroid from its place at the true target, and how hard the centre turns."""
+    ticks = np.flatnonzero(np.array(record.time_s) >= from_s)
+    path_m, center_m = np.array(record.position_m)[ticks], np.array(record.center_m)[ticks, :2]
+    off_m = np.linalg.norm(path_m[:, :, :2].mean(axis=1) - np.array(record.target_m)[ticks], axis=1)
+    off_m = np.abs(off_m - flight.orbit.radius_m)
+    center_m_s2 = np.linalg.norm(np.diff(center_m, 2, axis=0), axis=1) * record.scenario.world.tick_rate_hz**2
+    median_m, p95_m = np.percentile(off_m, [50, 95]).tolist()
+    return {
+        "target_median_m": rounded(median_m),
+        "target_p95_m": rounded(p95_m),
+        "target_worst_m": rounded(float(off_m.max())),
+        "center_rms_m_s2": rounded(float(np.sqrt((center_m_s2**2).mean()))),
+    }
 
 
 def _spin_radius_error_m(record: FlightRecord, shape: Shape) -> float | None:

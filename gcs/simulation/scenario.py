@@ -19,6 +19,7 @@ from gcs.model.errors import ConfigError, quoted
 from gcs.model.plan import MAX_OBSTACLES, LawName
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.shows.format import StandingBox
+from gcs.sim.targets.motions import KINDS
 from gcs.simulation import ROWS
 
 Share: TypeAlias = Annotated[float, Field(ge=0.0, lt=1.0)]
@@ -94,6 +95,31 @@ class ScenarioTurn(Settings):
     to_s: NotNegative
     acceleration_x_m_s2: float = 0.0
     acceleration_y_m_s2: float = 0.0
+
+
+class TrackedTarget(Settings):
+    """A target that moves as those of `gcs sim --target`, and is estimated from what it reports."""
+
+    motion: StrictStr
+    speed_m_s: Positive | None = None  # None: as is usual for such a target
+    rate_hz: Annotated[float, Field(gt=0.0, le=50.0)] = 5.0
+    noise_m: Positive = 1.0  # one sigma along each axis
+    correlated_s: NotNegative = 0.0  # for how long an error stays alike
+    delay_s: NotNegative = 0.3
+    velocity: bool = True  # whether it is reported too
+    drop_out: tuple[Share, NotNegative] = (0.0, 0.0)  # probability that one begins with a report; its length
+    jump: tuple[NotNegative, Positive] = (0.0, 1e9)  # length of a jump of one report, every so many s
+    freeze: tuple[NotNegative, NotNegative] = (1e9, 0.0)  # from when on it repeats one place, and how long
+    doubled: Share = 0.0  # of the reports
+    coast_s: Positive = 5.0
+    from_s: NotNegative = 20.0  # errors count from then on
+
+    @field_validator("motion")
+    @classmethod
+    def _is_known(cls, name: str) -> str:
+        if name not in KINDS:
+            raise ValueError(f"one of {', '.join(KINDS)}")
+        return name
 
 
 class ScenarioSpin(Settings):
@@ -188,6 +214,7 @@ class FormationFlight(Settings):
     orbit: OrbitSettings = OrbitSettings()  # of the centre; radius 0: it stays above the target
     center_moves_from_s: NotNegative = 0.0
     target: TargetPath = TargetPath()
+    tracked: TrackedTarget | None = None  # instead of `target`
     spins: tuple[ScenarioSpin, ...] = ()
     boxes: tuple[ScenarioBox, ...] = ()
     random_obstacles: RandomObstacles | None = (

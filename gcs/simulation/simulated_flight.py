@@ -143,6 +143,10 @@ class SimulatedFlight:
         self.record.busy_s = time.process_time() - began_s
         return self.record
 
+    def true_target_m(self) -> Array:
+        """(2,) where the target is."""
+        return np.array(self.plan.target.position_m(self.time_s))
+
     def before_tick(self) -> None:
         """Do what operator, commander and maneuvers would do before this tick."""
 
@@ -294,7 +298,7 @@ class SimulatedFlight:
         record.in_air.append(self.world.in_air & self.present)
         record.center_m.append(NOWHERE if memory.center is None else memory.center.position_m)
         record.radius_m.append(memory.radius_m)
-        record.target_m.append(np.array(self.plan.target.position_m(self.time_s)))
+        record.target_m.append(self.true_target_m())
         record.boxes.append(tuple(map(self._placed, self.plan.obstacles)))
         record.held_by.append("" if memory.detour is None else memory.detour.held_by)
         record.limited.append(decided.limited)

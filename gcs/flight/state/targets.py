@@ -16,7 +16,7 @@ from gcs.flight.state.feature import Feature, Instant
 from gcs.flight.state.flight import Flight
 from gcs.links.intake import Intake
 from gcs.links.targets.receive import TARGETS, keep_receiving
-from gcs.links.targets.settings import TargetSettings
+from gcs.links.targets.settings import RealTargetSettings
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Target
@@ -25,17 +25,18 @@ from gcs.model.target_fix import TargetFix
 from gcs.service.alarms import AlarmCause, Condition
 from gcs.service.features import TargetsView, TargetView
 
+
 @dataclass(eq=False)
 class Tracked:
     """One target of the configuration, and what its sources say of themselves."""
 
-    settings: TargetSettings
+    settings: RealTargetSettings
     estimate: TargetEstimate
     intakes: Sequence[Intake]
     problems: list[str] = field(default_factory=list)  # of each source, in words; empty: none
 
     @staticmethod
-    def of(settings: TargetSettings) -> "Tracked":
+    def of(settings: RealTargetSettings) -> "Tracked":
         trackers = [
             Tracker(settings.deviation_m, settings.coast_s, SourceClock(settings.delay_s))
             for _ in settings.sources
@@ -59,7 +60,7 @@ class Targets(Feature):
 
     name = "targets"
 
-    def __init__(self, settings: Sequence[TargetSettings], flight: Flight, frame: ShowFrame) -> None:
+    def __init__(self, settings: Sequence[RealTargetSettings], flight: Flight, frame: ShowFrame) -> None:
         self._tracked = {each.name: Tracked.of(each) for each in settings}
         self._flight, self._frame = flight, frame
         self._selected = ""

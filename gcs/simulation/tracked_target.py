@@ -1,0 +1,64 @@
+"""A target of a scenario that moves by itself, and is estimated from what its receiver reports."""
+
+from collections.abc import Iterator
+from dataclasses import fields
+from math import nan
+from typing import Final
+
+import numpy as np
+
+from gcs.estimation.targets.source_clock import SourceClock
+from gcs.estimation.targets.target import TargetEstimate
+from gcs.estimation.targets.tracker import Report, Tracker, TrackState
+from gcs.model.frames import ShowFrame
+from gcs.model.plan import Target
+from gcs.model.state import Array
+from gcs.sim.settings import Origin
+from gcs.sim.targets.motions import motion
+from gcs.sim.targets.reports import Errors, reports
+from gcs.sim.targets.reports import Report as Sent
+from gcs.simulation.scenario import TrackedTarget
+
+ORIGIN: Final = Origin()
+FRAME: Final = ShowFrame(ORIGIN.latitude_deg, ORIGIN.longitude_deg, ORIGIN.altitude_amsl_m)
+
+
+class MovingTarget:
+    """Truth, reports and estimate of one target: the estimator is that of the flight."""
+
+    def __init__(self, settings: TrackedTarget, seed: int) -> None:
+        self._settings = settings
+        self._motion = motion(settings.motion, seed=seed, speed_m_s=settings.speed_m_s)
+        names = {field.name for field in fields(Errors)}
+        errors = Errors(
+            **{name: getattr(settings, name) for name in names & type(settings).model_fields.keys()}
+        )
+        self._sent: Iterator[Sent] = reports(self._motion, ORIGIN, errors, seed)
+        self._next = next(self._sent)
+        self._estimate = TargetEstimate([Tracker(settings.noise_m, settings.coast_s, SourceClock(0.0))])
+
+    def truth_m(self, time_s: float) -> Array:
+        """(2,) where it is."""
+        state = self._motion(time_s)
+        return np.array([state.north_m, state.east_m])
+
+    def seen(self, now_s: float, was: Target) -> Target:
+        """What the formation follows: where the target is estimated, or where it was when it was lost."""
+        while self._next.sent_s <= now_s:
+            self._estimate.tracker.take(self._report(self._next), 0.0)
+            self._next = next(self._sent)
+        found, state = self._estimate.motion(now_s), self._estimate.state(now_s)
+        if found is None:
+            return was
+        if state is TrackState.LOST:
+            return Target(*was.position_m(now_s), time_s=now_s)
+        (x_m, y_m), (x_m_s, y_m_s) = found.position_m.tolist(), found.velocity_m_s.tolist()
+        x_m_s2, y_m_s2 = found.acceleration_m_s2.tolist()
+        return Target(x_m, y_m, x_m_s, y_m_s, now_s, True, x_m_s2, y_m_s2, found.velocity_deviation_m_s)
+
+    def _report(self, sent: Sent) -> Report:
+        degrees = (np.array([sent.latitude_deg]), np.array([sent.longitude_deg]))
+        place_m = FRAME.position_m(*degrees, np.array([ORIGIN.altitude_amsl_m]))[0]
+        moves_m_s = (sent.north_m_s, sent.east_m_s) if self._settings.velocity else (nan, nan)
+        place = (float(place_m[0]), float(place_m[1]))
+        return Report(sent.sent_s, place, moves_m_s, sent.deviation_m, source_s=sent.clock_s)
