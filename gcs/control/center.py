@@ -1,6 +1,7 @@
 """The formation's centre and radius: created with the first vehicle, moved, removed after the last."""
 
 from dataclasses import dataclass
+from functools import partial
 from math import hypot
 from typing import Final
 
@@ -160,16 +161,19 @@ def _following(now: TickInputs, ahead: Center, reach_m: float, pace: float, limi
     target_m, target_m_s = followed_target(asked_m, np.array(target.velocity_m_s), reach_m)
     if target_m is not asked_m:
         target_m_s2 = np.zeros(2)  # it is followed along the fence
+    off_m = ahead.position_m[:2] - target_m
     if orbit.radius_m == 0.0:
-        relative_m_s = closing_velocity(target_m - ahead.position_m[:2], limits.acceleration_m_s2)
+        relative_m_s = closing_velocity(-off_m, limits.acceleration_m_s2)
     else:
-        relative_m_s = pace * orbit_velocity(
-            ahead.position_m[:2] - target_m,
+        field = partial(
+            orbit_velocity,
             radius_m=orbit.radius_m,
-            speed_m_s=orbit.speed_m_s,
+            speed_m_s=pace * orbit.speed_m_s,
             direction=orbit.direction,
             braking_m_s2=limits.acceleration_m_s2 / 2,
         )
+        relative_m_s = field(off_m)
+        target_m_s2 = target_m_s2 + (field(off_m + now.dt_s * relative_m_s) - relative_m_s) / now.dt_s
     return following_velocity(
         ahead.velocity_m_s[:2],
         target_m_s,

@@ -63,7 +63,7 @@ class Report:
     source_s: float = nan
 
 
-VELOCITY_DEVIATION_M_S: Final = 0.3
+VELOCITY_DEVIATION_M_S: Final = 0.15
 """Of a reported velocity along each axis, where the source does not say."""
 
 
