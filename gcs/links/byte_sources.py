@@ -1,0 +1,241 @@
+"""Bytes without end, of a UDP port, a connection over TCP or TLS, or a serial port that is opened again."""
+
+import asyncio
+import logging
+import socket
+import ssl
+from collections.abc import AsyncGenerator, Awaitable, Callable
+from contextlib import aclosing
+from dataclasses import dataclass
+from ipaddress import ip_address
+from typing import Final, Protocol, TypeAlias
+
+import serial
+
+from gcs.links.intake import TURN_S, Arrived, Intake
+from gcs.links.reading import BUFFER_BYTES, DATAGRAM_BYTES, Reader
+from gcs.links.settings import SerialPort
+from gcs.model.errors import LinkError, quoted
+
+log = logging.getLogger(__name__)
+
+CHUNK_BYTES: Final = 8192
+"""Most that is read of a serial port in a turn."""
+
+SILENT_S: Final = 15.0
+"""A connection without a byte for so long is opened again; a UDP port is named."""
+
+RETRY_S: Final = 2.0
+GARBAGE_BYTES: Final = 4096
+"""A source that sends so much without one correct message is named."""
+
+_WAITING_BYTES: Final = 1 << 16
+_SERIAL_WAIT_S: Final = 0.2
+_SHOWN_BYTES: Final = 40
+_SILENT: Final = f"nothing for {SILENT_S:g} s"
+
+Chunks: TypeAlias = AsyncGenerator[bytes, None]
+"""What arrives, as admitted; empty: nothing has arrived for a while."""
+
+Feed: TypeAlias = Callable[[bytes], int]
+"""Takes what arrives; how many correct messages it completes, 0 for what makes no sense."""
+
+
+class Body(Protocol):
+    """Takes the data out of what a connection brings."""
+
+    @property
+    def ended(self) -> bool:
+        """Whether nothing can follow."""
+
+    @property
+    def turn_bytes(self) -> int:
+        """Most to read in a turn; flow control holds back the sender of more."""
+
+    def take(self, data: bytes) -> bytes:
+        """The data in these bytes. Raises: LinkError."""
+
+
+class Plain:
+    """Bytes that are all data."""
+
+    ended = False
+    turn_bytes = 1 << 17
+
+    def take(self, data: bytes) -> bytes:
+        return data
+
+
+Ask: TypeAlias = Callable[[asyncio.StreamReader, asyncio.StreamWriter], Awaitable[Body]]
+"""Asks the other side of a connection for data."""
+
+
+@dataclass(frozen=True, slots=True)
+class ByteSource:
+    """What bytes are read of, and what they should be.
+
+    Attributes:
+        name: for the log.
+        speaks: the protocol, for texts.
+        interrupted: the log's event when nothing can be read.
+        open: opens it. The generator raises OSError, EOFError, UnicodeError (a host name) or LinkError.
+        begin: what takes the bytes of one connection.
+    """
+
+    name: str
+    speaks: str
+    interrupted: str
+    open: Callable[[], Chunks]
+    begin: Callable[[], Feed]
+
+
+async def keep_reading(source: ByteSource, failed: Callable[[str], None]) -> None:
+    """Read without end, and open again what has ended; `failed` takes why no messages arrive."""
+    logged = ""
+    while True:
+        connection = _ByteConnection(source, failed)
+        try:
+            async with aclosing(source.open()) as chunks:
+                async for data in chunks:
+                    logged = "" if connection.take(data) else logged
+            why = connection.why_ended()
+        except (OSError, EOFError, UnicodeError, LinkError) as error:
+            why = _in_words(error)
+        if why != logged:
+            log.warning(source.interrupted, extra={"source": source.name, "cause": why})
+        logged = why
+        failed(why)
+        await asyncio.sleep(RETRY_S)
+
+
+class _ByteConnection:
+    """One connection, and whether it brings what it should."""
+
+    def __init__(self, source: ByteSource, failed: Callable[[str], None]) -> None:
+        self._source, self._failed = source, failed
+        self._feed, self._clock = source.begin(), asyncio.get_running_loop().time
+        self._first, self._messages, self._useless_bytes, self._arrived_s = b"", 0, 0, self._clock()
+
+    def take(self, data: bytes) -> int:
+        """How many messages these bytes complete."""
+        if not data:
+            if self._clock() - self._arrived_s >= SILENT_S:
+                self._failed(_SILENT)
+            return 0
+        self._arrived_s = self._clock()
+        self._first = self._first or data[:_SHOWN_BYTES]
+        count = self._feed(data)
+        self._messages += count
+        self._useless_bytes = 0 if count else self._useless_bytes + len(data)
+        if self._useless_bytes > GARBAGE_BYTES:
+            self._failed(f"more than {GARBAGE_BYTES} bytes without a message of {self._source.speaks}")
+        return count
+
+    def why_ended(self) -> str:
+        why = "the source has ended the connection"
+        if self._first and not self._messages:
+            why += f", and sent no {self._source.speaks}: {quoted(self._first)}"
+        return why
+
+
+def _in_words(error: Exception) -> str:
+    match error:
+        case ConnectionRefusedError():
+            return "connection refused"
+        case ssl.SSLCertVerificationError():
+            return f"refused: certificate: {getattr(error, 'verify_message', '') or error}"
+        case ssl.SSLError():
+            return f"refused: {(getattr(error, 'reason', '') or str(error)).replace('_', ' ').lower()}"
+        case TimeoutError():
+            return f"no answer for {SILENT_S:g} s"
+        case _:
+            return str(error) or type(error).__name__
+
+
+async def serial_chunks(place: SerialPort, intake: Intake) -> Chunks:
+    """What a serial port receives."""
+    clock = asyncio.get_running_loop().time
+    with serial.Serial(place.device, place.baud, timeout=_SERIAL_WAIT_S) as port:
+        silent_s = 0.0
+        while silent_s < SILENT_S:
+            data: bytes = await asyncio.to_thread(port.read, max(1, min(port.in_waiting, CHUNK_BYTES)))
+            silent_s = 0.0 if data else silent_s + _SERIAL_WAIT_S
+            yield intake.tail(data, place.device, clock())
+            await asyncio.sleep(TURN_S if data else 0.0)
+    raise LinkError(f"{place.device}: {_SILENT}")
+
+
+async def udp_chunks(host: str, port: int, intake: Intake, interface: str = "") -> Chunks:
+    """What a UDP port receives. A multicast group is joined at `interface`, an IP address; empty: any."""
+    waiting: asyncio.Queue[bytes] = asyncio.Queue(1)
+
+    def take(arrived: list[Arrived], now_s: float) -> None:
+        older = b"" if waiting.empty() else waiting.get_nowait()
+        admitted = b"".join(datagram.data for datagram in intake.admit(arrived, now_s))
+        waiting.put_nowait(older + admitted)
+
+    loop = asyncio.get_running_loop()
+    family, kind, _, _, place = (await loop.getaddrinfo(host, port, type=socket.SOCK_DGRAM))[0]
+    with socket.socket(family, kind) as bound:
+        bound.setblocking(False)
+        bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+        if ip_address(place[0]).is_multicast:
+            _join(bound, str(place[0]), interface)
+        bound.bind(place)
+        reader = Reader(bound.fileno(), lambda: Arrived(*bound.recvfrom(DATAGRAM_BYTES)), take)
+        reader.ended.add_done_callback(lambda _: take([], loop.time()))
+        try:
+            while not reader.ended.done():
+                try:
+                    async with asyncio.timeout(SILENT_S):
+                        data = await waiting.get()
+                except TimeoutError:
+                    data = b""
+                yield data
+            await reader.ended
+        finally:
+            reader.close()
+
+
+def _join(bound: socket.socket, group: str, interface: str) -> None:
+    bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # other programs here may receive the group
+    joined = socket.inet_aton(group) + socket.inet_aton(interface or "0.0.0.0")  # noqa: S104  any interface
+    bound.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, joined)
+
+
+async def plainly(_: asyncio.StreamReader, __: asyncio.StreamWriter) -> Body:
+    """The data come unasked."""
+    return Plain()
+
+
+async def stream_chunks(
+    host: str,
+    port: int,
+    intake: Intake,
+    *,
+    secure: Callable[[], ssl.SSLContext] | None = None,
+    ask: Ask = plainly,
+) -> Chunks:
+    """What a server sends over TCP; with `secure` over TLS."""
+    async with asyncio.timeout(SILENT_S):
+        reader, writer = await asyncio.open_connection(
+            host, port, ssl=secure() if secure else None, limit=_WAITING_BYTES
+        )
+    # what waits in the kernel is never older than some turns
+    writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+    clock, place = asyncio.get_running_loop().time, f"{host}:{port}"
+    try:
+        async with asyncio.timeout(SILENT_S):
+            body = await ask(reader, writer)
+        while not body.ended:
+            try:
+                async with asyncio.timeout(SILENT_S):
+                    data = await reader.read(body.turn_bytes)
+            except TimeoutError:
+                raise LinkError(_SILENT) from None
+            if not data:
+                return
+            yield intake.tail(body.take(data), place, clock())
+            await asyncio.sleep(TURN_S)
+    finally:
+        writer.close()
