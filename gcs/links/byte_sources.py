@@ -133,9 +133,9 @@ class _ByteConnection:
 
     def why_ended(self) -> str:
         why = "the source has ended the connection"
-        if self._first and not self._messages:
-            why += f", and sent no {self._source.speaks}: {quoted(self._first)}"
-        return why
+        if not self._first:
+            return f"{why}, and sent nothing"
+        return why if self._messages else f"{why}, and sent no {self._source.speaks}: {quoted(self._first)}"
 
 
 def _in_words(error: Exception) -> str:
@@ -199,8 +199,12 @@ async def udp_chunks(host: str, port: int, intake: Intake, interface: str = "") 
 
 def _join(bound: socket.socket, group: str, interface: str) -> None:
     bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # other programs here may receive the group
-    joined = socket.inet_aton(group) + socket.inet_aton(interface or "0.0.0.0")  # noqa: S104  any interface
-    bound.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, joined)
+    try:
+        joined = socket.inet_aton(group) + socket.inet_aton(interface or "0.0.0.0")  # noqa: S104  where a route is
+        bound.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, joined)
+    except OSError as error:
+        at, why = f" at {interface}" if interface else "", error.strerror or error
+        raise LinkError(f"group {group} cannot be joined{at}: {why}") from None
 
 
 async def plainly(_: asyncio.StreamReader, __: asyncio.StreamWriter) -> Body:
@@ -238,4 +242,4 @@ async def stream_chunks(
             yield intake.tail(body.take(data), place, clock())
             await asyncio.sleep(TURN_S)
     finally:
-        writer.close()
+        writer.transport.abort()  # nothing is left to send, and a peer that is silent delays no close
