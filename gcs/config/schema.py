@@ -51,7 +51,7 @@ class FlightSettings(Settings):
     """The sphere at the start, and the law that spreads the vehicles over it."""
     orbit: sections.OrbitSettings = sections.OrbitSettings()
     """The circle of the formation's centre around the target at the start."""
-    target: sections.TargetSettings = sections.TargetSettings()
+    target: sections.InitialTarget = sections.InitialTarget()
     """The target at the start, at rest."""
     yaw: sections.YawSettings = sections.YawSettings()
     """Heading of the vehicles at the start."""

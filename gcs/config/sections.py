@@ -340,7 +340,7 @@ class OrbitSettings(Settings):
     """Sense of the circle, seen from above."""
 
 
-class TargetSettings(Settings):
+class InitialTarget(Settings):
     """Initial target of the show, at rest."""
 
     x_m: float = 0.0

@@ -7,8 +7,8 @@ from typing import Annotated, Final
 
 from pydantic import Field, model_validator
 
-from gcs.links.settings import SerialPort, parse
-from gcs.links.targets.settings import RealTargetSettings
+from gcs.links.settings import SerialPort, serial_port
+from gcs.links.targets.settings import TargetSettings
 from gcs.mavlink.lights import LightDriver
 from gcs.model.errors import ConfigError
 from gcs.model.settings import Positive, Settings
@@ -50,12 +50,9 @@ class RtkSettings(Settings):
     """Corrections that are older count as stopped, in s."""
 
     @property
-    def device(self) -> tuple[str, int]:
-        """Device and baud rate of a serial source. Raises: ConfigError for another one."""
-        place = parse(self.source)
-        if not isinstance(place, SerialPort):
-            raise ConfigError(f"{self.source} is not a serial port")
-        return place.device, place.baud
+    def device(self) -> SerialPort:
+        """Of a serial source. Raises: ConfigError for another one."""
+        return serial_port(self.source)
 
     def login(self) -> str:
         """USER:PASSWORD, or empty. Raises: OSError when the file cannot be read."""
@@ -67,7 +64,7 @@ class RtkSettings(Settings):
     def _check(self) -> "RtkSettings":
         if self.source.startswith("serial://"):
             try:
-                parse(self.source)
+                serial_port(self.source)
             except ConfigError as error:
                 raise ValueError(f"source: {error}") from None
             return self
@@ -167,7 +164,7 @@ class FeatureSettings(StationInputs):
     """How the vehicles receive colours."""
     rtk: RtkSettings | None = None
     """Where corrections for RTK come from; without it none are sent."""
-    targets: Annotated[tuple[RealTargetSettings, ...], Field(max_length=16)] = ()
+    targets: Annotated[tuple[TargetSettings, ...], Field(max_length=16)] = ()
     """Targets that the formation can follow (docs/how-to/targets.md)."""
 
     @model_validator(mode="after")

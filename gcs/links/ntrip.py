@@ -9,6 +9,7 @@ from base64 import b64encode
 from dataclasses import dataclass
 from typing import ClassVar, Final
 
+from gcs.links.byte_sources import Plain
 from gcs.model.errors import LinkError, quoted
 
 _HEADERS_MAX: Final = 64
@@ -51,16 +52,6 @@ async def ask_caster(
     if coding not in {"identity", "chunked"}:
         raise LinkError(f"the caster sends with transfer coding {_shown(coding)}, not chunked")
     return Plain() if coding == "identity" else Chunked()
-
-
-class Plain:
-    """Bytes that are all data."""
-
-    ended = False
-    turn_bytes = 1 << 17
-
-    def take(self, data: bytes) -> bytes:
-        return data
 
 
 @dataclass(slots=True)

@@ -4,6 +4,7 @@ import asyncio
 import socket
 from collections.abc import AsyncGenerator, Callable
 from dataclasses import dataclass
+from ipaddress import ip_address
 from math import inf
 from typing import Final
 
@@ -96,10 +97,13 @@ class Reader:
         self._loop.remove_reader(self._file)
 
 
-async def datagrams(host: str, port: int, intake: Intake) -> AsyncGenerator[list[Arrived], None]:
+async def datagrams(
+    host: str, port: int, intake: Intake, interface: str = ""
+) -> AsyncGenerator[list[Arrived], None]:
     """Receive at a UDP address without end, and send nothing: what has arrived and may pass, in batches.
 
-    An empty batch: nothing arrived for `IDLE_S`.
+    An empty batch: nothing arrived for `IDLE_S`. A multicast group is joined at `interface`, an IP address;
+    empty: any.
 
     Raises: OSError, UnicodeError where the address cannot be used.
     """
@@ -114,6 +118,8 @@ async def datagrams(host: str, port: int, intake: Intake) -> AsyncGenerator[list
     with socket.socket(family, kind) as bound:
         bound.setblocking(False)
         bound.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER_BYTES)
+        if ip_address(place[0]).is_multicast:
+            _join(bound, str(place[0]), interface)
         bound.bind(place)
         reader = Reader(bound.fileno(), lambda: Arrived(*bound.recvfrom(DATAGRAM_BYTES)), take)
         reader.ended.add_done_callback(lambda _: take([], loop.time()))
@@ -126,3 +132,13 @@ async def datagrams(host: str, port: int, intake: Intake) -> AsyncGenerator[list
             await reader.ended
         finally:
             reader.close()
+
+
+def _join(bound: socket.socket, group: str, interface: str) -> None:
+    bound.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # other programs here may receive the group
+    try:
+        joined = socket.inet_aton(group) + socket.inet_aton(interface or "0.0.0.0")  # noqa: S104  where a route is
+        bound.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, joined)
+    except OSError as error:
+        at, why = f" at {interface}" if interface else "", error.strerror or error
+        raise LinkError(f"group {group} cannot be joined{at}: {why}") from None

@@ -115,6 +115,14 @@ def parse(url: str, port_count: int = 1) -> Place:
     return TcpIn(host, port) if kind == "tcpin" else TcpOut(host, port)
 
 
+def serial_port(url: str) -> SerialPort:
+    """The description of `serial://DEVICE:BAUD`. Raises: ConfigError."""
+    place = parse(url)
+    if not isinstance(place, SerialPort):
+        raise ConfigError(f"{url} is not a serial port")
+    return place
+
+
 def _numeric(url: str, host: str) -> str:
     """An IPv4 address. A host name would have to be resolved, which blocks, also in flight."""
     if host == "localhost":

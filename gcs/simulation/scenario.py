@@ -7,7 +7,7 @@ from typing import Annotated, Final, Literal, TypeAlias
 from pydantic import Field, StrictStr, ValidationError, field_validator, model_validator
 
 from gcs.config import yaml_files as documents
-from gcs.config.sections import OrbitSettings, TargetSettings
+from gcs.config.sections import InitialTarget, OrbitSettings
 from gcs.config.setting_errors import explained
 from gcs.config.yaml_files import Source
 from gcs.control import ControlSettings
@@ -75,7 +75,7 @@ class World(Settings):
         return names
 
 
-class SteadyTarget(TargetSettings):
+class SteadyTarget(InitialTarget):
     """A ground target with constant velocity."""
 
     velocity_x_m_s: float = 0.0

@@ -10,6 +10,7 @@ import pytest
 from gcs.links import intake
 from gcs.links.rtk import CORRECTIONS
 from gcs.links.targets.mavlink import TELEMETRY
+from gcs.links.targets.receive import TARGETS
 from gcs.shows.timecode.receiver import MIDI, SAMPLE_BYTES
 
 ROOT = Path(__file__).parents[2]
@@ -94,6 +95,7 @@ def test_a_new_input_is_found(source: str) -> None:
         ("timecode over RTP or UDP, a MIDI port", MIDI),
         ("timecode as sound", intake.sound(48_000.0, SAMPLE_BYTES)),
         ("further ground stations", intake.FORWARDED),
+        ("sources of targets", TARGETS),
         ("vehicles over UDP", intake.of_vehicles(0)),
     ],
 )

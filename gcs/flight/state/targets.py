@@ -15,8 +15,8 @@ from gcs.estimation.targets.tracker import Report, Tracker, TrackState
 from gcs.flight.state.feature import Feature, Instant
 from gcs.flight.state.flight import Flight
 from gcs.links.intake import Intake
-from gcs.links.targets.receive import TARGETS, keep_receiving
-from gcs.links.targets.settings import RealTargetSettings
+from gcs.links.targets.receive import intake_of, keep_receiving
+from gcs.links.targets.settings import TargetSettings
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Target
@@ -30,18 +30,18 @@ from gcs.service.features import TargetsView, TargetView
 class Tracked:
     """One target of the configuration, and what its sources say of themselves."""
 
-    settings: RealTargetSettings
+    settings: TargetSettings
     estimate: TargetEstimate
     intakes: Sequence[Intake]
     problems: list[str] = field(default_factory=list)  # of each source, in words; empty: none
 
     @staticmethod
-    def of(settings: RealTargetSettings) -> "Tracked":
+    def of(settings: TargetSettings) -> "Tracked":
         trackers = [
             Tracker(settings.deviation_m, settings.coast_s, SourceClock(settings.delay_s))
             for _ in settings.sources
         ]
-        intakes = [Intake(f"target {settings.name} {source.kind}", TARGETS) for source in settings.sources]
+        intakes = [intake_of(settings.name, source) for source in settings.sources]
         return Tracked(settings, TargetEstimate(trackers), intakes, [""] * len(trackers))
 
     def why(self, now_s: float) -> str:
@@ -60,7 +60,7 @@ class Targets(Feature):
 
     name = "targets"
 
-    def __init__(self, settings: Sequence[RealTargetSettings], flight: Flight, frame: ShowFrame) -> None:
+    def __init__(self, settings: Sequence[TargetSettings], flight: Flight, frame: ShowFrame) -> None:
         self._tracked = {each.name: Tracked.of(each) for each in settings}
         self._flight, self._frame = flight, frame
         self._selected = ""

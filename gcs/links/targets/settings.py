@@ -2,16 +2,33 @@
 
 from pathlib import Path
 from typing import Annotated, Final, Literal, TypeAlias
+from urllib.parse import urlsplit
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
+from gcs.links.settings import serial_port
+from gcs.model.errors import ConfigError
 from gcs.model.settings import NotNegative, Positive, Settings
+
+
+def _reachable(url: str) -> str:
+    if url.startswith("serial:"):
+        try:
+            serial_port(url)
+        except ConfigError as error:
+            raise ValueError(error) from None
+    elif not urlsplit(url).port:  # raises ValueError beyond 65535
+        raise ValueError(f"{url}: a port from 1 to 65535 is needed")
+    return url
+
+
+Reachable: Final = AfterValidator(_reachable)
 
 _UDP: Final = r"^udp://[A-Za-z0-9.-]{1,253}:\d{1,5}$"
 _SERIAL: Final = r"^serial:///?[^:]{1,200}:\d{1,8}$"
 _STREAMS: Final = r"^(udp|tcp)://[A-Za-z0-9.-]{1,253}:\d{1,5}$"
 
-Endpoint: TypeAlias = Annotated[str, Field(pattern=f"{_STREAMS}|{_SERIAL}")]
+Endpoint: TypeAlias = Annotated[str, Field(pattern=f"{_STREAMS}|{_SERIAL}"), Reachable]
 """`udp://` an address to receive at, `tcp://` one to connect to, or `serial://DEVICE:BAUD`."""
 
 
@@ -29,7 +46,9 @@ class GpsdSource(Settings):
 
     kind: Literal["gpsd"]
     """`gpsd`"""
-    at: Annotated[str, Field(pattern=r"^tcp://[A-Za-z0-9.-]{1,253}:\d{1,5}$")] = "tcp://127.0.0.1:2947"
+    at: Annotated[str, Field(pattern=r"^tcp://[A-Za-z0-9.-]{1,253}:\d{1,5}$"), Reachable] = (
+        "tcp://127.0.0.1:2947"
+    )
     """Where gpsd listens, `tcp://HOST:PORT`."""
     device: Annotated[str, Field(max_length=200)] = ""
     """The receiver that counts, as gpsd names it; empty: each."""
@@ -40,10 +59,14 @@ class CotSource(Settings):
 
     kind: Literal["cot"]
     """`cot`"""
-    at: Annotated[str, Field(pattern=r"^(udp|tcp|tls)://[A-Za-z0-9.-]{1,253}:\d{1,5}$")]
+    at: Annotated[str, Field(pattern=r"^(udp|tcp|tls)://[A-Za-z0-9.-]{1,253}:\d{1,5}$"), Reachable]
     """`udp://HOST:PORT` to receive at, also a multicast group; `tcp://` or `tls://` a server."""
     track: Annotated[str, Field(max_length=100)]
     """The uid or callsign of the track."""
+    interface: Annotated[str, Field(pattern=r"^(\d{1,3}(\.\d{1,3}){3})?$")] = ""
+    """IP address of this computer, where a multicast group is joined; empty: where the route leads."""
+    geoid_m: Annotated[float, Field(ge=-110, le=90)] | None = None
+    """Height of the geoid above the WGS84 ellipsoid there, in m; without it heights do not count."""
     certificate: Path | None = None
     """Client certificate for `tls://`, PEM with its key."""
     authority: Path | None = None
@@ -55,7 +78,7 @@ class MavlinkSource(Settings):
 
     kind: Literal["mavlink"]
     """`mavlink`"""
-    at: Annotated[str, Field(pattern=_UDP)]
+    at: Annotated[str, Field(pattern=_UDP), Reachable]
     """`udp://HOST:PORT` to receive at."""
     system_id: Annotated[int, Field(ge=1, le=255)]
     """The system that is followed; for ADS-B and AIS the one that reports them."""
@@ -89,7 +112,7 @@ TargetSource: TypeAlias = Annotated[
 ]
 
 
-class RealTargetSettings(Settings):
+class TargetSettings(Settings):
     """A target that the formation can follow, and where reports of it come from (docs/how-to/targets.md)."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]{1,32}$")]

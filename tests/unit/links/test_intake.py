@@ -18,7 +18,11 @@ from gcs.links.ntrip import Chunked
 from gcs.links.reading import READS_MAX, Reader
 from gcs.links.rtcm_stream import RtcmStream
 from gcs.links.rtk import CORRECTIONS
+from gcs.links.targets.cot import CotStream
+from gcs.links.targets.gpsd import GpsdStream
 from gcs.links.targets.mavlink import TELEMETRY, TargetReports
+from gcs.links.targets.nmea import NmeaStream
+from gcs.links.targets.receive import TARGETS
 from gcs.mavlink.codec import split
 from gcs.model.errors import LinkError
 from gcs.shows.timecode import Chase
@@ -27,6 +31,7 @@ from gcs.shows.timecode.receiver import MIDI, READINGS_MAX, SAMPLE_BYTES, pcm_de
 from gcs.shows.timecode.rtp_midi import MidiSession
 from gcs.shows.timecode.smpte import Rate, label_at
 from tests.support.rtcm import base_message, rtcm
+from tests.support.target_bytes import cot, gga, rmc, sentence, tpv
 from tests.support.target_fakes import aircraft, packed, position, source, vessel
 from tests.support.timecode import rtp
 from tests.support.work import lines_run
@@ -150,6 +155,20 @@ def of_a_target(track: str = "") -> Take:
     return partial(TargetReports(source(track=track), 0.0).take, now_s=0.0)
 
 
+def of_nmea() -> Take:
+    return partial(NmeaStream().take, now_s=0.0)
+
+
+def of_gpsd() -> Take:
+    return partial(GpsdStream().take, now_s=0.0)
+
+
+def of_tracks() -> Take:
+    return partial(CotStream("BOAT").take, now_s=0.0)
+
+
+SECONDS = b"".join(gga(f"1200{at:02d}") + rmc(f"1200{at:02d}") for at in range(60))
+TRACKS = b"".join(cot(f"U{at}", f"C{at}") for at in range(100))
 SOUND = sound(SAMPLES_PER_S, SAMPLE_BYTES)
 PING = bytes(dialect.MAVLink_ping_message(0, 0, 1, 1).pack(dialect.MAVLink(None, srcSystem=255)))
 FLOODS = {
@@ -169,6 +188,22 @@ FLOODS = {
     "target-aircraft": (TELEMETRY, packed(vessel(), aircraft()) * 10, partial(of_a_target, "4CA1B2")),
     "target-pings": (TELEMETRY, PING * 60, of_a_target),
     "target-junk": (TELEMETRY, b"\xfd\xfe" * 500, of_a_target),
+    "nmea": (TARGETS, SECONDS[:1400], of_nmea),
+    "nmea-shortest": (TARGETS, sentence("GPVTG,,T,,M,,N,,K") * 60, of_nmea),
+    "nmea-junk": (TARGETS, b"$GPGGA,12345678*" * 90, of_nmea),
+    "nmea-random": (TARGETS, JUNK["random"][:1400], of_nmea),
+    "gpsd": (TARGETS, tpv() * 5, of_gpsd),
+    "gpsd-lines": (TARGETS, b'{"class":"TPV"}\n' * 90, of_gpsd),
+    "gpsd-empty": (TARGETS, b"\n" * 1400, of_gpsd),
+    "cot": (TARGETS, TRACKS[:1400], of_tracks),
+    "cot-elements": (TARGETS, cot(detail="<a/>" * 300), of_tracks),
+    "cot-shortest": (
+        TARGETS,
+        b"<event type='a-f-S'><point lat='1' lon='1'/><!-- --></event>" * 20,
+        of_tracks,
+    ),
+    "cot-tags": (TARGETS, b"<event " * 200, of_tracks),
+    "cot-ends": (TARGETS, b"</event>" * 170, of_tracks),
 }
 
 
