@@ -51,7 +51,7 @@ class MovingTarget:
         if found is None:
             return was
         if state is TrackState.LOST:
-            return Target(*was.position_m(now_s), time_s=now_s)
+            return Target(*was.position_m(now_s), time_s=now_s, followed=True)
         (x_m, y_m), (x_m_s, y_m_s) = found.position_m.tolist(), found.velocity_m_s.tolist()
         x_m_s2, y_m_s2 = found.acceleration_m_s2.tolist()
         return Target(x_m, y_m, x_m_s, y_m_s, now_s, True, x_m_s2, y_m_s2, found.velocity_deviation_m_s)

@@ -60,7 +60,7 @@ POSITIONING: Final = {"share": 0.25, "fix_3d_m": 0.2}
 ORIGIN = {"latitude_deg": 47.397742, "longitude_deg": 8.545594, "altitude_amsl_m": 488.0}
 
 
-def show_config(count: int, **sections: Mapping[str, Any]) -> Config:
+def show_config(count: int, **sections: Mapping[str, Any] | list[Any]) -> Config:
     """A small show for `count` vehicles d1, d2 ...; `sections` are added to those of the same name."""
     raw: dict[str, Any] = {
         "show_frame": {**ORIGIN, "heading_deg": HEADING_DEG},
@@ -76,7 +76,7 @@ def show_config(count: int, **sections: Mapping[str, Any]) -> Config:
         "positioning": POSITIONING,
     }
     for name, section in sections.items():
-        raw[name] = {**raw.get(name, {}), **section}
+        raw[name] = section if isinstance(section, list) else {**raw.get(name, {}), **section}
     return Config.model_validate(raw)
 
 

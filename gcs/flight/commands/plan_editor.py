@@ -95,7 +95,8 @@ class PlanEditor:
     def hold_target(self) -> None:
         now_s = self.now_s()
         self.targets.select("")
-        self.show_player.set_target(Target(*self.in_force.plan.target.position_m(now_s), time_s=now_s))
+        here_m = self.in_force.plan.target.position_m(now_s)
+        self.show_player.set_target(Target(*here_m, time_s=now_s, followed=True))
 
     def report_target(self, name: str, fix: TargetFix) -> None:
         self.targets.report(name, fix)

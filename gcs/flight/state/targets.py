@@ -132,7 +132,7 @@ class Targets(Feature):
         x_m, y_m = motion.position_m.tolist()
         if state is TrackState.LOST:
             now = in_force.plan.target
-            self._held, target = True, Target(*now.position_m(at.time_s), time_s=at.time_s)
+            self._held, target = True, Target(*now.position_m(at.time_s), time_s=at.time_s, followed=True)
         else:
             (x_m_s, y_m_s), (x_m_s2, y_m_s2) = motion.velocity_m_s.tolist(), motion.acceleration_m_s2.tolist()
             deviation_m_s = motion.velocity_deviation_m_s

@@ -1,0 +1,165 @@
+"""A target that reports where it is: selected, followed, lost, and found again, in flight."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from gcs.model.errors import RefusedError, UnknownError
+from gcs.model.plan import Orbit
+from gcs.model.state import Array
+from gcs.model.target_fix import TargetFix
+from gcs.service.alarms import AlarmCause
+from gcs.service.features import TargetView
+from gcs.testing.virtual_show import VirtualShow, fly, refused, show_config
+
+TARGETS = {
+    "targets": [
+        {"name": "boat", "sources": [{"kind": "rest"}], "deviation_m": 0.5, "coast_s": 3.0},
+        {"name": "dinghy", "sources": [{"kind": "nmea", "at": "udp://127.0.0.1:10110"}]},
+    ]
+}
+
+SPEED_M_S, PERIOD_S = 3.0, 0.2
+
+THERE_M = np.array([0.0, 65.0, 0.0])
+"""60 m from where the boat begins."""
+
+
+def boat(show: VirtualShow) -> TargetView:
+    targets = show.view.features.targets
+    assert targets is not None
+    return targets.targets[0]
+
+
+def along_m(seconds: float) -> Array:
+    """(3,) straight on, to the north-east of the show's origin."""
+    return np.array([SPEED_M_S * seconds, 5.0, 0.0])
+
+
+async def report(
+    show: VirtualShow, seconds: float, place: Callable[[float], Array] = along_m, *, begin_s: float = 0.0
+) -> None:
+    """Report the boat five times a second for so long; `place` gets the seconds since `begin_s`."""
+    for number in range(round(seconds / PERIOD_S)):
+        place_m = place(begin_s + number * PERIOD_S)
+        latitude_deg, longitude_deg, _ = show.config.frame.geodetic(place_m[None])
+        fix = TargetFix(show.now_s, float(latitude_deg[0]), float(longitude_deg[0]))
+        show.service.plan.report_target("boat", fix)
+        await show.wait(PERIOD_S)
+
+
+def off_m(show: VirtualShow, place_m: Array) -> float:
+    return float(np.hypot(*(show.true_m.mean(axis=0) - place_m)[:2]))
+
+
+def alarms(show: VirtualShow) -> set[AlarmCause]:
+    return {alarm.cause for alarm in show.view.alarms if alarm.lasts}
+
+
+def test_boat_is_followed_lost_and_found_again() -> None:
+    async def story(show: VirtualShow) -> dict[str, float]:
+        await show.start()
+        show.service.plan.set_orbit(Orbit(0.0, 4.0))
+        show.service.plan.select_target("boat")
+        assert boat(show).state == "none"
+        await report(show, 25.0)
+        followed_m = off_m(show, along_m(25.0))
+        assert boat(show).state == "tracked"
+        assert AlarmCause.TARGET_LOST not in alarms(show)
+        await show.wait(2.0)
+        assert boat(show).state == "coasting"
+        coasting_m = off_m(show, along_m(27.0))
+        assert AlarmCause.TARGET_LOST in alarms(show)
+        await show.wait(10.0)
+        assert boat(show).state == "lost"
+        held_m = show.true_m.mean(axis=0)
+        await show.wait(5.0)
+        drift_m = off_m(show, held_m)
+        await report(show, 15.0, begin_s=30.0)
+        assert boat(show).state == "tracked"
+        return {
+            "followed": followed_m,
+            "coasting": coasting_m,
+            "drift": drift_m,
+            "again": off_m(show, along_m(45.0)),
+            "violations": float(show.floor_violations()),
+        }
+
+    off = fly(story, show_config(4, **TARGETS))
+    assert off["followed"] < 1.0
+    assert off["coasting"] < 1.5
+    assert off["drift"] < 0.3
+    assert off["again"] < 1.0
+    assert off["violations"] == 0.0
+
+
+def test_target_that_jumps_is_not_followed_there() -> None:
+    """Selected again it is believed, wherever it is."""
+
+    async def story(show: VirtualShow) -> tuple[float, float]:
+        await show.start()
+        show.service.plan.set_orbit(Orbit(0.0, 4.0))
+        await report(show, 2.0, lambda _: along_m(0.0))
+        show.service.plan.select_target("boat")
+        await report(show, 15.0, lambda _: along_m(0.0))
+        stood_m = show.true_m.mean(axis=0)
+        await report(show, 20.0, lambda _: THERE_M)
+        went_m = off_m(show, stood_m)
+        assert "from where it was expected" in boat(show).why
+        show.service.plan.select_target("boat")
+        await report(show, 30.0, lambda _: THERE_M)
+        return went_m, off_m(show, THERE_M)
+
+    went_m, there_m = fly(story, show_config(4, **TARGETS))
+    assert went_m < 3.0
+    assert there_m < 1.0
+
+
+def test_operator_holds_and_takes_the_target_back() -> None:
+    async def story(show: VirtualShow) -> float:
+        await show.start()
+        show.service.plan.set_orbit(Orbit(0.0, 4.0))
+        show.service.plan.select_target("boat")
+        await report(show, 15.0)
+        show.service.plan.hold_target()
+        targets = show.view.features.targets
+        assert targets is not None
+        await report(show, 10.0, begin_s=15.0)
+        assert show.view.features.targets.selected == ""  # type: ignore[union-attr]
+        return off_m(show, along_m(15.0))
+
+    assert fly(story, show_config(4, **TARGETS)) < 3.0
+
+
+def test_refusals_name_the_targets() -> None:
+    async def story(show: VirtualShow) -> None:
+        await show.standby()
+        plan = show.service.plan
+        unknown = await refused(show, lambda: plan.select_target("bota"))
+        assert unknown.kind is UnknownError
+        assert "there are boat, dinghy" in unknown.text
+        other = await refused(show, lambda: plan.report_target("dinghy", TargetFix(0.0, 47.0, 8.0)))
+        assert other.kind is RefusedError
+        assert "has no source of kind rest; it has nmea" in other.text
+
+    fly(story, show_config(4, **TARGETS))
+
+
+def test_start_needs_the_selected_target() -> None:
+    async def story(show: VirtualShow) -> None:
+        await show.standby()
+        show.service.plan.select_target("boat")
+        check = {each.name: each for each in show.service.preflight.report().fleet}["target-tracked"]
+        assert not check.passes
+        assert "boat: nothing was received yet" in check.problem
+        await report(show, 2.0, lambda _: along_m(0.0))
+        check = {each.name: each for each in show.service.preflight.report().fleet}["target-tracked"]
+        assert check.passes
+
+    fly(story, show_config(4, **TARGETS))
+
+
+def test_two_targets_need_two_names() -> None:
+    with pytest.raises(Exception, match="boat is there twice"):
+        show_config(4, targets=[TARGETS["targets"][0]] * 2)
