@@ -8,11 +8,11 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from time import time
-from typing import NamedTuple, get_args
+from typing import BinaryIO, NamedTuple, get_args
 from urllib.parse import urlsplit
 
 from gcs.sim.endpoint import MAX_PORT, Port, PortError, noted_stops, own_ports, serve, shared_ports
-from gcs.sim.ground_truth import FIRST_PORT, HOST, GroundTruthFile
+from gcs.sim.ground_truth import FIRST_PORT, HOST, GroundTruthFile, TargetTruthFile
 from gcs.sim.mixed import KINDS
 from gcs.sim.protocol.streams import RECORDED_HZ, lean_hz
 from gcs.sim.settings import MAX_SYSTEM_ID, PAD_SPACING_M, Autopilot, Origin, Settings
@@ -196,7 +196,7 @@ FORMATS = {
     ),
 }
 
-FOR_BOTH = {"noise", "seed", "origin", "heading", "grid_at"}
+FOR_BOTH = {"noise", "seed", "origin", "heading", "grid_at", "truth"}
 """Options of vehicles that a target has as well."""
 
 
@@ -289,11 +289,7 @@ def fly(given: argparse.Namespace, greeting: str) -> None:
         return
     ports = _checked_ports(given)
     with contextlib.ExitStack() as stack:
-        try:
-            file = None if given.truth is None else stack.enter_context(open(given.truth, "wb"))  # noqa: PTH123
-        except OSError as error:
-            raise FleetError(1, f"--truth {given.truth}: {error.strerror}") from error
-        truth = None if file is None else GroundTruthFile(file)
+        truth = None if given.truth is None else GroundTruthFile(_truth_file(given, stack))
         try:
             serve(
                 _settings(given),
@@ -386,6 +382,14 @@ def _check_parameter(name: str, value: Value | Sequence[Value], lists: Sequence[
         raise FleetError(2, f"--param {error}") from None
 
 
+def _truth_file(given: argparse.Namespace, stack: contextlib.ExitStack) -> BinaryIO:
+    """Raises: FleetError when it cannot be written."""
+    try:
+        return stack.enter_context(open(given.truth, "wb"))  # noqa: PTH123
+    except OSError as error:
+        raise FleetError(1, f"--truth {given.truth}: {error.strerror}") from error
+
+
 def _send_target(given: argparse.Namespace, greeting: str) -> None:
     host, port = _target_address(given)
     origin, motion = _motion(given)
@@ -413,7 +417,8 @@ def _send_target(given: argparse.Namespace, greeting: str) -> None:
         stops = noted_stops(stack)
         print(greeting, flush=True)  # noqa: T201 - the command's output
         encode = FORMATS[given.send].encoder(given, time())
-        send(reports(motion, origin, errors, given.seed), encode, outlet, stops)
+        note = None if given.truth is None else TargetTruthFile(_truth_file(given, stack), motion).note
+        send(reports(motion, origin, errors, given.seed), encode, outlet, stops, note)
 
 
 def _motion(given: argparse.Namespace) -> tuple[Origin, motions.Motion]:

@@ -8,6 +8,7 @@ from pydantic_core import to_json
 from pymavlink.dialects.v20 import common
 
 from gcs.sim.mixed import AnyFleet
+from gcs.sim.targets.motions import Motion
 
 HOST = "127.0.0.1"
 PERIOD_S = 0.05
@@ -39,6 +40,20 @@ class GroundTruthFile:
         if not self._due.is_due(time_s):
             return
         self._file.write(to_json(sample(fleet, time_s)) + b"\n")
+        self._file.flush()
+
+
+class TargetTruthFile:
+    """The same of a target: one line with each report, north and east of its origin."""
+
+    def __init__(self, file: BinaryIO, motion: Motion) -> None:
+        self._file, self._motion = file, motion
+
+    def note(self, time_s: float, since_s: float) -> None:
+        """Write where it is at time_s (CLOCK_MONOTONIC), since_s after it began to move."""
+        state = self._motion(since_s)
+        line = {"time_s": round(time_s, 6), "ned_m": [round(each, 4) for each in state[:3]]}
+        self._file.write(to_json(line) + b"\n")
         self._file.flush()
 
 

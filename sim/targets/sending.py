@@ -4,7 +4,7 @@ import json
 import selectors
 import socket
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing, suppress
 from typing import Protocol
 
@@ -136,8 +136,17 @@ class GpsdServer:
             client.close()
 
 
-def send(reports: Iterable[Report], encode: Encoder, outlet: Outlet, stops: Sequence[int]) -> None:
-    """Send each report when it is due, until a request to stop arrives."""
+def send(
+    reports: Iterable[Report],
+    encode: Encoder,
+    outlet: Outlet,
+    stops: Sequence[int],
+    note: Callable[[float, float], None] | None = None,
+) -> None:
+    """Send each report when it is due, until a request to stop arrives.
+
+    `note` is given the time, CLOCK_MONOTONIC, and that since the motion began, with each report.
+    """
     begin_s = time.monotonic()
     with closing(outlet):
         for report in reports:
@@ -147,3 +156,5 @@ def send(reports: Iterable[Report], encode: Encoder, outlet: Outlet, stops: Sequ
                 return
             if wait_s > -LATE_S:
                 outlet.send(encode(report))
+            if note is not None:
+                note(time.monotonic(), time.monotonic() - begin_s)

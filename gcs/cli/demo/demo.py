@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from gcs.cli.demo import demo_report as report
-from gcs.cli.demo import demo_script, demo_show, demo_site
+from gcs.cli.demo import demo_script, demo_show, demo_site, demo_target
 from gcs.cli.demo.demo_script import DemoScript, Marks, Scale, StoppedEarlyError
 from gcs.cli.demo.demo_show import ShowScript
 from gcs.cli.output import REFUSED, Say, answer, failed, lines
@@ -83,6 +83,8 @@ def run_demo(arguments: argparse.Namespace) -> int:
     answer(arguments, figures, report.summary(figures), indent=None)
     good = figures["landed"] == arguments.vehicles and not figures["separation_violations"]
     follows = loaded is None or loaded.drawing is None or _follows(figures)
+    if arguments.target is not None:
+        follows = float(str(figures.get("target_p95_m", "inf"))) <= demo_target.P95_MAX_M
     return 0 if good and follows and not figures["obstacle_penetrations"] else 1
 
 
@@ -114,6 +116,8 @@ def make_config(arguments: argparse.Namespace) -> configuration.Config:
         raw["api"]["port"] = arguments.api_port
     if (loaded := demo_show.loaded_for(arguments)) is not None:
         demo_show.fit(raw, loaded)
+    if arguments.target is not None:
+        demo_target.fit(raw, arguments.target)
     base = configuration.Config.model_validate(raw)
     spare, lowest_m = LARGE_SPHERE if large else SPHERE
     least_m = smallest_formation_radius_m(count, base.control.safety, _uncertainty_m(base, arguments))
@@ -228,10 +232,14 @@ async def _fly(
     several = bool(config.stations)
     own, site = (station_config(config, demo_site.NAMES[0]), config) if several else (config, None)
     alone: AbstractContextManager[dict[str, str]] = nullcontext({})
+    target: AbstractContextManager[None] = nullcontext()
+    target_truth = truth.with_name("target.jsonl")
+    if arguments.target is not None:
+        target = demo_target.fake_target(config, arguments.target, arguments.seed, target_truth)
     beside = demo_site.other_stations(config, truth.parent) if several else alone
     places = None if loaded is None else demo_show.grid_options(loaded)
     parts: list[int] = []
-    with fake_fleet(config, arguments, truth, places), beside as others:
+    with fake_fleet(config, arguments, truth, places), beside as others, target:
         async with running(own, site=site) as (service, port):
             url = f"http://{config.api.host}:{port}"
             describe(
@@ -242,7 +250,8 @@ async def _fly(
             with Client(url) as client:
                 scale = _scale(config)
                 seconds = arguments.seconds or max(demo_script.DEFAULT_S, scale.whole_s)
-                script: DemoScript | ShowScript = DemoScript(client, seconds, describe, scale)
+                make = DemoScript if arguments.target is None else demo_target.TargetScript
+                script: DemoScript | ShowScript = make(client, seconds, describe, scale)
                 if loaded is not None:
                     script = ShowScript(client, loaded, describe)
                 failure = await _fly_script(script)
@@ -262,6 +271,9 @@ async def _fly(
     if loaded is not None and loaded.drawing is not None:
         true = report.ground_truth(truth, config.frame, len(config.ids))
         figures |= demo_show.track_figures(true, loaded, table[:, [0, 7]], parts)
+    if isinstance(script, demo_target.TargetScript):
+        true = report.ground_truth(truth, config.frame, len(config.ids))
+        figures |= demo_target.figures(true, target_truth, config, script)
     for name, p99_ms in ticks_ms.items():
         figures[f"tick_p99_ms_{name}"] = p99_ms
     return figures

@@ -144,12 +144,7 @@ class DemoScript:
         """Fly the script. Raises: CommandError when vehicles do not connect, start or land in time."""
         try:
             self._take_off()
-            if self._whole:
-                self._orbit()
-                self._obstacle()
-                self._stay()
-            else:
-                self._circle()
+            self._fly_over()
         finally:
             self._come_home()
 
@@ -168,6 +163,15 @@ class DemoScript:
         self._until("assembly", 60.0, lambda: self._phase() == "running")
         self._say("assembled; the formation settles above the target")
         self._sleep(SETTLE_S if self._whole else SHORT_SETTLE_S)
+
+    def _fly_over(self) -> None:
+        """What is flown between take-off and return."""
+        if self._whole:
+            self._orbit()
+            self._obstacle()
+            self._stay()
+        else:
+            self._circle()
 
     def _start(self) -> CommandRecord:
         """Start as soon as preflight permits it. Raises: RefusedError with what is still wrong at the end."""
@@ -260,6 +264,9 @@ class DemoScript:
     def _target_m(self) -> tuple[float, float]:
         target = self._client.target()
         return target.x_m or 0.0, target.y_m or 0.0
+
+    def _now_s(self) -> float:
+        return time.monotonic()
 
     def _left_s(self) -> float:
         return self._end_s - time.monotonic()
