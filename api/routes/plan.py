@@ -15,7 +15,6 @@ from gcs.model.plan import Obstacle, Orbit
 from gcs.model.target_fix import TargetFix
 from gcs.service import TargetsView
 
-
 router = APIRouter(dependencies=TOKEN)
 
 YAW_FIELDS: Final = {"policy": "policy", "heading_deg": "fixed_rad"}

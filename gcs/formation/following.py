@@ -1,8 +1,8 @@
 """How the centre follows a target that moves: as fast as its vehicles can, and as smoothly as it is known.
 
-The centre's acceleration is that of the target and a share of what its velocity lacks; the velocity wanted is
-the target's and one that closes the distance, no faster than can still be braked. Measured in
-docs/decisions/targets.md.
+The centre's acceleration is that of the target and a share of what its velocity lacks. The desired velocity
+is the target's, and one that closes the distance, no faster than can still be braked. Measured: decision page
+Targets.
 """
 
 from dataclasses import dataclass
@@ -63,15 +63,15 @@ def following_velocity(
         velocity_m_s: (2,) of the centre now.
         target_m_s: (2,) of the target.
         target_m_s2: (2,) its acceleration.
-        relative_m_s: (2,) wanted relative to it: towards it (`closing_velocity`), or along its orbit.
+        relative_m_s: (2,) desired relative to it: towards it (`closing_velocity`), or along its orbit.
         limits: of the centre.
         deviation_m_s: standard deviation of the target's velocity along an axis.
         dt_s: of the step.
     """
-    wanted_m_s = target_m_s + relative_m_s
-    wanted_m_s = wanted_m_s * min(1.0, limits.speed_m_s / max(hypot(*wanted_m_s), 1e-9))
+    desired_m_s = target_m_s + relative_m_s
+    desired_m_s = desired_m_s * min(1.0, limits.speed_m_s / max(hypot(*desired_m_s), 1e-9))
     answer_per_s = max(ANSWER_PER_S / max(deviation_m_s / KNOWN_M_S, 1.0), ANSWER_LEAST_PER_S)
-    asked_m_s2 = target_m_s2 + answer_per_s * (wanted_m_s - velocity_m_s)
+    asked_m_s2 = target_m_s2 + answer_per_s * (desired_m_s - velocity_m_s)
     asked_m_s2 = asked_m_s2 * min(1.0, limits.acceleration_m_s2 / max(hypot(*asked_m_s2), 1e-9))
     reached: Array = np.asarray(velocity_m_s + dt_s * asked_m_s2)
     return reached

@@ -9,7 +9,7 @@ import numpy as np
 
 from gcs.estimation.targets.source_clock import SourceClock
 from gcs.estimation.targets.target import TargetEstimate
-from gcs.estimation.targets.tracker import Report, Tracker, TrackState
+from gcs.estimation.targets.tracker import TargetReport, Tracker, TrackState
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Target
 from gcs.model.state import Array
@@ -47,18 +47,18 @@ class MovingTarget:
         while self._next.sent_s <= now_s:
             self._estimate.tracker.take(self._report(self._next), 0.0)
             self._next = next(self._sent)
-        found, state = self._estimate.motion(now_s), self._estimate.state(now_s)
-        if found is None:
+        motion_now, state = self._estimate.motion(now_s), self._estimate.state(now_s)
+        if motion_now is None:
             return was
         if state is TrackState.LOST:
             return Target(*was.position_m(now_s), time_s=now_s, followed=True)
-        (x_m, y_m), (x_m_s, y_m_s) = found.position_m.tolist(), found.velocity_m_s.tolist()
-        x_m_s2, y_m_s2 = found.acceleration_m_s2.tolist()
-        return Target(x_m, y_m, x_m_s, y_m_s, now_s, True, x_m_s2, y_m_s2, found.velocity_deviation_m_s)
+        (x_m, y_m), (x_m_s, y_m_s) = motion_now.position_m.tolist(), motion_now.velocity_m_s.tolist()
+        x_m_s2, y_m_s2 = motion_now.acceleration_m_s2.tolist()
+        return Target(x_m, y_m, x_m_s, y_m_s, now_s, True, x_m_s2, y_m_s2, motion_now.velocity_deviation_m_s)
 
-    def _report(self, sent: Sent) -> Report:
+    def _report(self, sent: Sent) -> TargetReport:
         degrees = (np.array([sent.latitude_deg]), np.array([sent.longitude_deg]))
         place_m = FRAME.position_m(*degrees, np.array([ORIGIN.altitude_amsl_m]))[0]
         moves_m_s = (sent.north_m_s, sent.east_m_s) if self._settings.velocity else (nan, nan)
         place = (float(place_m[0]), float(place_m[1]))
-        return Report(sent.sent_s, place, moves_m_s, sent.deviation_m, source_s=sent.clock_s)
+        return TargetReport(sent.sent_s, place, moves_m_s, sent.deviation_m, source_s=sent.clock_s)

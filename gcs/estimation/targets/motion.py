@@ -38,7 +38,7 @@ STRAIGHT_RAD: Final = 1e-4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Belief:
+class TargetBelief:
     """What is believed of one target at a time. Owns its arrays."""
 
     time_s: float
@@ -48,7 +48,7 @@ class Belief:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Motion:
+class TargetMotion:
     """How a target moves at one time, all models together. Show frame."""
 
     position_m: Array  # (2,)
@@ -67,7 +67,7 @@ class Motion:
         return float(np.sqrt(max(np.trace(self.covariance[2:, 2:]) / 2.0, 0.0)))
 
 
-def begun(time_s: float, reported: Array, variance: Array) -> Belief:
+def begun(time_s: float, reported: Array, variance: Array) -> TargetBelief:
     """The belief after a first report.
 
     Args:
@@ -76,22 +76,22 @@ def begun(time_s: float, reported: Array, variance: Array) -> Belief:
         variance: (2,) or (4,) of these.
     """
     mean, covariance = np.zeros((MODELS, STATES)), np.zeros((MODELS, STATES, STATES))
-    known = np.array([0.0, 0.0, FASTEST_M_S**2, FASTEST_M_S**2, TURN_VARIANCE])
-    known[: len(variance)] = variance
+    diagonal = np.array([0.0, 0.0, FASTEST_M_S**2, FASTEST_M_S**2, TURN_VARIANCE])
+    diagonal[: len(variance)] = variance
     for model in range(MODELS):
         mean[model, : len(reported)] = reported
-        covariance[model] = np.diag(known)
-    return Belief(time_s, mean, covariance, np.array([0.5, 0.3, 0.2]))
+        covariance[model] = np.diag(diagonal)
+    return TargetBelief(time_s, mean, covariance, np.array([0.5, 0.3, 0.2]))
 
 
-def foreseen(belief: Belief, time_s: float) -> Motion:
+def foreseen(belief: TargetBelief, time_s: float) -> TargetMotion:
     """How the target moves at `time_s`; earlier than the belief counts as its time."""
     mean, covariance = _moved(belief.mean, belief.covariance, max(time_s - belief.time_s, 0.0))
     together, spread, acceleration_m_s2 = _together(mean, covariance, belief.weight)
-    return Motion(together[:2], together[2:4], acceleration_m_s2, spread[:4, :4])
+    return TargetMotion(together[:2], together[2:4], acceleration_m_s2, spread[:4, :4])
 
 
-def off_deviations(motion: Motion, position_m: Array, variance_m2: float) -> float:
+def off_deviations(motion: TargetMotion, position_m: Array, variance_m2: float) -> float:
     """How far (2,) is from where the target was foreseen, in standard deviations of both together."""
     x, y = position_m[0] - motion.position_m[0], position_m[1] - motion.position_m[1]
     a, b = motion.covariance[0, 0] + variance_m2, motion.covariance[0, 1]
@@ -99,7 +99,7 @@ def off_deviations(motion: Motion, position_m: Array, variance_m2: float) -> flo
     return float(np.sqrt(max((c * x * x - 2.0 * b * x * y + a * y * y) / (a * c - b * b), 0.0)))
 
 
-def corrected(belief: Belief, time_s: float, reported: Array, variance: Array) -> Belief:
+def corrected(belief: TargetBelief, time_s: float, reported: Array, variance: Array) -> TargetBelief:
     """The belief after one more report, not earlier than it; the arguments are those of `begun`."""
     mean, covariance, weight = _corrected(
         belief.mean,
@@ -109,7 +109,7 @@ def corrected(belief: Belief, time_s: float, reported: Array, variance: Array) -
         np.array(reported, dtype=np.float64),
         np.array(variance, dtype=np.float64),
     )
-    return Belief(max(time_s, belief.time_s), mean, covariance, weight)
+    return TargetBelief(max(time_s, belief.time_s), mean, covariance, weight)
 
 
 def warm_up() -> None:

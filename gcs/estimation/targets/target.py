@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from gcs.estimation.targets.motion import Motion
+from gcs.estimation.targets.motion import TargetMotion
 from gcs.estimation.targets.tracker import Tracker, TrackState
 from gcs.model.state import Array
 
@@ -41,7 +41,7 @@ class TargetEstimate:
         """The one that counts."""
         return self.trackers[self.counts]
 
-    def motion(self, now_s: float) -> Motion | None:
+    def motion(self, now_s: float) -> TargetMotion | None:
         """How the target moves at `now_s`; None: nothing was received. Call it once a tick."""
         best = self._best(now_s)
         motion = self.trackers[best].motion(now_s)
@@ -81,11 +81,11 @@ class TargetEstimate:
     def _best(self, now_s: float) -> int:
         """The first that is tracked; else the one that counts while it coasts; else the newest."""
         states = [tracker.state(now_s) for tracker in self.trackers]
-        for wanted in BETTER:
-            if wanted is not TrackState.TRACKED and states[self.counts] is wanted:
+        for desired in BETTER:
+            if desired is not TrackState.TRACKED and states[self.counts] is desired:
                 return self.counts
-            if wanted in states:
-                return states.index(wanted)
+            if desired in states:
+                return states.index(desired)
         return self.counts
 
     def _bridge(self, now_s: float) -> Array:

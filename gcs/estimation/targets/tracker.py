@@ -9,7 +9,14 @@ from typing import Final
 
 import numpy as np
 
-from gcs.estimation.targets.motion import Belief, Motion, begun, corrected, foreseen, off_deviations
+from gcs.estimation.targets.motion import (
+    TargetBelief,
+    TargetMotion,
+    begun,
+    corrected,
+    foreseen,
+    off_deviations,
+)
 from gcs.estimation.targets.source_clock import SourceClock
 from gcs.model.state import Array
 
@@ -52,7 +59,7 @@ class TrackState(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Report:
+class TargetReport:
     """A report in the show frame. NaN where the source does not say."""
 
     arrived_s: float
@@ -85,7 +92,7 @@ class Tracker:
     deviation_m: float
     coast_s: float
     clock: SourceClock
-    belief: Belief | None = None
+    belief: TargetBelief | None = None
     newest_s: float = -inf
     period_s: float = 1.0
     why: str = ""
@@ -93,7 +100,7 @@ class Tracker:
     outliers: int = 0
     doubled: int = 0
     standing: int = 0
-    _believed: deque[tuple[float, Array, Array, Belief]] = field(
+    _believed: deque[tuple[float, Array, Array, TargetBelief]] = field(
         default_factory=lambda: deque(maxlen=KEPT), init=False
     )
     _arrived_s: float = field(default=-inf, init=False)
@@ -103,7 +110,7 @@ class Tracker:
     _refused_s: float = field(default=nan, init=False)  # when it began to be refused
     _late_s: float = field(default=0.0, init=False)  # how late the newest believed report was
 
-    def take(self, report: Report, unix_minus_loop_s: float = nan) -> None:
+    def take(self, report: TargetReport, unix_minus_loop_s: float = nan) -> None:
         """Take one report, whatever it says."""
         if not all(map(isfinite, report.position_m)) or hypot(*report.position_m) > FARTHEST_M:
             self.outliers += 1
@@ -133,7 +140,7 @@ class Tracker:
             return TrackState.TRACKED
         return TrackState.COASTING if silent_s - self._late_s <= self.coast_s else TrackState.LOST
 
-    def motion(self, now_s: float) -> Motion | None:
+    def motion(self, now_s: float) -> TargetMotion | None:
         """How the target moves at `now_s`; None: nothing was received."""
         return None if self.belief is None else foreseen(self.belief, now_s)
 
@@ -143,7 +150,7 @@ class Tracker:
         self._believed.clear()
         self._refused_s = self._since_s = nan
 
-    def _stands(self, report: Report) -> bool:
+    def _stands(self, report: TargetReport) -> bool:
         """Whether a source repeats a place although the target moves."""
         off_m = hypot(report.position_m[0] - self._place_m[0], report.position_m[1] - self._place_m[1])
         if not off_m <= STANDS_M:
@@ -161,7 +168,7 @@ class Tracker:
             self.period_s += 0.2 * (apart_s - self.period_s)
         self._arrived_s = arrived_s
 
-    def _believe(self, report: Report, was_s: float) -> None:
+    def _believe(self, report: TargetReport, was_s: float) -> None:
         reported, variance = self._values(report)
         before = self._before(was_s)
         if before is None:
@@ -180,7 +187,7 @@ class Tracker:
         self._insert(was_s, reported, variance, before)
         self._late_s = report.arrived_s - was_s
 
-    def _off_m(self, before: Belief, was_s: float, reported: Array, variance: Array) -> float:
+    def _off_m(self, before: TargetBelief, was_s: float, reported: Array, variance: Array) -> float:
         """How far a report is from where it is expected, if that is too far; else 0.
 
         While reports are refused the gate stops growing: what says another place stays refused.
@@ -193,11 +200,11 @@ class Tracker:
         near = off_m <= GATE_LEAST_M or off_deviations(expected, reported[:2], variance[0]) <= GATE
         return 0.0 if near else off_m
 
-    def _before(self, was_s: float) -> Belief | None:
+    def _before(self, was_s: float) -> TargetBelief | None:
         """The newest belief that is not later than a report; None: all that are kept are."""
         return next((belief for time_s, _, _, belief in reversed(self._believed) if time_s <= was_s), None)
 
-    def _values(self, report: Report) -> tuple[Array, Array]:
+    def _values(self, report: TargetReport) -> tuple[Array, Array]:
         deviation_m = report.deviation_m if isfinite(report.deviation_m) else self.deviation_m
         if not all(map(isfinite, report.velocity_m_s)):
             return np.array(report.position_m), np.full(2, deviation_m**2)
@@ -207,7 +214,7 @@ class Tracker:
         variance = np.array([deviation_m, deviation_m, deviation_m_s, deviation_m_s]) ** 2
         return np.array([*report.position_m, *report.velocity_m_s]), variance
 
-    def _insert(self, was_s: float, reported: Array, variance: Array, belief: Belief | None) -> None:
+    def _insert(self, was_s: float, reported: Array, variance: Array, belief: TargetBelief | None) -> None:
         """Believe a report after `belief`; later ones that arrived before it are believed again."""
         again = [(was_s, reported, variance)]
         while self._believed and self._believed[-1][0] > was_s:

@@ -11,7 +11,7 @@ import numpy as np
 
 from gcs.estimation.targets.source_clock import SourceClock
 from gcs.estimation.targets.target import TargetEstimate
-from gcs.estimation.targets.tracker import Report, Tracker, TrackState
+from gcs.estimation.targets.tracker import TargetReport, Tracker, TrackState
 from gcs.flight.state.feature import Feature, Instant
 from gcs.flight.state.flight import Flight
 from gcs.links.intake import Intake
@@ -49,10 +49,10 @@ class Tracked:
         state, counts = self.estimate.state(now_s), self.estimate.counts
         if state is TrackState.TRACKED:
             return ""
-        told = self.estimate.tracker.why or self.problems[counts]
+        reported = self.estimate.tracker.why or self.problems[counts]
         if state is TrackState.NONE:
-            return told or "nothing was received yet"
-        return told or f"nothing for {now_s - self.estimate.tracker.newest_s:.1f} s"
+            return reported or "nothing was received yet"
+        return reported or f"nothing for {now_s - self.estimate.tracker.newest_s:.1f} s"
 
 
 class Targets(Feature):
@@ -79,7 +79,7 @@ class Targets(Feature):
         degrees = (np.array([fix.latitude_deg]), np.array([fix.longitude_deg]))
         position_m = self._frame.position_m(*degrees, np.array([self._frame.altitude_amsl_m]))[0]
         velocity_m_s = self._frame.from_ned(np.array([fix.north_m_s, fix.east_m_s, 0.0]))
-        report = Report(
+        report = TargetReport(
             fix.arrived_s,
             (float(position_m[0]), float(position_m[1])),
             (float(velocity_m_s[0]), float(velocity_m_s[1])),

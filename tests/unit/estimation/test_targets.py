@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from gcs.estimation.targets.motion import begun, corrected, foreseen
 from gcs.estimation.targets.source_clock import SourceClock
 from gcs.estimation.targets.target import TargetEstimate
-from gcs.estimation.targets.tracker import Report, Tracker, TrackState
+from gcs.estimation.targets.tracker import TargetReport, Tracker, TrackState
 
 HZ, SPEED_M_S = 5.0, 5.0
 
@@ -26,13 +26,13 @@ def straight(time_s: float) -> tuple[float, float]:
 
 def reports(
     seconds: float, *, seed: int = 0, noise_m: float = 1.0, delay_s: float = 0.0, from_s: float = 0.0
-) -> Iterator[Report]:
+) -> Iterator[TargetReport]:
     """Of a target that moves straight on, by a clock that agrees with the loop's."""
     random = np.random.default_rng(seed)
     for number in range(round(seconds * HZ)):
         was_s = from_s + number / HZ
         x_m, y_m = np.array(straight(was_s)) + random.normal(0.0, noise_m, 2)
-        yield Report(was_s + delay_s, (float(x_m), float(y_m)), source_s=was_s)
+        yield TargetReport(was_s + delay_s, (float(x_m), float(y_m)), source_s=was_s)
 
 
 def fed(seconds: float = 20.0, **how: float) -> Tracker:
@@ -61,14 +61,14 @@ def test_clock_that_is_wrong_still_has_its_periods() -> None:
     for number in range(100):
         was_s = number / HZ
         jitter_s = random.uniform(0.0, 0.4)
-        known.take(Report(was_s + 0.3 + jitter_s, straight(was_s), source_s=was_s + 1e6), 0.0)
+        known.take(TargetReport(was_s + 0.3 + jitter_s, straight(was_s), source_s=was_s + 1e6), 0.0)
     assert off_m(known, 20.0) < 0.3
 
 
 def test_clock_that_steps_is_noticed_and_followed() -> None:
     known = fed(noise_m=0.1)
     for report in reports(10.0, noise_m=0.1, from_s=20.0):
-        known.take(Report(report.arrived_s, report.position_m, source_s=report.source_s - 50.0), 0.0)
+        known.take(TargetReport(report.arrived_s, report.position_m, source_s=report.source_s - 50.0), 0.0)
     assert known.clock.steps == 1
     assert off_m(known, 30.0) < 1.0
 
@@ -78,7 +78,7 @@ def test_source_that_repeats_a_place_is_named_and_not_believed() -> None:
     stood_m = straight(20.0)
     for number in range(10):
         now_s = 20.0 + number / HZ
-        known.take(Report(now_s, stood_m, source_s=now_s), 0.0)
+        known.take(TargetReport(now_s, stood_m, source_s=now_s), 0.0)
     assert known.standing > 0
     assert "repeated one place" in known.why
     assert known.state(22.0) is TrackState.COASTING
@@ -90,7 +90,7 @@ def test_target_that_stops_is_not_taken_for_a_frozen_source() -> None:
     for number in range(50):
         now_s = 20.0 + number / HZ
         x_m, y_m = np.array(straight(20.0)) + random.normal(0.0, 0.3, 2)
-        known.take(Report(now_s, (float(x_m), float(y_m)), source_s=now_s), 0.0)
+        known.take(TargetReport(now_s, (float(x_m), float(y_m)), source_s=now_s), 0.0)
     assert known.state(30.0) is TrackState.TRACKED
     motion = known.motion(30.0)
     assert motion is not None
@@ -101,11 +101,11 @@ def test_jump_stays_refused_and_is_named() -> None:
     known = fed(noise_m=0.3)
     for report in reports(60.0, noise_m=0.3, from_s=20.0):
         x_m, y_m = report.position_m
-        known.take(Report(report.arrived_s, (x_m, y_m + 100.0), source_s=report.source_s), 0.0)
+        known.take(TargetReport(report.arrived_s, (x_m, y_m + 100.0), source_s=report.source_s), 0.0)
     assert "m from where it was expected" in known.why
     assert known.state(80.0) is TrackState.LOST
     known.begin_again()
-    known.take(Report(80.0, (0.0, 100.0), source_s=80.0), 0.0)
+    known.take(TargetReport(80.0, (0.0, 100.0), source_s=80.0), 0.0)
     assert known.state(80.0) is TrackState.TRACKED
 
 
@@ -122,7 +122,7 @@ def test_target_is_found_again_after_a_drop_out(silent_s: float) -> None:
 def test_what_is_no_place_changes_nothing(place_m: tuple[float, float]) -> None:
     known = fed()
     before = known.belief
-    known.take(Report(20.0, place_m, source_s=20.0), 0.0)
+    known.take(TargetReport(20.0, place_m, source_s=20.0), 0.0)
     assert known.belief is before
     assert known.outliers == 1
 
@@ -213,8 +213,8 @@ def test_better_source_counts_without_a_jump() -> None:
         if tick % 4 == 0:
             x_m, y_m = straight(now_s)
             if not 20.0 <= now_s < 40.0:
-                best.take(Report(now_s, (x_m + random.normal(0.0, 0.2), y_m), source_s=now_s), 0.0)
-            other.take(Report(now_s, (x_m + 3.0, y_m + random.normal(0.0, 0.5)), source_s=now_s), 0.0)
+                best.take(TargetReport(now_s, (x_m + random.normal(0.0, 0.2), y_m), source_s=now_s), 0.0)
+            other.take(TargetReport(now_s, (x_m + 3.0, y_m + random.normal(0.0, 0.5)), source_s=now_s), 0.0)
         motion = target.motion(now_s)
         if motion is None or tick < 200:
             continue
@@ -231,6 +231,8 @@ def test_sources_that_contradict_each_other_are_noticed() -> None:
     target = TargetEstimate([best, other])
     for report in reports(20.0):
         best.take(report, 0.0)
-        other.take(Report(report.arrived_s, (report.position_m[0], 30.0), source_s=report.source_s), 0.0)
+        other.take(
+            TargetReport(report.arrived_s, (report.position_m[0], 30.0), source_s=report.source_s), 0.0
+        )
     assert target.motion(20.0) is not None
     assert target.apart_m(20.0) == pytest.approx(30.0, abs=2.0)

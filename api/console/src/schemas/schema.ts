@@ -65,7 +65,7 @@ export interface components {
          * @description Cause of an alarm.
          * @enum {string}
          */
-        AlarmCause: "killed" | "terminated" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "land-now" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "obstacle-near" | "obstacle-waits" | "no-headway" | "no-way" | "radius-small" | "uncertain-position" | "little-authority" | "slow-vehicle" | "slow-answers" | "height-differs" | "corrections-stopped" | "timecode" | "clock-doubtful" | "silent" | "poor-link" | "no-heartbeat" | "input-flooded" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
+        AlarmCause: "killed" | "terminated" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "land-now" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "target-lost" | "target-outruns" | "target-sources" | "obstacle-near" | "obstacle-waits" | "no-headway" | "no-way" | "radius-small" | "uncertain-position" | "little-authority" | "slow-vehicle" | "slow-answers" | "height-differs" | "corrections-stopped" | "timecode" | "clock-doubtful" | "silent" | "poor-link" | "no-heartbeat" | "input-flooded" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
         /** @description All alarms, and the overall severity. */
         AlarmList: {
             /** @description Lasting alarms before ended ones; the most severe first, of one severity the newest. */
@@ -300,6 +300,7 @@ export interface components {
         Features: {
             corrections: components["schemas"]["CorrectionsView"] | null;
             lights: components["schemas"]["LightsView"] | null;
+            targets: components["schemas"]["TargetsView"] | null;
             timecode: components["schemas"]["TimecodeView"] | null;
         };
         /** @description One invalid field. */
@@ -1575,6 +1576,66 @@ export interface components {
                     };
                 };
             };
+            "/api/v1/targets": {
+                get: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["TargetsView"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/targets/{name}": {
+                put: {
+                    parameters: {
+                        path: {
+                            name: string;
+                        };
+                    };
+                    requestBody: {
+                        content: {
+                            "application/json": components["schemas"]["TargetReport"];
+                        };
+                    };
+                    responses: {
+                        204: {
+                            content: Record<string, never>;
+                        };
+                    };
+                };
+            };
+            "/api/v1/targets/hold": {
+                post: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["Target"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/targets/select": {
+                post: {
+                    parameters: Record<string, never>;
+                    requestBody: {
+                        content: {
+                            "application/json": components["schemas"]["TargetName"];
+                        };
+                    };
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["TargetsView"];
+                            };
+                        };
+                    };
+                };
+            };
             "/api/v1/vehicles": {
                 get: {
                     parameters: Record<string, never>;
@@ -2372,6 +2433,64 @@ export interface components {
             velocity_north_m_s: number;
             velocity_x_m_s: number;
             velocity_y_m_s: number;
+            x_m: number | null;
+            y_m: number | null;
+        };
+        /** @description A target of the configuration. */
+        TargetName: {
+            /** @example boat */
+            name: string;
+        };
+        /** @description Where a target is, in WGS84; what is absent is not known. */
+        TargetReport: {
+            altitude_amsl_m?: number | null;
+            /** @description Standard deviation along each axis. */
+            deviation_m?: number | null;
+            east_m_s?: number | null;
+            /** @example 47.3977 */
+            latitude_deg: number;
+            /** @example 8.5456 */
+            longitude_deg: number;
+            north_m_s?: number | null;
+            /** @description When it was there, by the sender's clock: s since 1970, or from any begin. */
+            source_s?: number | null;
+            velocity_deviation_m_s?: number | null;
+        };
+        /** @description Targets that the formation can follow. */
+        TargetsView: {
+            /** @description The one that is followed; empty: the target of the plan. */
+            selected: string;
+            /** @description All of the configuration. */
+            targets: components["schemas"]["TargetView"][];
+        };
+        /** @description A target of the configuration, as its best source has it. Show frame. */
+        TargetView: {
+            /** @description Of the newest report that is believed; null: none. */
+            age_s: number | null;
+            /** @description Standard deviation of the estimate, along an axis. */
+            deviation_m: number | null;
+            name: string;
+            /** @description Reports a second; null: not known. */
+            rate_hz: number | null;
+            /** @description Reports that were not. */
+            refused: number;
+            /** @description Reports that were believed, of all its sources. */
+            reports: number;
+            /**
+             * @description Kind of the source that counts.
+             * @example nmea
+             */
+            source: string;
+            /**
+             * @description How well it is known. coasting: on its last motion. lost: the formation holds.
+             * @enum {string}
+             */
+            state: "none" | "tracked" | "coasting" | "lost";
+            velocity_x_m_s: number | null;
+            velocity_y_m_s: number | null;
+            /** @description Why it is not tracked; empty: it is. */
+            why: string;
+            /** @description Where it is estimated now; null: nowhere yet. */
             x_m: number | null;
             y_m: number | null;
         };
