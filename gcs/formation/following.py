@@ -19,7 +19,7 @@ SPEED_SHARE: Final = 0.8
 CLOSING_PER_S: Final = 1.0
 """Rate at which a small distance from the target decays."""
 
-ANSWER_PER_S, ANSWER_LEAST_PER_S = 3.0, 1.0
+ANSWER_PER_S, ANSWER_LEAST_PER_S = 4.0, 1.0
 """Rate at which the centre takes on a velocity that is known well, and one that is known badly."""
 
 KNOWN_M_S: Final = 0.3

@@ -14,7 +14,7 @@ from gcs.sim.vehicle.sensors import MAJOR_M, SQUARED
 
 ROUNDABOUT_M = 15.0
 CORNER_S = 10.0
-HAIRPIN_M, HAIRPIN_M_S = 4.0, 3.0
+HAIRPIN_M, HAIRPIN_M_S = 6.0, 3.0
 ASIDE_M_S2 = 4.0
 """Most acceleration towards the inside of a corner; tyres on a dry road hold twice as much."""
 
@@ -133,7 +133,7 @@ def _hairpin(speed_m_s: float, _random: Random) -> Iterator[Leg]:
     turn_rad_s = slow_m_s / HAIRPIN_M
     while True:
         yield Leg(6.0)
-        yield Leg((speed_m_s - slow_m_s) / 3.0, -3.0)
+        yield Leg((speed_m_s - slow_m_s) / 2.0, -2.0)
         yield Leg(pi / turn_rad_s, 0.0, turn_rad_s)
         yield Leg((speed_m_s - slow_m_s) / 2.0, 2.0)
 
