@@ -368,9 +368,15 @@ class PreflightGate:
             speed_need_m_s=0.0 if figures is None else figures.speed_max_m_s,
             speed_max_m_s=flight.newest.traits.speed_max_m_s,
             heights=flight.heights.found,
+            moved=flight.places.found,
             others=flight.elsewhere.placed(),
-            ahead_s=self.flight.unix_s() - flight.newest.state.time_s,
+            ahead_s=self._ahead_s,
         )
+
+    @property
+    def _ahead_s(self) -> float:
+        """Our Unix time minus the loop's clock."""
+        return self.flight.unix_s() - self.flight.newest.state.time_s
 
     def _pattern(self) -> Pattern | None:
         """Return the selected show's pads, in the order of the fleet; without a show the configured ones."""
@@ -554,8 +560,13 @@ class PreflightGate:
     def include(self, vehicle_id: VehicleId) -> CommandRecord:
         self.flight.show.need_no_countdown()
         self._need_ground(vehicle_id)
-        if self.flight.excluded.pop(vehicle_id, None) is None:
+        exclusion = self.flight.excluded.pop(vehicle_id, None)
+        if exclusion is None:
             raise RefusedError(f"{vehicle_id} was not taken out of the show")
+        since_s = self.flight.places.found.since_s + self._ahead_s
+        confirmed = since_s <= exclusion.unix_time_s  # what happened later was not seen by the operator
+        confirmed &= np.arange(len(since_s)) == self.flight.vehicles[vehicle_id].row
+        self.flight.places.forget(confirmed)
         log.info("included", extra={"vehicle": vehicle_id, "by": CALLER.get()})
         return self.flight.book.done("include", [vehicle_id])
 
