@@ -355,6 +355,10 @@ class Flight:
         return sum(link.setpoints_sent for link in self.links)
 
     @property
+    def late_samples(self) -> int:
+        return sum(link.counters.late_samples for link in self.links)
+
+    @property
     def instant(self) -> Instant:
         """What features are asked about."""
         return Instant(self.newest.state.time_s, self.show.phase, self.show.run)
