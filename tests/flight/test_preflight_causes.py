@@ -69,7 +69,6 @@ def undo(show: VirtualShow, vehicles: Sequence[VehicleId]) -> None:
     """Mend everything, as people on the field do after the test."""
     for vehicle in vehicles:
         show.befall(vehicle, "none")
-        show.befall(vehicle, "battery", remaining=1.0)
     show.ports.duplicated.clear()
     for each in show.service.plan.current.obstacles:
         show.service.plan.remove_obstacle(each.id)
