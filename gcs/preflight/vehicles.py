@@ -1,6 +1,7 @@
 """Checks of single vehicles. Pure."""
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from math import inf, isfinite, isinf, isnan
 
@@ -51,6 +52,7 @@ class PreflightInputs:
     moved: Moved | None = None  # the same
     foreign: Mapping[VehicleId, str] = field(default_factory=dict)  # another autopilot than configured
     without_autopilot: Mapping[VehicleId, Absent] = field(default_factory=dict)  # other components only
+    complaints: Mapping[VehicleId, Sequence[str]] = field(default_factory=dict)  # why it would not arm
 
     def is_placed(self, row: int) -> bool:
         """Whether its position is fresh, so that it can be checked."""
@@ -81,6 +83,12 @@ SENSOR_NAMES = {
 
 BY_RECEIVER = 0x20 | 0x100000 | 0x200000
 """Of these, those that a bad receiver alone makes unhealthy."""
+
+OF_RECEIVER = re.compile(r"gps|gnss|position|ekf|navigation", re.IGNORECASE)
+"""What an autopilot says of a bad receiver."""
+
+SAYS_MAX, SAYS_LENGTH = 4, 60
+"""So many of its texts are quoted, and so much of each."""
 
 RECEIVED_BY = ("fix", "accuracy sideways", "accuracy up", "position")
 POSITIONED_BY = (*RECEIVED_BY, "jump")
@@ -205,8 +213,15 @@ def _estimator(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check:
         problem = "its autopilot calls unhealthy what it flies by"
     if names:
         problem += f": {names}"
-    by_place = RECEIVED_BY if not unhealthy & ~BY_RECEIVER else ()
-    return Check("autopilot", State.FAIL, None, "", limit, problem, "wait, and read what it says", by_place)
+    says = [] if ready else inputs.complaints.get(vehicle_id, ())
+    to_do = "wait, and read what it says"
+    if says:
+        more = f" and {len(says) - SAYS_MAX} more" if len(says) > SAYS_MAX else ""
+        quoted = ", ".join(f'"{text[:SAYS_LENGTH]}"' for text in says[:SAYS_MAX])
+        problem, to_do = f"{problem}; it says {quoted}{more}", "mend what it says"
+    by_receiver = not unhealthy & ~BY_RECEIVER and all(map(OF_RECEIVER.search, says))
+    by_place = RECEIVED_BY if by_receiver else ()
+    return Check("autopilot", State.FAIL, None, "", limit, problem, to_do, by_place)
 
 
 def _battery(inputs: PreflightInputs, row: int) -> Check:

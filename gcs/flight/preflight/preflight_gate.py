@@ -14,6 +14,7 @@ from gcs.flight.shows.show_player import ShowPlayer
 from gcs.flight.state.flight import NOT_CHOSEN, Flight
 from gcs.flight.state.refusals import Refusals, with_alternative
 from gcs.flight.state.running_show import ShowRun
+from gcs.flight.state.vehicle import Vehicle
 from gcs.model.errors import GcsError, InvalidError, RefusedError
 from gcs.model.lifecycle import GROUNDED, ON_THE_GROUND, Phase
 from gcs.model.plan import Obstacle
@@ -369,9 +370,18 @@ class PreflightGate:
             speed_max_m_s=flight.newest.traits.speed_max_m_s,
             heights=flight.heights.found,
             moved=flight.places.found,
+            complaints={name: self._complaints(vehicle) for name, vehicle in flight.vehicles.items()},
             others=flight.elsewhere.placed(),
             ahead_s=self._ahead_s,
         )
+
+    def _complaints(self, vehicle: Vehicle) -> list[str]:
+        """Why its autopilot would not arm, in its own words."""
+        (prefix, lasts_s), newest = vehicle.autopilot.complains, self.flight.newest
+        texts = (each for each in newest.telemetry.texts[vehicle.row] if each.text.startswith(prefix))
+        return [
+            each.text.removeprefix(prefix) for each in texts if newest.state.time_s - each.time_s <= lasts_s
+        ]
 
     @property
     def _ahead_s(self) -> float:
