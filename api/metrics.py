@@ -47,6 +47,8 @@ class FleetCollector:
         yield CounterMetricFamily(
             "gcs_filter_interventions", "Vehicle-ticks that safety changed.", view.interventions
         )
+        text = "Samples that were dropped, being older than the newest of their kind."
+        yield CounterMetricFamily("gcs_late_samples", text, view.late_samples)
         yield _gauge(
             "gcs_minimum_separation_meters",
             "Between the nearest two that count, as believed; absent when there are none.",

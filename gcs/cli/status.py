@@ -22,7 +22,8 @@ from rich.text import Text
 from gcs.cli.alarms import PERIOD_S, alarm_lines, show_state
 from gcs.cli.output import REFUSED, kinds, print_json
 from gcs.cli.remote import add_connection, connected, document
-from gcs.model.lifecycle import Phase
+from gcs.model.errors import GcsError, RefusedError
+from gcs.model.lifecycle import ON_THE_GROUND, Phase
 
 if TYPE_CHECKING:
     from gcs.api.schemas import fleet as schemas
@@ -135,7 +136,12 @@ SORTED: Final = ("vehicle", "station", "phase", "autopilot", "battery", "link", 
 
 
 def board(
-    fleet: schemas.Fleet, width: int, *, columns: Sequence[str] | None = None, sort: str | None = None
+    fleet: schemas.Fleet,
+    width: int,
+    *,
+    columns: Sequence[str] | None = None,
+    sort: str | None = None,
+    ready: Text | None = None,
 ) -> RenderableType:
     """Format alarms, fleet and vehicles, `width` characters wide; without `columns` as many as fit."""
     vehicles = fleet.vehicles if sort is None else sorted(fleet.vehicles, key=COLUMNS[sort].key)
@@ -144,7 +150,28 @@ def board(
     alarms = alarm_lines(fleet.severity, fleet.alarms)
     reasons = [] if "why" in chosen else _reasons(vehicles)
     table = _table(vehicles, {name: shown[name] for name in chosen}, width)
-    return Group(*_not_received(fleet.stations), alarms, _head(fleet), Text(), table, *reasons)
+    top = [*_not_received(fleet.stations), alarms, *([] if ready is None else [ready])]
+    return Group(*top, _head(fleet), Text(), table, *reasons)
+
+
+def readiness(fleet: schemas.Fleet, ask: Callable[[], PreflightReport]) -> Text | None:
+    """Whether the station that is asked would accept a start, else what to mend first; in the air None."""
+    if fleet.show.phase not in ON_THE_GROUND or fleet.counts.airborne:
+        return None
+    which = "this station: " if fleet.stations else ""
+    if not fleet.control_alive:
+        return Text(f"{which}not ready: control is not alive", BAD)
+    try:
+        report = ask()
+    except RefusedError:  # it has taken off meanwhile
+        return None
+    except GcsError as error:
+        return Text(f"{which}not known whether a start would be accepted: {error}", BAD)
+    if report.passes:
+        return Text(f"{which}ready to start", "green")
+    more = f" (+{len(report.causes) - 1})" if len(report.causes) > 1 else ""
+    first = report.causes[0].text if report.causes else report.in_flight
+    return Text(f"{which}not ready: {first}{more}; see gcs preflight", BAD)
 
 
 def _station_column(stations: Sequence[StationView]) -> TableColumn:
@@ -383,12 +410,12 @@ def run_status(arguments: argparse.Namespace) -> int:
     """Print the table, or with `--json` the state as `gcs state` does. Returns: 0. Raises: GcsError."""
     width = Console().width
     with connected(arguments) as client:
-        return show_state(
-            client.fleet,
-            lambda fleet: board(fleet, width, columns=arguments.columns, sort=arguments.sort),
-            arguments.watch,
-            arguments,
-        )
+
+        def render(fleet: schemas.Fleet) -> RenderableType:
+            ready = readiness(fleet, client.preflight.report)
+            return board(fleet, width, columns=arguments.columns, sort=arguments.sort, ready=ready)
+
+        return show_state(client.fleet, render, arguments.watch, arguments)
 
 
 def add_stations_arguments(parser: argparse.ArgumentParser) -> None:
@@ -476,7 +503,7 @@ def preflight_board(report: PreflightReport, *, everything: bool) -> RenderableT
     left = [f"not flying: {', '.join(names)}: {reason}" for reason, names in _by_reason(report).items()]
     unchecked = [f"not checked: {text}" for text in report.not_checked]
     lines = (Text(f"! {text}", style="yellow") for text in (*left, *unchecked))
-    blocks = () if report.in_flight else map(_block, report.causes)
+    blocks = [] if report.in_flight else [_block(at, each) for at, each in enumerate(report.causes, 1)]
     return Group(head, *blocks, *([_every_check(checks)] if everything else []), *lines)
 
 
@@ -487,9 +514,9 @@ def _by_reason(report: PreflightReport) -> dict[str, list[str]]:
     return found
 
 
-def _block(cause: PreflightCause) -> Text:
+def _block(number: int, cause: PreflightCause) -> Text:
     """One cause: what is wrong, what to do, the command that mends it, and what follows from it."""
-    block = Text("- ").append(cause.text, CHECK_STYLE[cause.state])
+    block = Text(f"{number}. ").append(cause.text, CHECK_STYLE[cause.state])
     if cause.to_do:
         block.append(f"\n  {cause.to_do}")
     if (action := cause.action) is not None:

@@ -314,7 +314,7 @@ def search(
         leaves_s, there_s = last_leg(
             place, legs_m, covered_s, mover, here_s, goal, stay_s, speed_m_s, min(best_cost, HORIZON_S)
         )
-        cost = there_s + LENGTH_COST * here_m / speed_m_s
+        cost = there_s + LENGTH_COST * (here_m / speed_m_s + there_s - leaves_s)  # NaN without a way
         if cost < best_cost:
             best, best_cost, leave_s, best_s = here, cost, leaves_s, there_s
         if here < 0 and leave_s == 0.0:

@@ -8,7 +8,8 @@ from gcs.mavlink.framing import TextChunk
 from gcs.model.state import StatusText
 
 CHUNKS_MAX: Final = 8
-TEXTS_KEPT: Final = 6
+TEXTS_KEPT: Final = 16
+"""An ArduCopter that does not arm sends up to ten reasons at a time."""
 
 REPEATED_S: Final = 10.0
 """A chunk that arrives again within this time is the same one, delivered twice."""
@@ -63,13 +64,18 @@ class StatusTexts:
         text.shown, text.chunks = shown, chunks
         self._show(before, shown)
 
+    def forget(self, prefix: str) -> None:
+        """Drop the texts that begin so: what they say is over."""
+        self.texts = tuple(each for each in self.texts if not each.text.startswith(prefix))
+
     def _show(self, before: StatusText | None, now: StatusText) -> None:
-        """Show a text, in the place of what was known of it before."""
+        """Show a text, in the place of what was known of it before; a repeated one is shown once."""
         self.text, self.text_time_s = now.text, now.time_s
         if any(each is before for each in self.texts):
             self.texts = tuple(now if each is before else each for each in self.texts)
         else:
-            self.texts = (*self.texts, now)[-TEXTS_KEPT:]
+            others = [each for each in self.texts if each.text != now.text]
+            self.texts = (*others, now)[-TEXTS_KEPT:]
 
 
 def _read(text: bytes) -> str:

@@ -115,6 +115,7 @@ class FleetTelemetry:
         self._changes = -1  # of the columns, when the next two and the columns of Python values were made
         self._foreign: Mask = np.zeros(n, np.bool_)
         self._ready: Mask = np.zeros(n, np.bool_)
+        self._passes: Mask = np.zeros(n, np.bool_)  # its own checks before arming
 
     def _modes_of(self, custom_modes: list[int]) -> Iterable[Mode]:
         return map(mode_of, self.autopilots, custom_modes)
@@ -144,6 +145,11 @@ class FleetTelemetry:
         ready = self.prearm_ok & ~self._foreign
         for kind, rows in self._kinds:
             ready[rows] &= kind.ready(self.custom_mode[rows], now.estimator_flags[rows])
+        if (over := np.flatnonzero(ready & ~self._passes).tolist()) and any(self._texts_reported):
+            for row in over:
+                self.texts[row].forget(self.autopilots[row].complains[0])
+            self._texts_reported = tuple(each.texts for each in self.texts)
+        self._passes = ready
         self._ready = ready & np.isfinite(self.heartbeat_time_s) & np.isfinite(now.place[:, 0])
         self._armed_reported.note(self.armed)
         self._modes_reported.note(np.where(self._foreign, OTHER_MODE, self.custom_mode))

@@ -6,9 +6,19 @@ Which failures about several vehicles follow from one vehicle is evaluated: with
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain
 from typing import Final, TypeAlias
 
-from gcs.model.preflight_report import READY, Check, PreflightAction, PreflightCause, Remedy, named
+from gcs.model.preflight_report import (
+    READY,
+    Check,
+    PreflightAction,
+    PreflightCause,
+    PreflightReport,
+    Remedy,
+    describe,
+    named,
+)
 from gcs.model.state import VehicleId
 
 Finding: TypeAlias = tuple[VehicleId | None, Check]
@@ -33,6 +43,9 @@ RECEIVED, STANDBY, DOWN = "received", "standby", "seen on the ground"
 """A vehicle that fails one of these has no other cause: `PHASE_CHECKS`."""
 
 PHASE_CHECKS: Final = frozenset({RECEIVED, STANDBY, DOWN})
+
+FOLLOWS_MAX: Final = 12
+"""Up to so many consequences are described in a refusal."""
 
 NAMED_FEW: Final = 3
 """Of more vehicles a text has the number."""
@@ -105,6 +118,30 @@ def causes_of(
     out |= {name for block in found for name in block.of}
     blocks = sorted([*blocks, *found], key=lambda block: -block.size) + _of_the_fleet(left)
     return tuple(_cause(block, blocks, own, ask, mended, out) for block in blocks)
+
+
+def in_words(report: PreflightReport) -> str:
+    """Why a start is refused: causes and what to do about them, then what follows.
+
+    Of many consequences only the checks are named; a vehicle that is absent has none.
+    """
+    failing: dict[tuple[VehicleId | None, str], list[Finding]] = {}
+    of_vehicles = [
+        (vehicle.id, check) for vehicle in report.vehicles if vehicle.flies for check in vehicle.failed
+    ]
+    for finding in (*of_vehicles, *((None, check) for check in report.fleet if not check.passes)):
+        failing.setdefault(_key(finding), []).append(finding)
+    absent = {name for name, check_name in failing if check_name in PHASE_CHECKS}
+    roots: list[Finding] = []
+    for cause in report.causes:
+        whole = Check(cause.check, cause.state, problem=cause.text, to_do=cause.to_do)
+        own = [failing.pop((name, cause.check), []) for name in (*cause.vehicles, None)]
+        roots += list(chain(*own)) or [(None, whole)]
+    rest = [finding for finding in chain(*failing.values()) if finding[0] not in absent]
+    follows = describe(rest)
+    if len({check.problem for _, check in rest}) > FOLLOWS_MAX:
+        follows = ", ".join(dict.fromkeys(text for cause in report.causes for text in cause.follows))
+    return "; ".join([describe(roots), *([f"follows: {follows}"] if follows else [])])
 
 
 def _key(finding: Finding) -> tuple[VehicleId | None, str]:
@@ -251,12 +288,11 @@ def _cause(
     mended: Mended,
     out: frozenset[VehicleId],
 ) -> PreflightCause:
-    total = sum(each.size for each in blocks)
     action = mended(block.check.name, out) if not block.of or block.of.keys() - out else None
     if action is not None:
-        action = replace(action, then=_then(total - block.size, total))
+        action = replace(action, then=_then(len(blocks) - 1))
     elif block.of and block.check.to_do != WAIT and block.check.name != STANDBY:
-        action = _vehicles_out(block, own, ask, total)
+        action = _vehicles_out(block, blocks, own, ask)
     return PreflightCause(
         check=block.check.name,
         state=block.check.state,
@@ -269,7 +305,7 @@ def _cause(
 
 
 def _vehicles_out(
-    block: _Block, own: Mapping[VehicleId, Sequence[Check]], ask: _Cached, total: int
+    block: _Block, blocks: Sequence[_Block], own: Mapping[VehicleId, Sequence[Check]], ask: _Cached
 ) -> PreflightAction | None:
     """Leave the block's vehicles out; None where no other would fly."""
     vehicles = tuple(name for name in own if name in block.out)
@@ -279,13 +315,15 @@ def _vehicles_out(
     if len(vehicles) == len(own):
         return None
     left = ask(block.out)
-    still = sum(len(checks) for name, checks in own.items() if name not in block.out)
-    then = "" if left is None else _then(still + len(left), total)
+    fails = left is None or len(left) or any(own[name] for name in own.keys() - block.out)
+    others = [each for each in blocks if each is not block and not (each.of and each.of.keys() <= block.out)]
+    then = "" if left is None else _then(max(len(others), 1) if fails else 0)
     return PreflightAction(Remedy.LEAVE_OUT, f"Leave {some} out", then, vehicles)
 
 
-def _then(still: int, total: int) -> str:
-    return f"{min(still, total)} of {total} checks still fail" if still else READY
+def _then(others: int) -> str:
+    remain = "1 other cause remains" if others == 1 else f"{others} other causes remain"
+    return remain if others else READY
 
 
 def _text(block: _Block) -> str:

@@ -1,13 +1,15 @@
 """Checks of single vehicles. Pure."""
 
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import inf, isfinite, isnan
+from math import inf, isfinite, isinf, isnan
 
 import numpy as np
 
 from gcs.config.sections import PreflightSettings
 from gcs.estimation.height_bias import HeightBias
+from gcs.estimation.pad_places import SETTLES_S, Moved
 from gcs.estimation.positioning import Positioning
 from gcs.links.link import Absent
 from gcs.model.preflight_report import Check, State
@@ -47,8 +49,10 @@ class PreflightInputs:
     others: Placed | None = None  # of other stations
     ahead_s: float = 0.0  # our Unix time minus the loop's clock
     heights: HeightBias | None = None  # rows as in FleetState
+    moved: Moved | None = None  # the same
     foreign: Mapping[VehicleId, str] = field(default_factory=dict)  # another autopilot than configured
     without_autopilot: Mapping[VehicleId, Absent] = field(default_factory=dict)  # other components only
+    complaints: Mapping[VehicleId, Sequence[str]] = field(default_factory=dict)  # why it would not arm
 
     def is_placed(self, row: int) -> bool:
         """Whether its position is fresh, so that it can be checked."""
@@ -59,6 +63,9 @@ PAD_HEIGHT_MAX_M = 3.0
 """A pad may be this much above or below the show's origin, from which obstacles, heights and landing sites
 count. More is a wrong origin, or an altitude of another datum (ellipsoid instead of AMSL: tens of metres).
 """
+
+LEAST_NAMED_M, AGO_IN_S_MAX = 0.5, 120.0
+"""Of a jump, a part below the first is not named; after the second its age is given in minutes."""
 
 FIX_3D = 3
 FIXES = {0: "no receiver", 1: "none", 2: "2D", 3: "3D", 4: "DGPS", 5: "RTK float", 6: "RTK fixed"}
@@ -77,7 +84,14 @@ SENSOR_NAMES = {
 BY_RECEIVER = 0x20 | 0x100000 | 0x200000
 """Of these, those that a bad receiver alone makes unhealthy."""
 
-POSITIONED_BY = ("fix", "accuracy sideways", "accuracy up", "position")
+OF_RECEIVER = re.compile(r"gps|gnss|position|ekf|navigation", re.IGNORECASE)
+"""What an autopilot says of a bad receiver."""
+
+SAYS_MAX, SAYS_LENGTH = 4, 60
+"""So many of its texts are quoted, and so much of each."""
+
+RECEIVED_BY = ("fix", "accuracy sideways", "accuracy up", "position")
+POSITIONED_BY = (*RECEIVED_BY, "jump")
 """Checks from which a wrong place follows."""
 
 
@@ -122,6 +136,7 @@ def own_checks(inputs: PreflightInputs, vehicle_id: VehicleId) -> list[Check]:
         *_receiver(inputs, row),
         _estimator(inputs, vehicle_id),
         _battery(inputs, row),
+        *_jump(inputs, row),
         *_origin(inputs, row),
         *_speed(inputs, row),
         *_drift(inputs, row),
@@ -198,8 +213,15 @@ def _estimator(inputs: PreflightInputs, vehicle_id: VehicleId) -> Check:
         problem = "its autopilot calls unhealthy what it flies by"
     if names:
         problem += f": {names}"
-    by_place = POSITIONED_BY if not unhealthy & ~BY_RECEIVER else ()
-    return Check("autopilot", State.FAIL, None, "", limit, problem, "wait, and read what it says", by_place)
+    says = [] if ready else inputs.complaints.get(vehicle_id, ())
+    to_do = "wait, and read what it says"
+    if says:
+        more = f" and {len(says) - SAYS_MAX} more" if len(says) > SAYS_MAX else ""
+        quoted = ", ".join(f'"{text[:SAYS_LENGTH]}"' for text in says[:SAYS_MAX])
+        problem, to_do = f"{problem}; it says {quoted}{more}", "mend what it says"
+    by_receiver = not unhealthy & ~BY_RECEIVER and all(map(OF_RECEIVER.search, says))
+    by_place = RECEIVED_BY if by_receiver else ()
+    return Check("autopilot", State.FAIL, None, "", limit, problem, to_do, by_place)
 
 
 def _battery(inputs: PreflightInputs, row: int) -> Check:
@@ -255,6 +277,26 @@ def _origin(inputs: PreflightInputs, row: int) -> Iterator[Check]:
     yield judged(
         "distance of the origin", distance_m, "m", limit, problem, to_do, good=good, depends_on=POSITIONED_BY
     )
+
+
+def _jump(inputs: PreflightInputs, row: int) -> Iterator[Check]:
+    """Check that it is reported where it has stood since it was ready, as far as that is known."""
+    moved = inputs.moved
+    if moved is None or isnan(moved.way_m[row, 0]):
+        return
+    by_m, limit_m = moved.by_m[row], moved.limit_m[row]
+    limit = f"at most {limit_m[0]:.1f} m sideways and {limit_m[1]:.1f} m up or down"
+    ways = zip(by_m.tolist(), ("sideways", "down" if moved.way_m[row, 2] > 0.0 else "up"), strict=True)
+    by = " and ".join(f"{part_m:.2g} m {way}" for part_m, way in ways if part_m >= LEAST_NAMED_M)
+    ago_s = inputs.fleet.time_s - float(moved.since_s[row])
+    ago = f"{ago_s:.0f} s ago" if ago_s < AGO_IN_S_MAX else f"{ago_s / 60.0:.0f} min ago"
+    problem = f"its position moved by {by} while it stood, {ago}"
+    to_do = "reboot it where it stands; or confirm its place: leave it out, and include it again"
+    if ago_s >= 0.0 and not moved.away[row]:
+        problem = f"its position moved away while it stood, {ago}, and is back for less than {SETTLES_S:g} s"
+        to_do = "wait"
+    far_m, good = float(by_m.max()), isinf(moved.since_s[row])
+    yield judged("jump", far_m, "m", limit, problem, to_do, good=good, depends_on=RECEIVED_BY)
 
 
 def _speed(inputs: PreflightInputs, row: int) -> Iterator[Check]:

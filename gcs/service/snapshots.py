@@ -483,6 +483,7 @@ class FleetView:
     control_alive: bool  # this tick was within the watchdog's time of the one before; see also its age
     setpoints_sent: int
     interventions: int  # of the safety filter, since the start: vehicles it changed, summed over ticks
+    late_samples: int = 0  # dropped, since the start: older than the newest of their kind
     alarms: tuple[Alarm, ...] = ()  # most severe first, of one severity newest first
     selected: SelectedShow | None = None  # None: formation, target and orbit follow the panels
     start_unix_time_s: float | None = None  # scheduled, and not reached yet

@@ -142,6 +142,7 @@ class FaultInjector:
         self._fleet = fleet
         self.broken: dict[int, Channel[Origin]] = {}  # the links with faults, by row
         self._ends: dict[tuple[int, str], float] = {}
+        self._charge: dict[int, float] = {}  # of batteries before their fault, by row
         self.changes = 0
         """How often the set of links with faults has changed."""
 
@@ -230,6 +231,7 @@ class FaultInjector:
         elif fault == "clock-jump":
             state.clock_offset_s[at] += float(values["by_s"])
         elif fault == "battery":
+            self._charge.setdefault(row, float(state.remaining[at]))
             state.remaining[at] = float(values["remaining"])
         elif fault == "stuck-mode":
             fleet.autopilots[at].commander.stuck = Stuck(values["answer"])
@@ -276,6 +278,8 @@ class FaultInjector:
             self.changes += 1
         for fault in commands.VEHICLE_FAULTS:
             self._end(row, fault)
+        fleet, at = self._fleet.part_of(row)
+        fleet.state.remaining[at] = self._charge.pop(row, fleet.state.remaining[at])
         for key in [key for key in self._ends if key[0] == row]:
             del self._ends[key]
 

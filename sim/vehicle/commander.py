@@ -44,6 +44,15 @@ class LandedState(IntEnum):
 OFFBOARD, TAKEOFF, LAND = Mode.OFFBOARD.number, Mode.TAKEOFF.number, Mode.LAND.number
 HOLD = Mode.HOLD.number
 BY_HAND = np.array([mode in px4.NEEDS_PILOT for mode in px4.MODES])
+COMPLAINTS = {
+    0x1: "No valid data from Gyro 0",
+    0x2: "No valid data from Accel 0",
+    0x4: "Compass 0 fault",
+    0x8: "No valid data from Baro 0",
+    0x20: "GPS fix too low",
+    0x200000: "ekf2 missing data",
+}
+"""By bit of MAV_SYS_STATUS_SENSOR, from PX4's sources."""
 NOT_ARMABLE = np.array([mode in px4.PREVENTS_ARMING for mode in px4.MODES])
 
 
@@ -96,6 +105,7 @@ class Commander:
         if state.armed[row]:
             return Result.ACCEPTED
         if not (force or can_arm(state, self.parameters, self.quirks)[row]):
+            self.complain()
             self._report(CRITICAL, "Arming denied: Resolve system health failures first")
             return Result.TEMPORARILY_REJECTED
         state.armed[row], state.armed_s[row] = True, state.now_s
@@ -106,6 +116,13 @@ class Commander:
             self._report(INFO, f"Using default takeoff altitude: {self.parameters['MIS_TAKEOFF_ALT']:.1f} m")
         self.changed()
         return Result.ACCEPTED
+
+    def complain(self) -> None:
+        """Send what fails its checks before arming: when that changes, and when arming is refused."""
+        unhealthy = int(self.state.unhealthy_sensors[self.row])
+        for bit, text in COMPLAINTS.items():
+            if unhealthy & bit:
+                self._report(CRITICAL, f"Preflight Fail: {text}")
 
     def disarm(self, *, force: bool = False) -> Result:
         """Stop the motors; in the air only when forced, which is the kill switch (item 11)."""

@@ -1,7 +1,7 @@
 """The transitions of PX4's commanders, for a whole fleet when they are due."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -28,6 +28,7 @@ class Transitions:
     commanders: Sequence[Commander]
     parameters: Columns
     quirks: Quirks
+    _unhealthy: Numbers | None = field(default=None, init=False)  # as of the last step
 
     def update(self, awake: Mask, contact: Mask, climb_m_s: Array, batteries: Batteries) -> None:
         """Execute the transitions that are due at the state's time.
@@ -40,6 +41,7 @@ class Transitions:
         """
         state = self.state
         armed = awake & state.armed
+        self._watch_health(awake & ~state.armed)
         if armed.any():
             self._watch_setpoints(armed)
             self._watch_station(armed)
@@ -69,6 +71,13 @@ class Transitions:
         flying = np.where(landing, int(LandedState.LANDING), int(LandedState.IN_AIR))
         flying[state.armed & (state.mode == TAKEOFF)] = LandedState.TAKEOFF
         return np.where(state.landed, int(LandedState.ON_GROUND), flying)
+
+    def _watch_health(self, waiting: Mask) -> None:
+        now, before = self.state.unhealthy_sensors, self._unhealthy
+        if before is None or (now != before).any():
+            self._unhealthy = now.copy()
+            for row in (waiting & (now != (0 if before is None else before))).nonzero()[0].tolist():
+                self.commanders[row].complain()
 
     def _watch_setpoints(self, armed: Mask) -> None:
         state = self.state

@@ -16,6 +16,7 @@ from gcs.model.preflight_report import Check, PreflightReport
 from gcs.recording.session import Record
 from gcs.service import CALLER, Outcome, ShowAction
 from gcs.testing.virtual_show import VirtualShow, alarm_texts, fly, refused, show_config
+from tests.flight.test_show_autopilots import config_of
 from tests.support.audit_rows import commands
 from tests.support.written_show import NAME, config, keep, on_pads, select
 from tests.support.written_show import TEXT as SHOW
@@ -195,6 +196,80 @@ def test_each_check_that_fails_is_named_and_refuses_the_start(tmp_path: Path, na
     check = failing(found.report)[name]
     assert says in check.problem
     assert check.limit
+
+
+def test_a_refused_start_names_all_that_fails_causes_first(tmp_path: Path) -> None:
+    async def story(show: VirtualShow) -> Refused:
+        await show.standby()
+        show_hash = select(show)
+        show.ports.silence("d1")
+        show.befall("d2", "battery", remaining=0.1)
+        show.befall("d3", "fix", type="2d")
+        await show.wait(RECEIVED_S)
+        return await start_refused(show, show_hash)
+
+    found = fly_show(story, config(tmp_path))
+    assert {"d1 received", "d2 battery", "d3 fix"} <= failing(found.report).keys()
+    first = ("d1: offline: no telemetry for ", "d2: battery at 10%", "d3: its receiver's fix is 2D")
+    assert all(text in found.text for text in first)
+    causes, _, follows = found.text.partition("; follows: ")
+    assert "d3: its receiver does not tell its accuracy" in follows
+    assert "accuracy" not in causes
+    assert "d1: " not in follows, "it is absent"
+    for cause in found.report.causes:
+        assert cause.to_do in causes
+
+
+def test_an_empty_fleet_is_no_cause_where_all_vehicles_fail(tmp_path: Path) -> None:
+    async def story(show: VirtualShow) -> Refused:
+        await show.standby()
+        show_hash = select(show)
+        for vehicle in show.config.ids:
+            show.befall(vehicle, "battery", remaining=0.1)
+        await show.wait(RECEIVED_S)
+        return await start_refused(show, show_hash)
+
+    found = fly_show(story, config(tmp_path))
+    (cause,) = found.report.causes
+    assert (cause.check, cause.vehicles, cause.follows) == ("battery", ("d1", "d2", "d3", "d4"), ())
+    assert "no vehicle" not in found.text
+
+
+COMPLAINTS: dict[str, tuple[tuple[str, str], str]] = {
+    "px4": (("px4", "px4"), '"Compass 0 fault"'),
+    "ardupilot": (("ardupilot", "ardupilot"), '"Compass not healthy"'),
+}
+
+
+@pytest.mark.parametrize("name", COMPLAINTS)
+def test_complaints_of_an_autopilot_show_until_they_are_over(name: str) -> None:
+    kinds, says = COMPLAINTS[name]
+
+    async def story(show: VirtualShow) -> None:
+        def complaint() -> Check | None:
+            show.service.preflight._last = None
+            return failing(show.service.preflight.report()).get("d2 autopilot")
+
+        def says_so() -> bool:
+            return (check := complaint()) is not None and says in check.problem
+
+        await show.standby()
+        show.befall("d2", "sensor", which="magnetometer")
+        await show.until(says_so, 35.0)  # ArduPilot repeats its reasons every 30 s
+        for _ in range(10):
+            await show.wait(8.0)
+            assert says_so()
+        check = complaint()
+        assert check is not None
+        assert check.to_do == "mend what it says"
+        show.befall("d2", "none")
+        await show.wait(RECEIVED_S)
+        assert complaint() is None
+        assert not any(
+            says[1:-1] in text.text for text in show.service.preflight.flight.newest.telemetry.texts[1]
+        )
+
+    fly(story, config_of(kinds, 2))
 
 
 def test_a_battery_is_measured_against_the_show_that_is_selected(tmp_path: Path) -> None:
@@ -430,7 +505,8 @@ def test_radius_refused_for_one_receiver_names_that_vehicle() -> None:
     text = fly(story, show_config(4, positioning={"share": 1.0}), spacing_m=12.0, ideal=True)
     assert text.startswith("radius_m = 6.0: at least 6.9 m for 4 vehicles 10.7 m apart, because ")
     assert text.endswith(
-        "2.8 m is enough at 0.05 m, as with RTK; the least certain is d3, with an RTK fixed fix of 0.6 m"
+        "2.8 m is enough at 0.05 m, as with RTK; the least certain is d3, with an RTK fixed fix of 0.6 m;"
+        " choose a larger radius, better receivers, or fewer vehicles"
     )
 
 

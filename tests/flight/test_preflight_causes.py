@@ -4,6 +4,7 @@ import random
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple, TypeAlias
 
+from gcs.estimation.pad_places import SETTLES_S
 from gcs.model.plan import Formation, Obstacle
 from gcs.model.preflight_report import READY, PreflightAction, PreflightReport, Remedy
 from gcs.model.state import VehicleId
@@ -16,7 +17,7 @@ RECEIVED_S, SILENT_S = 2.5, 4.5
 """Whatever befalls a vehicle has been received by then; a silent one is offline."""
 
 MENDED_MAX_S: Final = 35.0
-"""What was mended is good by then: a position that jumped counts as less certain for 30 s."""
+"""What was mended is good by then: a position that jumped back must be steady for 10 s."""
 
 TRIPLES: Final = 30
 
@@ -56,9 +57,9 @@ CAUSES: Final[dict[str, tuple[Befall, str]]] = {
     "clock ahead": (fault("wrong-time", ahead_s=60.0), "clock"),
     "clock behind": (fault("wrong-time", ahead_s=-60.0), "clock"),
     "silent": (fault("silence"), "received"),
-    "pad too high": (fault("gps-jump", down_m=-2.8), "height of the pad"),
-    "another datum": (fault("gps-jump", down_m=-6.0), "height of the origin"),
-    "beside another": (fault("gps-jump", north_m=2.5), "room to wander"),
+    "pad too high": (fault("gps-jump", down_m=-2.8), "jump"),
+    "another datum": (fault("gps-jump", down_m=-6.0), "jump"),
+    "beside another": (fault("gps-jump", north_m=2.5), "jump"),
     "id used twice": (lambda show, vehicle: show.ports.duplicated.add(vehicle), "address"),
     "obstacle on its pad": (obstacle, "obstacles"),
 }
@@ -68,7 +69,6 @@ def undo(show: VirtualShow, vehicles: Sequence[VehicleId]) -> None:
     """Mend everything, as people on the field do after the test."""
     for vehicle in vehicles:
         show.befall(vehicle, "none")
-        show.befall(vehicle, "battery", remaining=1.0)
     show.ports.duplicated.clear()
     for each in show.service.plan.current.obstacles:
         show.service.plan.remove_obstacle(each.id)
@@ -150,6 +150,7 @@ def test_whoever_follows_the_actions_gets_ready() -> None:
 
     async def story(show: VirtualShow) -> None:
         await show.standby()
+        await show.wait(SETTLES_S + 1.0)
         for name in CAUSES:
             singles[name] = await tried(show, [name], [chance.choice(show.config.ids)])
         for _ in range(TRIPLES):

@@ -490,7 +490,7 @@ def test_preflight_prints_failures_and_sets_the_exit_code(
     assert "battery" not in good
     assert "not checked: start pattern: there is none" in good
     assert "not ready to start: 2 of 3 vehicles, 1 of 3 checks pass" in bad
-    assert "- d1, d3: battery at 20%, at least 25% is needed\n  charge it\n" in bad
+    assert "1. d1, d3: battery at 20%, at least 25% is needed\n  charge it\n" in bad
     (line,) = (line for line in everything.splitlines() if "│ d1" in line)
     for words in ("battery", "fail", "0.20 of 1", "at least 25%", "battery at 20%"):
         assert words in line

@@ -220,6 +220,26 @@ def test_stale_address_stops_no_other_vehicle() -> None:
             assert (vehicle.armed, other.armed) == (False, True)
 
 
+def test_heartbeats_from_another_host_confirm_no_kill() -> None:
+    with over_udp() as (vehicle, url):
+        reported = kill(plan_of(url, ("192.0.2.7", 14580)), STUBBORN_S)
+        assert not vehicle.armed, "the commands go there as well"
+        assert not reported.done
+        assert "its id is sent from 127.0.0.1, and it was at 192.0.2.7: look at" in reported.reason
+
+
+def test_of_two_that_send_one_id_both_must_stop() -> None:
+    with over_udp() as (vehicle, url), closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as made:
+        made.bind(("127.0.0.1", 0))
+        port = int(url.rsplit(":", 1)[1])
+        deaf = Vehicle(lambda data: made.sendto(data, ("127.0.0.1", port)), lambda: b"")
+        with closing(deaf):
+            reported = kill(plan_of(url), 2.0)
+        assert not vehicle.armed
+        assert not reported.done
+        assert "its motors were not seen to stop" in reported.reason
+
+
 def test_vehicle_that_requires_signing_is_killed_with_the_key(key_file: Path) -> None:
     with over_udp(KEY) as (vehicle, url):
         reported = kill(plan_of(url, signing={"key_file": str(key_file), "link_id": 5}))

@@ -375,6 +375,7 @@ class FakeService:
             self.control_alive,
             self.ticks * len(self.phases),
             7,
+            late_samples=4,
             selected=self.selected,
             interrupted=self.interrupted,
             playback=None if self.replaying is None else self.replaying.playback,

@@ -27,6 +27,8 @@ AUTOPILOT, STATION = 1, 190  # components
 ARMED: Final = 0x80
 RADIOS: Final = frozenset({"RADIO_STATUS", "RADIO"})
 PARSERS_MAX: Final = 1024
+PLACES_MAX: Final = 8
+"""Addresses that send one vehicle's id: commands go to so many of the newest; so many confirm nothing."""
 
 
 class KillPart(NamedTuple):
@@ -44,15 +46,19 @@ class _Target:
     system_id: int
     known: Address | None  # where it was last
     sent: int = 0
-    at: tuple[Port, Address] | None = None  # of its newest frame
+    at: dict[Address, Port] = field(default_factory=dict)  # from where its id was received, the newest last
     acknowledged: int | None = None  # the newest MAV_RESULT
-    armed: bool | None = None  # from heartbeats after the first command
+    armed: dict[Address, bool] = field(default_factory=dict)  # from heartbeats after the first command
     recorded: bool = False  # the service has recorded that its motors are off
     failure: str = ""  # why the last command could not be sent
 
     @property
     def stopped(self) -> bool:
-        return self.armed is False or self.recorded
+        return self.recorded or (0 < len(self.armed) < PLACES_MAX and not any(self.armed.values()))
+
+    def believes(self, at: Address, *, is_stream: bool) -> bool:
+        """Whether its heartbeats from there count: anybody may send them from another host than its last."""
+        return is_stream or self.known is None or at[0] == self.known[0]
 
 
 @dataclass(slots=True)
@@ -117,9 +123,7 @@ class _Line:
         places = [(port, to) for port in ports for to in port.standing()]
         if udp and target.known is not None and target.known[1]:
             places.append((udp[0], target.known))
-        if target.at is not None and target.at not in places:
-            places.append(target.at)
-        return places
+        return [*places, *((port, at) for at, port in target.at.items() if (port, at) not in places)]
 
     def receive(self) -> None:
         for number, port in enumerate(self.ports):
@@ -141,11 +145,14 @@ class _Line:
         declared = message.autopilot if is_beat else None
         if kind in RADIOS or declared == mavlink.MAV_AUTOPILOT_INVALID:
             return  # not its autopilot's, whatever number it has
-        target.at = port, at
-        if not target.sent:
+        target.at.pop(at, None)
+        target.at[at] = port
+        while len(target.at) > PLACES_MAX:
+            del target.at[next(iter(target.at))]
+        if not target.sent or not target.believes(at, is_stream=port.is_stream):
             return
-        if is_beat:
-            target.armed = bool(message.base_mode & ARMED)
+        if is_beat and (at in target.armed or len(target.armed) < PLACES_MAX):
+            target.armed[at] = bool(message.base_mode & ARMED)
         elif kind == "COMMAND_ACK" and message.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
             ours = message.target_system in (0, self.link.station_id)
             target.acknowledged = message.result if ours else target.acknowledged
@@ -153,7 +160,7 @@ class _Line:
     def outcome(self, target: _Target) -> KillPart:
         if target.recorded:
             return KillPart(True, "its motors are off, as the service recorded")
-        if target.armed is False:
+        if target.stopped:
             return KillPart(True, "its motors are off")
         problem = next((port.problem for port in self.ports if port.problem), "")
         if not target.sent:
@@ -166,6 +173,9 @@ class _Line:
             return KillPart(False, f"{where}, {reply}, but its motors were not seen to stop")
         if target.armed:
             return KillPart(False, f"{where}, but it reports that its motors run")
+        if target.known is not None and (others := {host for host, _ in target.at} - {target.known[0]}):
+            beside = f"its id is sent from {', '.join(sorted(others))}, and it was at {target.known[0]}"
+            return KillPart(False, f"{where}; {beside}: look at the vehicle")
         held = f" ({problem})" if problem else ""
         return KillPart(False, f"{where}; no answer arrives here{held}: look at the vehicle")
 

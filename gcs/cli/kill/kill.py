@@ -111,9 +111,12 @@ def _known(arguments: argparse.Namespace, named: Sequence[str]) -> Sequence[str]
             note(f"{error}; without the service then", as_json=arguments.json)
             refused = None if isinstance(error, LinkError) else error
     try:
-        return _plan(arguments).chosen(named)
+        plan = _plan(arguments)
+        names = plan.chosen(named)
     except GcsError as error:
         raise refused or error from None
+    note(f"without the service it is sent to {plan.where(names)}", as_json=arguments.json)
+    return names
 
 
 def _plan(arguments: argparse.Namespace) -> "KillPlan":

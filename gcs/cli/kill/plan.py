@@ -64,6 +64,16 @@ class KillPlan:
             raise UnknownError(f"{self.source}: no such vehicle: {', '.join(unknown)}; there are {there}")
         return [*dict.fromkeys(names)]
 
+    def where(self, names: Sequence[str]) -> str:
+        """Where a kill of these is sent, in words."""
+        places: dict[str, list[str]] = {}
+        for link in self.links:
+            for name in (each for each in names if each in link.system_ids):
+                host, port = self.addresses.get(name, ("", 0))
+                place = f"{host}:{port}" if host else f"whatever sends its id to {', '.join(link.urls)}"
+                places.setdefault(place, []).append(name)
+        return "; ".join(f"{', '.join(there)}: {place}" for place, there in places.items())
+
     def stopped_since(self, unix_s: float) -> set[str]:
         """Vehicles whose motors the service has recorded as off since then."""
         if self.record is None:

@@ -67,6 +67,7 @@ def fleet_view(
         histograms=histograms,
         control_alive=control_alive,
         setpoints_sent=flight.setpoints_sent,
+        late_samples=flight.late_samples,
         interventions=interventions,
         selected=None if show_run is None else show_run.view(fleet.time_s),
         start_unix_time_s=start_unix_s,

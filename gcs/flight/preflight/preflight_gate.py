@@ -14,6 +14,7 @@ from gcs.flight.shows.show_player import ShowPlayer
 from gcs.flight.state.flight import NOT_CHOSEN, Flight
 from gcs.flight.state.refusals import Refusals, with_alternative
 from gcs.flight.state.running_show import ShowRun
+from gcs.flight.state.vehicle import Vehicle
 from gcs.model.errors import GcsError, InvalidError, RefusedError
 from gcs.model.lifecycle import GROUNDED, ON_THE_GROUND, Phase
 from gcs.model.plan import Obstacle
@@ -38,7 +39,7 @@ from gcs.planning.feasibility import (
 from gcs.planning.landing_sites import column_m, describe_columns, most_overlapping
 from gcs.planning.loss_times import APART_MAX_S, check_loss_times
 from gcs.planning.setpoint_loss import PREDICTED_MAX, check_setpoint_loss, formation_m
-from gcs.preflight.causes import ALONE, DOWN, RECEIVED, STANDBY, Finding, causes_of
+from gcs.preflight.causes import ALONE, DOWN, RECEIVED, STANDBY, Finding, causes_of, in_words
 from gcs.preflight.fleet import FleetReadiness, Pattern, standing
 from gcs.preflight.pad_distances import ROOM, TO_THE_NEXT, room_to_wander, spacing
 from gcs.preflight.vehicles import PreflightInputs, fix_words, own_checks
@@ -114,7 +115,10 @@ class PreflightGate:
             return replace(self._last[2], in_flight=self._in_flight())
         made_s, question, report = self._last or (-np.inf, None, None)
         same = question == self._question(vehicles) and flight.newest.state.time_s - made_s < AGAIN_S
-        return report if same and report is not None else self._made(vehicles)
+        if same and report is not None:
+            return report
+        show_run = self.flight.show.run
+        return self._made(vehicles, None if show_run is None else show_run.hash)
 
     def _question(self, desired: Sequence[VehicleId] | None) -> Question:
         meant = None if desired is None else tuple(desired)
@@ -125,13 +129,14 @@ class PreflightGate:
         flies = f"{len(flight.vehicles.airborne)} of {len(flight.vehicles)} vehicles fly"
         return f"the show is {flight.show.phase}, {flies}; a start is refused until all are down"
 
-    def _made(self, desired: Sequence[VehicleId] | None) -> PreflightReport:
-        flight, show = self.flight, self.flight.show.run
+    def _made(self, desired: Sequence[VehicleId] | None, show_hash: str | None) -> PreflightReport:
+        """Look at everything, for a start with this hash."""
         meant, left_out = self._meant(desired)
-        chosen = [name for name in meant if flight.vehicles[name].phase is Phase.STANDBY]
+        chosen = [name for name in meant if self.flight.vehicles[name].phase is Phase.STANDBY]
         fleet = [_all_vehicles(chosen, meant)]
-        if show is not None:
-            fleet.append(_tried("show", AS_CHECKED, lambda: self._need_show(meant, show.hash, desired)))
+        need_show = partial(self._need_show, show_hash=show_hash, desired=desired)
+        if show_hash is not None or self.flight.show.run is not None:
+            fleet.append(_tried("show", AS_CHECKED, lambda: need_show(meant)))
         looked = self._look(chosen)
         for name, check in self._absences(meant).items():
             looked.of[name].insert(0, check)
@@ -139,8 +144,10 @@ class PreflightGate:
         for name, limit, look in self._setpoint_loss_checks(chosen):
             fleet.append(self._with_suspects(_tried(name, limit, look), chosen))
         failing = [check.name for check in fleet if not check.passes]
-        causes = self._causes(meant, chosen, looked, frozenset(failing), desired)
-        return self._keep(desired, Cleared(meant, left_out), fleet, looked, causes)
+        causes = self._causes(meant, chosen, looked, frozenset(failing), need_show)
+        report = self._report(Cleared(meant, left_out), fleet, looked, causes)
+        self._last = self.flight.newest.state.time_s, self._question(desired), report
+        return report
 
     def _causes(
         self,
@@ -148,7 +155,7 @@ class PreflightGate:
         chosen: Sequence[VehicleId],
         looked: FleetReadiness,
         failing: Collection[str],
-        desired: Sequence[VehicleId] | None,
+        need_show: Callable[..., None],
     ) -> tuple[PreflightCause, ...]:
         """Fold what fails: a check about several vehicles is evaluated again without some of them."""
         fails = {name: [check for check in looked.of[name] if not check.passes] for name in meant}
@@ -159,16 +166,18 @@ class PreflightGate:
 
         def related(out: frozenset[VehicleId]) -> list[Finding]:
             kept = [name for name in chosen if name not in out]
+            left = [name for name in meant if name not in out]
             findings: list[Finding] = []
             near = spacing(inputs, kept, kept)
             stand, room = standing(inputs, kept, pattern), room_to_wander(inputs, kept, pattern)
             for name in kept:
                 of = [*near[name], *stand.of[name], *([room[name]] if name in room else [])]
                 findings += [(name, check) for check in of]
-            fleet = [_all_vehicles(kept, [name for name in meant if name not in out]), *stand.fleet]
+            fleet = [_all_vehicles(kept, left), *stand.fleet] if left or not out else []
             fleet += [check for each in self.flight.features for check in each.checks(self.flight.instant)]
-            if self.flight.show.run is not None and "show" in failing:
-                fleet.append(self._show_without(meant, out, desired))
+            if "show" in failing:  # without vehicles a show says nothing about them
+                fliers, also_out = (left, len(out)) if left else (meant, 0)
+                fleet.append(_tried("show", AS_CHECKED, lambda: need_show(fliers, also_out=also_out)))
             for name, limit, look in self._setpoint_loss_checks(kept):
                 if name in failing:
                     fleet.append(self._with_suspects(_tried(name, limit, look), kept))
@@ -176,15 +185,6 @@ class PreflightGate:
             return [each for each in findings if not each[1].passes]
 
         return causes_of(own, related, partial(self._mended, chosen), _evaluations(len(chosen)))
-
-    def _show_without(
-        self, meant: Sequence[VehicleId], out: frozenset[VehicleId], desired: Sequence[VehicleId] | None
-    ) -> Check:
-        show, kept = self.flight.show.run, [name for name in meant if name not in out]
-        show_hash = None if show is None else show.hash
-        return _tried(
-            "show", AS_CHECKED, lambda: self._need_show(kept, show_hash, desired, also_out=len(out))
-        )
 
     def _with_suspects(self, check: Check, chosen: Sequence[VehicleId]) -> Check:
         """Name the vehicles that may be why a check of the fleet fails: the least certain, or the odd one."""
@@ -225,16 +225,15 @@ class PreflightGate:
         avoidance = self.flight.in_force.control.law.avoidance
         return not _tried("obstacles", "", lambda: check_obstacle(obstacle, avoidance, {}, pads_m)).passes
 
-    def _keep(
+    def _report(
         self,
-        desired: Sequence[VehicleId] | None,
         cleared: Cleared,
         fleet: Sequence[Check],
         looked: FleetReadiness,
-        causes: tuple[PreflightCause, ...] = (),
+        causes: tuple[PreflightCause, ...],
     ) -> PreflightReport:
         show, flying = self.flight.show.run, set(cleared.chosen)
-        report = PreflightReport(
+        return PreflightReport(
             unix_time_s=self.flight.unix_s(),
             show=None if show is None else show.name,
             show_hash=None if show is None else show.hash,
@@ -253,30 +252,22 @@ class PreflightGate:
             not_checked=tuple(looked.not_checked),
             causes=causes,
         )
-        self._last = self.flight.newest.state.time_s, self._question(desired), report
-        return report
 
     def need(self, show_hash: str | None, desired: Sequence[VehicleId] | None) -> Cleared:
         """Return the vehicles that fly and those that do not, before a start.
 
-        Raises: RefusedError, InvalidError, UnknownError with all reasons against the start.
+        Raises: RefusedError, UnknownError with all reasons against the start, causes first.
         """
-        chosen, _ = cleared = self._choose(desired)
-        self._need_show(chosen, show_hash, desired)
-        looked = self._look(chosen)
-        checks = [(name, check) for name in chosen for check in looked.of[name]]
-        causes_first = sorted(checks, key=lambda each: each[1].name in OF_SEVERAL)  # consequences name others
-        if text := describe([*causes_first, *((None, check) for check in looked.fleet)]):
-            raise RefusedError(text)
-        fleet = [_all_vehicles(chosen, chosen)]
-        if show_hash is not None:
-            fleet.append(Check("show", State.PASS, limit=AS_CHECKED))
-        fleet += looked.fleet
-        for name, limit, look in self._setpoint_loss_checks(chosen):
-            look()
-            fleet.append(Check(name, State.PASS, limit=limit))
-        self._check_vertical_overlap(chosen)
-        self._keep(desired, cleared, fleet, looked)
+        for name in desired or ():
+            self.flight.vehicles.named(name)
+            if name in self.flight.excluded:
+                raise RefusedError(f"{name} was {self.flight.excluded[name]}; include it first")
+        before, report = self._last, self._made(desired, show_hash)
+        if not report.passes:
+            self._last = before  # that one is of the selected show's hash
+            raise RefusedError(in_words(report))
+        cleared = self._meant(desired)
+        self._check_vertical_overlap(cleared.chosen)
         return cleared
 
     def need_alone(self, vehicle_id: VehicleId) -> None:
@@ -290,9 +281,9 @@ class PreflightGate:
     def _need_show(
         self,
         chosen: Sequence[VehicleId],
+        *,
         show_hash: str | None,
         desired: Sequence[VehicleId] | None,
-        *,
         also_out: int = 0,
     ) -> None:
         out = len(self.flight.excluded) + also_out
@@ -368,9 +359,24 @@ class PreflightGate:
             speed_need_m_s=0.0 if figures is None else figures.speed_max_m_s,
             speed_max_m_s=flight.newest.traits.speed_max_m_s,
             heights=flight.heights.found,
+            moved=flight.places.found,
+            complaints={name: self._complaints(vehicle) for name, vehicle in flight.vehicles.items()},
             others=flight.elsewhere.placed(),
-            ahead_s=self.flight.unix_s() - flight.newest.state.time_s,
+            ahead_s=self._ahead_s,
         )
+
+    def _complaints(self, vehicle: Vehicle) -> list[str]:
+        """Why its autopilot would not arm, in its own words."""
+        (prefix, lasts_s), newest = vehicle.autopilot.complains, self.flight.newest
+        texts = (each for each in newest.telemetry.texts[vehicle.row] if each.text.startswith(prefix))
+        return [
+            each.text.removeprefix(prefix) for each in texts if newest.state.time_s - each.time_s <= lasts_s
+        ]
+
+    @property
+    def _ahead_s(self) -> float:
+        """Our Unix time minus the loop's clock."""
+        return self.flight.unix_s() - self.flight.newest.state.time_s
 
     def _pattern(self) -> Pattern | None:
         """Return the selected show's pads, in the order of the fleet; without a show the configured ones."""
@@ -491,20 +497,6 @@ class PreflightGate:
 
     # participants
 
-    def _choose(self, desired: Sequence[VehicleId] | None) -> Cleared:
-        """Return the vehicles that fly, and why the others do not. Raises: UnknownError, RefusedError."""
-        flight = self.flight
-        for name in desired or ():
-            flight.vehicles.named(name)
-            if name in flight.excluded:
-                raise RefusedError(f"{name} was {flight.excluded[name]}; include it first")
-        meant, _ = cleared = self._meant(desired)
-        if all(flight.vehicles[name].phase is Phase.OFFLINE for name in meant):
-            raise RefusedError("no vehicle is online")
-        if text := describe(self._absences(meant).items()):
-            raise RefusedError(text)
-        return cleared
-
     def _meant(self, desired: Sequence[VehicleId] | None) -> Cleared:
         """Return the vehicles that are to fly, whatever they do now, and why the others are not."""
         flight, meant = self.flight, list[VehicleId]()
@@ -554,8 +546,13 @@ class PreflightGate:
     def include(self, vehicle_id: VehicleId) -> CommandRecord:
         self.flight.show.need_no_countdown()
         self._need_ground(vehicle_id)
-        if self.flight.excluded.pop(vehicle_id, None) is None:
+        exclusion = self.flight.excluded.pop(vehicle_id, None)
+        if exclusion is None:
             raise RefusedError(f"{vehicle_id} was not taken out of the show")
+        since_s = self.flight.places.found.since_s + self._ahead_s
+        confirmed = since_s <= exclusion.unix_time_s  # what happened later was not seen by the operator
+        confirmed &= np.arange(len(since_s)) == self.flight.vehicles[vehicle_id].row
+        self.flight.places.forget(confirmed)
         log.info("included", extra={"vehicle": vehicle_id, "by": CALLER.get()})
         return self.flight.book.done("include", [vehicle_id])
 
@@ -586,9 +583,5 @@ def _tried(name: str, limit: str, look: Callable[[], None]) -> Check:
     try:
         look()
     except GcsError as error:
-        return _refused(name, error, limit)
+        return Check(name, State.FAIL, limit=limit, problem=str(error), to_do=TO_DO[name])
     return Check(name, State.PASS, limit=limit)
-
-
-def _refused(name: str, error: GcsError, limit: str) -> Check:
-    return Check(name, State.FAIL, limit=limit, problem=str(error), to_do=TO_DO[name])

@@ -23,6 +23,7 @@ from gcs.estimation.fleet_state import FORWARD_MAX_S, Table
 from gcs.estimation.height_bias import HeightComparison
 from gcs.estimation.link_delay import LinkDelay
 from gcs.estimation.link_health import LinkQuality, SetpointGaps
+from gcs.estimation.pad_places import PadPlaces
 from gcs.estimation.positioning import uncertainty_m
 from gcs.estimation.touch_down import height_error_m
 from gcs.failsafe.autopilot_failsafe import TEXTS_COUNT_S, FailsafeInputs
@@ -191,6 +192,7 @@ class Flight:
         self.link_quality = LinkQuality(_requested_hz(config))
         self.link_delay = LinkDelay(len(self.vehicles))
         self.heights = HeightComparison(len(self.vehicles), config.heights)
+        self.places = PadPlaces(len(self.vehicles), config.control.safety.floor.vertical_uncertainty)
         self._slowed: tuple[ControlSettings, float, ControlSettings] | None = None  # see `control_now`
         self.newest.silent = np.ones(len(self.vehicles), dtype=np.bool_)
         self.newest.has_heartbeat = ~self.newest.silent
@@ -266,13 +268,16 @@ class Flight:
         return wide_m
 
     def note_links(self) -> None:
-        """Note how the newest telemetry arrived, and its heights. After the setpoints: they change slowly."""
+        """Note how telemetry arrived, its heights, and where vehicles stand. After the setpoints."""
         self.link_quality.note(self.newest.telemetry.position_time_s, self.newest.state.time_s)
         self.link_delay.note(
             self.newest.telemetry.clock_base_s, self.newest.telemetry.round_trip_s, self.newest.state.time_s
         )
         fresh = self.newest.state.age_s <= self.in_force.control.telemetry_age_max_s
         self.heights.note(self.newest.telemetry, fresh, self.newest.state.time_s)
+        if self.places.is_due(self.newest.state.time_s):
+            state, wide_m = self.newest.state, self.uncertainty_on_pads_m
+            self.places.note(self.newest.telemetry, state.position_m, fresh, wide_m, state.time_s)
 
     def slow_from_m(self, vehicles: Sequence[Vehicle]) -> Array:
         """(k,) reported heights above the ground from which these descend slowly: they may be lower."""
@@ -350,6 +355,10 @@ class Flight:
         return sum(link.setpoints_sent for link in self.links)
 
     @property
+    def late_samples(self) -> int:
+        return sum(link.counters.late_samples for link in self.links)
+
+    @property
     def instant(self) -> Instant:
         """What features are asked about."""
         return Instant(self.newest.state.time_s, self.show.phase, self.show.run)
@@ -414,10 +423,10 @@ class Flight:
 
     @property
     def known(self) -> set[VehicleId]:
-        """Vehicles that have reported all that a start requires: parameters, fix and clock, as configured."""
+        """Vehicles that have reported all that a start requires, and are still where they stood."""
         config = self.config
         names = set(self.parameters if config.operation.require_parameters else self.vehicles)
-        reported = np.ones(len(self.vehicles), dtype=np.bool_)
+        reported = np.isinf(self.places.found.since_s)
         if config.preflight.require_fix:
             reported &= np.isfinite(self.newest.telemetry.fix_type)
         if config.preflight.clock_max_s is not None:

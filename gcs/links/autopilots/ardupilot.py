@@ -120,6 +120,7 @@ class ArduPilot:
     stops_on_setpoint_only: Final = True
     health_by_mavsdk: Final = False
     falls_on_ground: Final = True
+    complains: Final = ("PreArm: ", 65.0)  # every 30 s; one round may be lost
     modes: Final[Mapping[Verb, frozenset[Mode]]] = MappingProxyType(
         {
             Verb.STANDBY: frozenset({Mode.OFFBOARD}),

@@ -77,6 +77,10 @@ class Autopilot(Protocol):
     def falls_on_ground(self) -> bool:
         """Whether it reports ON_GROUND as soon as its motors are stopped, at any height."""
 
+    @property
+    def complains(self) -> tuple[str, float]:
+        """How texts begin that say why it would not arm, and how long each counts if not repeated, in s."""
+
     def mode(self, custom_mode: int) -> Mode:
         """The mode of a HEARTBEAT; OTHER for modes that are never commanded."""
 

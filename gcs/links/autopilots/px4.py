@@ -1,7 +1,7 @@
 """PX4: its habits were measured on v1.16 (docs/FACTS.md, section 3), parameters by version are data."""
 
 from collections.abc import Mapping
-from math import nan
+from math import inf, nan
 from types import MappingProxyType
 from typing import Final
 
@@ -82,6 +82,7 @@ class Px4:
     stops_on_setpoint_only: Final = False
     health_by_mavsdk: Final = True
     falls_on_ground: Final = False
+    complains: Final = ("Preflight Fail: ", inf)  # sent when they change
     modes: Final[Mapping[Verb, frozenset[Mode]]] = MappingProxyType(
         {
             Verb.STANDBY: frozenset({Mode.HOLD}),

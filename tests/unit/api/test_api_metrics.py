@@ -37,6 +37,7 @@ def test_metrics_report_the_fleet(samples: dict[tuple[str, ...], float]) -> None
     assert samples["gcs_vehicles", "lost"] == 1.0
     assert samples["gcs_minimum_separation_meters",] == 5.0
     assert samples["gcs_filter_interventions_total",] == 7.0
+    assert samples["gcs_late_samples_total",] == 4.0
     assert samples["gcs_setpoints_sent_total",] == samples["gcs_ticks_total",] * 3
     assert samples["gcs_vehicle_link_quality", "d1"] == 0.75
     assert samples["gcs_vehicle_position_age_seconds", "d2"] == 0.05

@@ -1,5 +1,7 @@
 """Routes of the formation's centre past standing and moving boxes."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -102,6 +104,16 @@ def test_goal_that_a_box_passes_over_is_reached_after_it() -> None:
     assert route.reaches
     assert route.corners
     assert route.arrival_s[-1] == pytest.approx(51.0, abs=2.0)  # its end passes after 50 s
+
+
+def test_the_shorter_way_leads_to_a_goal_that_becomes_free() -> None:
+    passing, to = scene(box(-34.0, 13.0, 10.0, 15.0, 1.0, 0.0)), goal(10.0, -1.0)
+    route = routed(passing, to)
+    assert route.reaches
+    assert route.arrival_s[-1] == pytest.approx(55.0, abs=1.0)  # its end passes after 54 s
+    places_m = [HERE, *map(passing.corner_m, route.corners, route.arrival_s)]
+    flown_m = sum(np.hypot(*(after - before)) for before, after in pairwise(places_m))
+    assert flown_m + SPEED_M_S * (route.arrival_s[-1] - route.leaves_s) < 40.0  # the other way round: 77 m
 
 
 def test_boxes_from_both_sides_are_left_sideways() -> None:

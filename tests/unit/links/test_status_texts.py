@@ -47,11 +47,17 @@ def test_a_missing_chunk_is_left_out() -> None:
 
 def test_a_restarted_vehicle_counts_its_texts_anew() -> None:
     assert texts(FIRST, SECOND, (b"another text", 7, 0)) == [(A + B).decode(), "another text"]
-    assert texts(FIRST, FIRST, apart_s=REPEATED_S + 1.0) == [A.decode().strip()] * 2
+    assert texts(FIRST, (b"own", 8, 0), FIRST, apart_s=REPEATED_S + 1.0) == ["own", A.decode().strip()]
 
 
-def test_short_texts_may_repeat() -> None:
-    assert texts((b"Arming denied", 0, 0), (b"Arming denied", 0, 0)) == ["Arming denied"] * 2
+def test_a_repeated_text_is_shown_once_as_the_newest() -> None:
+    reasons = [(f"PreArm: reason {number}".encode(), 0, 0) for number in range(10)]
+    assert texts(*reasons, *reasons, (b"Land", 0, 0)) == [*(text.decode() for text, *_ in reasons), "Land"]
+    taken = StatusTexts()
+    for text, text_id, chunk in (*reasons, (b"Land", 0, 0)):
+        taken.take(TextChunk(6, text, text_id, chunk, last=True), 0.0)
+    taken.forget("PreArm: ")
+    assert [text.text for text in taken.texts] == ["Land"]
 
 
 def test_a_text_is_as_new_as_its_newest_chunk() -> None:

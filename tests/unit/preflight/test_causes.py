@@ -78,7 +78,7 @@ def test_what_helps_most_comes_first_and_promises_only_its_own() -> None:
     assert (first.check, second.check) == ("fix", "battery")
     assert first.action is not None
     assert second.action is not None
-    assert (first.action.then, second.action.then) == ("1 of 4 checks still fail", "3 of 4 checks still fail")
+    assert (first.action.then, second.action.then) == ("1 other cause remains", "1 other cause remains")
 
 
 def test_no_vehicle_is_left_out_where_all_have_the_cause() -> None:

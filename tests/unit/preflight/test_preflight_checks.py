@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from gcs.config.sections import PreflightSettings
+from gcs.estimation.pad_places import Moved
 from gcs.estimation.positioning import Positioning, uncertainty_m
 from gcs.model.preflight_report import Check, State, describe
 from gcs.model.state import Array, FleetState, Landed, Mode, Telemetry
@@ -66,6 +67,32 @@ def test_other_autopilot_than_configured_is_refused() -> None:
     name, check = only(known(foreign={"b": text}))
     assert (name, check.name, check.state, check.problem) == ("b", "autopilot", State.FAIL, text)
     assert "configuration" in check.to_do
+
+
+def test_an_autopilot_is_quoted_and_its_words_are_bounded() -> None:
+    says = [
+        f"Compass {number} not calibrated, do that before arming the vehicle again" for number in range(9)
+    ]
+    not_ready = replace(GOOD, ready=(True, False, True))
+    name, check = only(known(not_ready, complaints={"b": says}))
+    assert (name, check.name, check.depends_on) == ("b", "autopilot", ())
+    assert '; it says "Compass 0 not calibrated' in check.problem
+    assert check.problem.endswith(" and 5 more")
+    assert len(check.problem) < 350
+    _, check = only(known(not_ready, complaints={"b": ["High GPS HDOP"]}))
+    assert "fix" in check.depends_on
+    assert failed(known(complaints={"b": says})) == [], "it passes its checks"
+
+
+def test_a_jump_names_its_size_and_age() -> None:
+    way_m = np.array([[0.1, 0.0, 0.0], [30.0, 0.0, -2.0], [np.nan] * 3])
+    moved = Moved(way_m, np.full((3, 2), 1.0), np.array([np.inf, -25.0, np.inf]))
+    name, check = only(known(moved=moved))
+    assert (name, check.name, check.value, check.unit) == ("b", "jump", 30.0, "m")
+    assert check.problem == "its position moved by 30 m sideways and 2 m up while it stood, 25 s ago"
+    assert check.limit == "at most 1.0 m sideways and 1.0 m up or down"
+    way_m[1] = 0.0
+    assert only(known(moved=moved))[1].to_do == "wait"
 
 
 def failed(facts: PreflightInputs) -> list[tuple[str, Check]]:
