@@ -16,10 +16,12 @@ from pymavlink.dialects.v20 import common as dialect
 
 from gcs.links.intake import FORWARDED, Bound, of_vehicles
 from gcs.links.rtk import CORRECTIONS
+from gcs.links.targets.receive import TARGETS
 from gcs.shows.timecode.midi import quarter_frames
 from gcs.shows.timecode.receiver import MIDI
 from gcs.shows.timecode.smpte import Rate, label_at
 from tests.support.rtcm import rtcm
+from tests.support.target_bytes import cot, gga, rmc
 
 TIMES: Final = 10.0
 DATAGRAM: Final = 1400
@@ -80,6 +82,11 @@ ROWS: Final[dict[str, Callable[[], Flood]]] = {
     "timecode-labels": lambda: by_bytes(MIDI, quarters()[:DATAGRAM]),
     "timecode-many": lambda: by_messages(MIDI, b"\xf1\x00"),
     "timecode-random": lambda: by_bytes(MIDI, *(random.Random(at).randbytes(DATAGRAM) for at in range(50))),
+    "target-sentences": lambda: by_bytes(TARGETS, (gga("120000") + rmc("120000"))[:DATAGRAM]),
+    "target-many": lambda: by_messages(TARGETS, b"$GP*00\r\n"),
+    "target-random": lambda: by_bytes(TARGETS, *(random.Random(at).randbytes(DATAGRAM) for at in range(50))),
+    "track-events": lambda: by_bytes(TARGETS, *(cot(f"U{at}", f"C{at}") for at in range(200))),
+    "track-elements": lambda: by_bytes(TARGETS, cot(detail="<a/>" * 300)),
     "station-pings": lambda: by_bytes(FORWARDED, _pings()),
     "station-many": lambda: by_messages(FORWARDED, b"\xfd\xfe" * 8),
     "vehicles-doubled": lambda: Flood([_heartbeats()], 3000.0, 1500.0),

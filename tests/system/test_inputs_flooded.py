@@ -33,6 +33,8 @@ COUNTS = (6, 50)
 NAMES = {
     "rtk": "rtk",
     "timecode": "timecode",
+    "target": "target boat",
+    "track": "target anna",
     "station": "forward",
     "connection": "link",
     "vehicles": "link",
@@ -74,6 +76,11 @@ def config_of(transport: str, count: int, base: int, ports: dict[str, int]) -> C
     }
     raw["rtk"] = {"source": f"udp://127.0.0.1:{ports['rtk']}"}
     raw["timecode"] = {"source": f"udp-midi://127.0.0.1:{ports['timecode']}"}
+    sources = {
+        "boat": {"kind": "nmea", "at": f"udp://127.0.0.1:{ports['target']}"},
+        "anna": {"kind": "cot", "at": f"udp://127.0.0.1:{ports['track']}", "track": "ANNA"},
+    }
+    raw["targets"] = [{"name": name, "sources": [source]} for name, source in sources.items()]
     raw["scheduling"] = "real-time"  # as in operation: the machine's other work delays ticks less
     return Config.model_validate(raw)
 
