@@ -91,8 +91,9 @@ class Drawings:
                 async with self._turn:
                     found = await self._parsed(upload, given)
                 target = given.with_suffix(".yaml")
-                await shows.store_drawn(upload.name, await asyncio.to_thread(target.read_bytes), given)
-        return found
+                text = await asyncio.to_thread(target.read_bytes)
+                stored = await shows.store_drawn(upload.name, text, given)
+        return found | {"replaced": stored.replaced}
 
     async def _parsed(self, upload: Upload, given: Path) -> dict[str, Any]:
         option = "--origin" if upload.at_service else "--origin-else"

@@ -82,6 +82,7 @@ class ImportedShow(Outward):
     duration_s: float = Field(description="Of the drawing.")
     claims: DrawingClaims
     notes: list[str] = Field(description="What of the file is not used.")
+    replaced: bool = Field(description="It replaced a show of that name.")
 
 
 class Placement(Outward):

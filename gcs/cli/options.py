@@ -1,9 +1,8 @@
 """Arguments of commands with slow imports, so that their parsers need no such import."""
 
 import argparse
-from collections.abc import Callable
-from math import isfinite
-from typing import Final
+from math import isfinite, nan
+from typing import Any, Final
 
 from gcs.cli.service import supervisor
 from gcs.simulation import ROWS
@@ -63,6 +62,28 @@ def add_serve_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def _numbers(names: str, *, fewer: bool = False) -> dict[str, Any]:
+    """Return what makes an option of finite numbers with commas between them; `fewer`: NaN where none is."""
+    count = names.count(",") + 1
+
+    def parse(text: str) -> tuple[float, ...]:
+        parts = text.split(",")
+        try:
+            numbers = tuple(nan if fewer and not part.strip() else float(part) for part in parts)
+        except ValueError:
+            numbers = ()
+        given = [number for part, number in zip(parts, numbers, strict=False) if part.strip()]
+        if len(numbers) != count or not all(map(isfinite, given)):
+            needed = f"{count} numbers with commas between them are needed: {names}"
+            raise argparse.ArgumentTypeError(f"{text}: {needed}")
+        return numbers
+
+    return {"type": parse, "metavar": names}
+
+
+PLACE: Final = _numbers("LAT,LON,ALT,HEADING")
+
+
 def add_show_arguments(parser: argparse.ArgumentParser) -> None:
     actions = parser.add_subparsers(dest="action", required=True)
     check = actions.add_parser("check", help="fly it in virtual time; say what is wrong, by line and cue")
@@ -77,10 +98,8 @@ def add_show_arguments(parser: argparse.ArgumentParser) -> None:
     brought = actions.add_parser("import", help="make a show of a file that another program wrote")
     brought.add_argument("file", metavar="FILE", help="a .skyc, a .zip of CSV files, or a polynomial's .csv")
     brought.add_argument("-o", "--output", required=True, metavar="NAME.yaml", help="the show file to write")
-    brought.add_argument("--origin", metavar="LAT,LON,ALT,HEADING", help="of the show; as the file has it")
-    brought.add_argument(
-        "--origin-else", metavar="LAT,LON,ALT,HEADING", help="of the show where the file names no place"
-    )
+    brought.add_argument("--origin", **PLACE, help="of the show; as the file has it")
+    brought.add_argument("--origin-else", **PLACE, help="of the show where the file names no place")
     brought.add_argument(
         "--endurance", type=float, default=900.0, metavar="S", help="of a vehicle in the air; 900"
     )
@@ -93,10 +112,12 @@ def add_show_arguments(parser: argparse.ArgumentParser) -> None:
     sampled.add_argument("--rate", type=float, default=4.0, metavar="HZ", help="lowered for many vehicles; 4")
     placed = actions.add_parser("place", help="move, turn or fit a drawn show with its pads")
     placed.add_argument("file", metavar="FILE", help="the show file of a drawn show")
-    placed.add_argument("--at", metavar="X,Y,TURN", help="metres, and degrees clockwise; as the file has it")
+    placed.add_argument(
+        "--at", **_numbers("X,Y,TURN", fewer=True), help="metres, and degrees clockwise; as the file has it"
+    )
     placed.add_argument("--fit", action="store_true", help="fit the pads to where the vehicles stand")
     placed.add_argument("--vehicles", metavar="FILE.json", help='their places: {"d1": [x, y], "d2": null}')
-    placed.add_argument("--frame", metavar="LAT,LON,ALT,HEADING", help="origin of these; as the file has it")
+    placed.add_argument("--frame", **PLACE, help="origin of these; as the file has it")
     placed.add_argument("-o", "--output", metavar="NAME.yaml", help="write the show file with this placement")
     for action in (brought, placed):
         text = "of the service that is to fly it: the show file gets its take-off, limits and fence"
@@ -129,28 +150,13 @@ def _add_adversity(check: argparse.ArgumentParser) -> None:
         default="hold",
         help="what their autopilots do; hold",
     )
-    check.add_argument(
-        "--wind", type=_numbers(2), metavar="X,Y", help="m/s along the show's axes, with gusts; 0,0"
-    )
+    check.add_argument("--wind", **_numbers("X,Y"), help="m/s along the show's axes, with gusts; 0,0")
     check.add_argument(
         "--box",
-        type=_numbers(5),
+        **_numbers("X,Y,HALF_X,HALF_Y,HEIGHT"),
         action="append",
-        metavar="X,Y,HALF_X,HALF_Y,HEIGHT",
         help="an obstacle that is not in the show, in m; may be repeated",
     )
-
-
-def _numbers(count: int) -> Callable[[str], tuple[float, ...]]:
-    """Return a parser of so many finite numbers between commas."""
-
-    def parse(text: str) -> tuple[float, ...]:
-        numbers = tuple(map(float, text.split(",")))
-        if len(numbers) != count or not all(map(isfinite, numbers)):
-            raise argparse.ArgumentTypeError(f"{text}: {count} numbers with commas between them are needed")
-        return numbers
-
-    return parse
 
 
 def add_params_arguments(parser: argparse.ArgumentParser) -> None:

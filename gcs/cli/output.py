@@ -200,11 +200,13 @@ def _finite(value: Any) -> Any:
 PICTURES: Final = (".png", ".svg", ".pdf")
 
 
-def picture_file(name: str, option: str = "") -> Path:
-    """Return the path of a picture. Raises: ConfigError for an unknown kind or a missing folder."""
+def output_file(name: str, suffixes: Sequence[str], option: str = "-o ") -> Path:
+    """Return the path of a file to write. Raises: ConfigError for another suffix, or a missing folder."""
     file = Path(name)
-    if not file.parent.is_dir() or file.suffix not in PICTURES:
-        raise ConfigError(f"{option}{file}: a .png, .svg or .pdf file in a folder that exists")
+    if file.suffix.lower() not in suffixes:
+        raise ConfigError(f"{option}{file}: a name that ends with {' or '.join(suffixes)} is needed")
+    if not file.parent.is_dir():
+        raise ConfigError(f"{option}{file}: there is no folder {file.parent}: make it first")
     return file
 
 

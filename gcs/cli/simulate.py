@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from gcs.cli.output import answer, note, picture_file, print_json, require_matplotlib
+from gcs.cli.output import PICTURES, answer, note, output_file, print_json, require_matplotlib
 from gcs.cli.progress import share_of, working
 from gcs.config.setting_errors import explained
 from gcs.model.errors import ConfigError, ShowError
@@ -98,7 +98,7 @@ def _plot_scenario(paths: list[Path], arguments: argparse.Namespace) -> int:
     runs = [run for path in paths for run in _runs(path, arguments)]
     if len(runs) != 1:
         raise ConfigError(f"--plot draws one flight: one scenario and one seed, not {len(runs)}")
-    file = picture_file(arguments.plot, "--plot ")
+    file = output_file(arguments.plot, PICTURES, "--plot ")
     _note_compilation(arguments)
     figures = draw(fly(scenarios.load(paths[0]), runs[0].vehicles, runs[0].seed, divide=runs[0].divide), file)
     answer(arguments, figures, summary([figures | {"failed": [], "missed": []}]), indent=None)
@@ -163,7 +163,7 @@ def plot_show(arguments: argparse.Namespace) -> int:
     require_matplotlib("gcs show plot")
     from gcs.simulation.plot import draw_show  # noqa: PLC0415  (takes a second, only for plots)
 
-    file = picture_file(arguments.picture)
+    file = output_file(arguments.picture, PICTURES, "")
     _note_compilation(arguments)
     with share_of("flying it in virtual time", shown=not arguments.json) as report:
         verdict = draw_show(rehearse(loaded, arguments.seed, report), file)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from gcs.formation.obstacles import Ellipse
 from gcs.model.state import Array, Mask
+from gcs.safety.fenced_areas import FencedArea, beyond_m
 from gcs.safety.floor import Floor
 
 ROUNDS = 60
@@ -20,12 +21,19 @@ finer in radius than the directions on a ring. Six are examined at a time.
 
 TINY = 1e-6
 
+INSIDE_M = 1.0
+"""From the edges of the fence's areas: the safety filter keeps vehicles off them."""
+
 CLEAR_M = 3.0
 """Clearance to obstacles, as AvoidanceSettings.near_m: nearer, the ellipse would push vehicles that land."""
 
 
 def distinct_sites_m(
-    desired_m: Array, taken_m: Array, spacing_m: float, ellipses: Mapping[str, Ellipse]
+    desired_m: Array,
+    taken_m: Array,
+    spacing_m: float,
+    ellipses: Mapping[str, Ellipse],
+    areas: Sequence[FencedArea] = (),
 ) -> Array:
     """Return landing sites near the vehicles, no two closer than `spacing_m`, none near an obstacle.
 
@@ -37,18 +45,23 @@ def distinct_sites_m(
         taken_m: (m, 2) sites in use or assigned; they stay.
         spacing_m: between any two.
         ellipses: obstacles with their margins; sites keep CLEAR_M to them.
+        areas: of the fence, within which sites are.
 
     Returns: (n, 2), rows as in `desired_m`; NaN where that is NaN.
     """
     place_m = np.array(desired_m, dtype=np.float64)
     located = np.isfinite(place_m).all(axis=1)
     if not located.all():
-        place_m[located] = distinct_sites_m(place_m[located], taken_m, spacing_m, ellipses)
+        place_m[located] = distinct_sites_m(place_m[located], taken_m, spacing_m, ellipses, areas)
         place_m[~located] = np.nan
         return place_m
     taken_m = taken_m.reshape(-1, 2)
     walls = _Walls.of(ellipses)
     n = len(place_m)
+
+    def are_within(place_m: Array) -> Mask:
+        return np.asarray(beyond_m(areas, place_m) <= -INSIDE_M)
+
     # two equal positions have no direction in which to separate: a fixed, tiny spiral gives them one
     angle_rad = np.arange(n) * 2.399963
     place_m += TINY * np.arange(1, n + 1)[:, None] * np.stack([np.cos(angle_rad), np.sin(angle_rad)], axis=1)
@@ -57,13 +70,15 @@ def distinct_sites_m(
         distance_m[np.arange(n), np.arange(n)] = np.inf
         clear_m, outward = walls.distance_m(place_m), walls.outward(place_m)
         if distance_m.min(initial=np.inf) >= spacing_m and clear_m.min(initial=np.inf) >= CLEAR_M:
-            return place_m
+            if are_within(place_m).all():
+                return place_m
+            break
         share = np.maximum(spacing_m * 1.01 - distance_m, 0.0) / np.maximum(distance_m, TINY / 100)
         inside_m = np.maximum(CLEAR_M + 0.1 - clear_m, 0.0)
         push_m = (offset_m * share).sum(axis=2).T + (outward * inside_m).sum(axis=2).T
         length_m = np.linalg.norm(push_m, axis=1, keepdims=True)
         place_m = place_m + push_m * np.minimum(0.5, spacing_m / 4.0 / np.maximum(length_m, TINY))
-    return _nearest_free_m(place_m, taken_m, spacing_m, walls)
+    return _nearest_free_m(place_m, taken_m, spacing_m, walls, are_within if areas else None)
 
 
 def open_places_m(

@@ -14,6 +14,7 @@ from gcs.estimation.positioning import Positioning
 from gcs.links.link import Absent
 from gcs.model.preflight_report import Check, State
 from gcs.model.state import Array, FleetState, Mask, Telemetry, VehicleId
+from gcs.safety.fenced_areas import beyond_m
 from gcs.safety.floor import Floor
 from gcs.safety.walls import Fence
 
@@ -277,6 +278,20 @@ def _origin(inputs: PreflightInputs, row: int) -> Iterator[Check]:
     yield judged(
         "distance of the origin", distance_m, "m", limit, problem, to_do, good=good, depends_on=POSITIONED_BY
     )
+    if fence.areas:
+        over_m = float(beyond_m(fence.areas, place_m[None, :2])[0])
+        problem = f"stands {over_m:.1f} m beyond the fence of the show's drawing"
+        to_do = "move it inside, or place the show anew"
+        yield judged(
+            "area of the fence",
+            over_m,
+            "m",
+            "inside",
+            problem,
+            to_do,
+            good=over_m <= 0.0,
+            depends_on=POSITIONED_BY,
+        )
 
 
 def _jump(inputs: PreflightInputs, row: int) -> Iterator[Check]:

@@ -67,8 +67,11 @@ class StoredShow:
 
     name: str
     size_bytes: int
-    sha256: Annotated[str, Field(description="Hash of the file; what is flown has a hash of its own.")]
+    hash: Annotated[
+        str | None, Field(description="Of all that is flown; a start names it. null: not checked as it is.")
+    ]
     drawing: Annotated[str | None, Field(description="File of the drawing that the show names.")] = None
+    replaced: Annotated[bool, Field(description="This upload replaced a show of that name.")] = False
 
 
 class CheckState(StrEnum):
@@ -134,6 +137,9 @@ class ShowFigures:
     ]
     columns: Annotated[tuple[VerticalOverlap, ...], Field(description="The nearest of these pairs.")]
     cues: tuple[CueFigures, ...]
+    warnings: Annotated[
+        tuple[str, ...], Field(description="What an operator should know of a show that is good to fly.")
+    ] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -302,6 +308,14 @@ class ActiveFailsafe:
 
 
 @dataclass(frozen=True, slots=True)
+class FenceArea:
+    """A polygon on the ground, at every height."""
+
+    corners_m: Annotated[tuple[tuple[float, float], ...], Field(description="x and y, show frame.")]
+    inside: Annotated[bool, Field(description="Vehicles stay inside; false: outside.")]
+
+
+@dataclass(frozen=True, slots=True)
 class FlightEnvelope:
     """The volume that no vehicle may leave, and the ellipsoid around a vehicle that no other may enter."""
 
@@ -315,6 +329,10 @@ class FlightEnvelope:
         float, Field(description="Vertical half-axis; greater, because a vehicle's air goes down.")
     ]
     margin_m: Annotated[float, Field(description="Added sideways, and in proportion up and down.")]
+    areas: Annotated[
+        tuple[FenceArea, ...],
+        Field(description="Of the selected drawing's fence; empty: only height and distance count."),
+    ] = ()
 
     @staticmethod
     def of(safety: "SafetySettings") -> "FlightEnvelope":
@@ -326,6 +344,7 @@ class FlightEnvelope:
             floor.horizontal_m,
             floor.vertical_m,
             floor.margin_m,
+            tuple(FenceArea(area.corners_m, area.inside) for area in fence.areas),
         )
 
 

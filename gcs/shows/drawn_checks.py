@@ -22,6 +22,9 @@ PAIRS_NAMED: Final = 10
 JUMP_S: Final = 0.5
 """Accelerations are means over this time, the lag of a vehicle: no vehicle follows a shorter one."""
 
+MID_AIR_M: Final = 0.5
+"""A trajectory that ends higher than this above the take-off's height ends in mid-air."""
+
 NEARLY: Final = 0.01
 """Tolerance of limits and claims, as a share: files are rounded."""
 
@@ -50,6 +53,7 @@ class DrawnFigures:
     acceleration_max_m_s2: float
     height_max_m: float
     claims: tuple[Claim, ...] = ()
+    mid_air: str = ""  # drones of which the drawing ends there, and what becomes of them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -94,8 +98,22 @@ def examine(timeline: Timeline) -> tuple[DrawnFigures, list[Flaw]]:
         acceleration_max_m_s2=_short(most[3]),
         height_max_m=_short(most[4]),
         claims=tuple(_claims(drawing.claims, (least[0], *most[[0, 1, 2, 4]].tolist()))),
+        mid_air=_mid_air(show, drawing),
     )
     return figures, flaws
+
+
+def _mid_air(show: Show, drawing: DrawnShow) -> str:
+    """Name the drones of which the trajectory ends higher than the station's take-off, the highest first."""
+    end_m, ends_s = -drawing.trajectories.at(drawing.duration_s).position_m[:, 2], drawing.trajectories.end_s
+    rows = np.flatnonzero(end_m > show.fleet.takeoff_height_m + MID_AIR_M)
+    rows = rows[np.argsort(-end_m[rows], kind="stable")]
+    ends = [f"{drawing.vehicles[row]} at {end_m[row]:.1f} m ({ends_s[row]:.1f} s)" for row in rows.tolist()]
+    if not ends:
+        return ""
+    more = f" and {len(ends) - PAIRS_NAMED} more" if len(ends) > PAIRS_NAMED else ""
+    then = "they stay there until the show ends, then the station brings them home"
+    return f"the drawing ends in mid-air for {', '.join(ends[:PAIRS_NAMED])}{more}: {then}"
 
 
 def _sampled(drawing: DrawnShow, part: PlayedPart) -> _Sampled:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from itertools import pairwise
-from math import ceil
+from math import ceil, floor
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -175,9 +175,11 @@ def flown_s(drawing: DrawnShow, rules: ServiceRules | None = None) -> tuple[floa
     """
     rules = rules or ServiceRules()
     begin_s, end_s = drawing.show_s or (0.0, drawing.duration_s)
-    times_s = np.append(
-        np.arange(begin_s, min(end_s, drawing.duration_s), _STEP_S), min(end_s, drawing.duration_s)
-    )
+    end_s = floor(min(end_s, drawing.duration_s) * 1e3 + 1e-3) / 1e3  # in the file: whole milliseconds
+    if begin_s >= end_s:
+        lasts = f"the drawing lasts {drawing.duration_s:g} s, and its show (meta.segments) begins"
+        raise ConfigError(f"{lasts} at {begin_s:g} s: nothing of it can be flown")
+    times_s = np.append(np.arange(begin_s, end_s, _STEP_S), end_s)
     heights_m = -np.stack([drawing.trajectories.at(time_s).position_m[:, 2] for time_s in times_s.tolist()])
     lowest_m, least_m = heights_m.min(axis=1), rules.height_min_m
     flown = np.flatnonzero(lowest_m >= least_m)
@@ -189,11 +191,12 @@ def flown_s(drawing: DrawnShow, rules: ServiceRules | None = None) -> tuple[floa
     if len(longest) < 2:
         at = int(lowest_m.argmax())
         low = drawing.vehicles[int(heights_m[at].argmin())]
+        never = "never" if lowest_m[at] < least_m else f"for less than {_STEP_S:g} s"
         raise ConfigError(
-            f"all vehicles are never {least_m:g} m or higher together, the least height of the fence:"
+            f"all vehicles are {never} {least_m:g} m or higher together, the least height of the fence:"
             f" at {times_s[at]:.2f} s of the drawing, when they are highest, {low} is at {lowest_m[at]:.2f} m"
         )
-    return round(float(times_s[longest[0]]), 3), round(float(times_s[longest[-1]]), 3)
+    return ceil(float(times_s[longest[0]]) * 1e3 - 1e-3) / 1e3, round(float(times_s[longest[-1]]), 3)
 
 
 def _ends_over_others(drawing: DrawnShow, from_s: float, to_s: float) -> bool:

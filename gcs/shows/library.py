@@ -134,7 +134,7 @@ class ShowLibrary:
         if self._folder is None:
             return []
         paths = [path for path in sorted(self._folder.glob("*.yaml")) if NAME.fullmatch(path.stem)]
-        return [_stored(path.stem, self._read(path.stem)) for path in paths[:FILES_MAX]]
+        return [self._stored(path.stem, self._read(path.stem)) for path in paths[:FILES_MAX]]
 
     def _read(self, name: str) -> bytes:
         path = self._place(name)
@@ -156,7 +156,8 @@ class ShowLibrary:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             with in_turn(path.parent):  # other services may keep their shows in the same folder
-                if not path.exists() and len(list(path.parent.glob("*.yaml"))) >= FILES_MAX:
+                replaced = path.exists()
+                if not replaced and len(list(path.parent.glob("*.yaml"))) >= FILES_MAX:
                     raise RefusedError(f"there are {FILES_MAX} shows already: remove one")
                 before = stored_drawings.named_by(path)
                 if drawing is not None:
@@ -173,7 +174,13 @@ class ShowLibrary:
             raise RefusedError(
                 f"show {name!r} cannot be kept: {error.strerror}; nothing has changed"
             ) from None
-        return _stored(name, text)
+        return self._stored(name, text, replaced=replaced)
+
+    def _stored(self, name: str, text: bytes, *, replaced: bool = False) -> StoredShow:
+        checked = self._checks.get(name)
+        is_checked = checked is not None and checked.sha256 == sha256(text).hexdigest()
+        show_hash = checked.reported.hash if checked is not None and is_checked else None
+        return StoredShow(name, len(text), show_hash, stored_drawings.source_of(text), replaced)
 
     def _remove(self, name: str) -> None:
         path = self._place(name)
@@ -318,10 +325,6 @@ def _check_text(name: str, text: bytes) -> None:
         text.decode()
     except UnicodeDecodeError as error:
         raise InvalidError("body", str(error), "a show in YAML, in UTF-8") from None
-
-
-def _stored(name: str, text: bytes) -> StoredShow:
-    return StoredShow(name, len(text), sha256(text).hexdigest(), stored_drawings.source_of(text))
 
 
 _FIGURES: Final = TypeAdapter(ShowFigures)

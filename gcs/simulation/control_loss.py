@@ -45,12 +45,12 @@ class ControlLoss:
 
 def control_loss(flight: Rehearsal) -> tuple[ControlLoss, ...]:
     """Return the prediction for each action; empty without drawn parts."""
-    ticks = _sampled(flight)
+    ticks = sampled(flight)
     clashes_of = [_clashes(flight, tick) for tick in ticks]
     return tuple(_over_all(flight, action, ticks, clashes_of) for action in PREDICTED) if ticks else ()
 
 
-def _sampled(flight: Rehearsal) -> list[int]:
+def sampled(flight: Rehearsal) -> list[int]:
     """Return ticks in which a drawing led."""
     apart_s = max(SAMPLED_S, flight.timeline.duration_s / MOMENTS_MAX)
     due_s, ticks = 0.0, list[int]()

@@ -4,9 +4,8 @@ from typing import Final
 
 import numpy as np
 
-from gcs.shows.drawn import Claims, DrawnCue, DrawnShow, LightPrograms, Trajectories, YawPrograms
+from gcs.shows.drawn import Claims, DrawnCue, DrawnShow
 from gcs.shows.drawn.light_programs import LightProgram
-from gcs.shows.drawn.yaw_programs import NO_YAW
 from gcs.shows.formats.samples import through_samples
 from gcs.simulation.rehearsal import Rehearsal
 
@@ -23,17 +22,12 @@ def drawn(flight: Rehearsal) -> DrawnShow:
     began_s = 0.0 if flight.began_s is None else flight.began_s - record.time_s[0]
     colours = np.stack([timeline.colours_at(max(time_s - began_s, 0.0)) for time_s in times_s.tolist()])
     count = show.fleet.vehicles
-    return DrawnShow(
+    return DrawnShow.of_programs(
+        tuple(f"d{row + 1}" for row in range(count)),
+        [through_samples(times_s, path_m[:, row]) for row in range(count)],
+        [LightProgram(times_s, colours[:-1, row], colours[1:, row]) for row in range(count)],
         title=flight.loaded.name,
-        vehicles=tuple(f"d{row + 1}" for row in range(count)),
-        trajectories=Trajectories.joined([through_samples(times_s, path_m[:, row]) for row in range(count)]),
-        lights=LightPrograms.joined(
-            [LightProgram(times_s, colours[:-1, row], colours[1:, row]) for row in range(count)]
-        ),
-        yaw=YawPrograms.joined([NO_YAW] * count),
         home_m=show.pads_m,
-        takeoff_s=np.zeros(count),
-        landing_s=np.full(count, times_s[-1]),
         origin=show.origin.frame,
         cues=tuple(DrawnCue(played.cue.cue, played.at_s + began_s) for played in timeline.played),
         claims=Claims(separation_min_m=round(float(np.min(record.closest_m)), 2)),

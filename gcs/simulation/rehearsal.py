@@ -17,7 +17,7 @@ from gcs.model.plan import Obstacle, Plan
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.return_paths.planner import closed_places
 from gcs.shows import Flaw, LoadedShow, Played
-from gcs.shows.following import TrackErrors, assigned
+from gcs.shows.following import APPROACH_MAX_S, TrackErrors, assigned
 from gcs.shows.format import control_of
 from gcs.simulation.scenario import Adversity, FormationFlight, Judged, Scenario, ScenarioBox, Wind, World
 from gcs.simulation.simulated_flight import SimulatedFlight
@@ -186,7 +186,10 @@ class Rehearsal(SimulatedFlight):
         run, world = self.run, self.world
         flies, assembling = (self.task == Task.FORMATION) & self.present, self.began_s is None
         seen = ShowFleet(world.ids, world.received_m, flies, len(flies))
+        approached = run.pace.approaches
         run.follow_drawing(seen, self.time_s, assembling=assembling)
+        if approached and run.goals is not None and not run.pace.approaches:
+            self._note_absent(run.off_m)
         off_m = np.full(len(self.task), np.nan)
         if run.goals is not None and not run.pace.approaches:
             true_m = np.linalg.norm(world.position_m - run.goals.position_m, axis=1)
@@ -197,6 +200,16 @@ class Rehearsal(SimulatedFlight):
             self.errors = self.errors.noted(off_m, world.tick_s)
         self.off_m.append(off_m)
         return run.goals is not None
+
+    def _note_absent(self, off_m: Array) -> None:
+        """Note the vehicle that is farthest from where a part begins, if the part begins without it."""
+        named, show_s = self.loaded.show.drawing, self.run.show_s(self.time_s)
+        farthest_m = float(np.nanmax(off_m, initial=0.0))
+        if named is None or farthest_m <= named.waits_from_m:
+            return
+        row, part = int(np.nanargmax(off_m)), self.timeline.cue_at(show_s)
+        words = f"vehicle {row + 1} is {farthest_m:.1f} m from where it begins, after {APPROACH_MAX_S:g} s"
+        self.flaws.append(Flaw(("timeline", part.index, "trajectories"), f"trajectories: {words} on the way"))
 
     def return_now(self) -> None:
         if self.ended_s is None:

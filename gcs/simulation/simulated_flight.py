@@ -248,7 +248,8 @@ class SimulatedFlight:
         spacing_m = OperationSettings.model_fields["landing_site_spacing_m"].default
         sites_m = np.zeros_like(here_m)
         ellipses = ellipses_of(self.plan, self.settings, self.time_s)
-        sites_m[rows, :2] = distinct_sites_m(here_m[rows, :2], taken_m, spacing_m, ellipses)
+        areas = self.settings.safety.fence.areas
+        sites_m[rows, :2] = distinct_sites_m(here_m[rows, :2], taken_m, spacing_m, ellipses, areas)
         return sites_m
 
     def _lead_down(self, rows: Mask, site_m: Array, *, returns: bool = False) -> None:

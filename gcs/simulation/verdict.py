@@ -12,11 +12,12 @@ from gcs.model.errors import Problem
 from gcs.model.plan import Plan
 from gcs.model.state import Array
 from gcs.planning.landing_sites import column_m, overlapping
+from gcs.planning.return_paths.within_areas import cross_edges
 from gcs.safety.fenced_areas import beyond_m
 from gcs.service.snapshots import CueFigures, ShowFigures, VerticalOverlap
 from gcs.shows import Flaw, Played
 from gcs.shows.drawn_checks import DrawnFigures, examine
-from gcs.simulation.control_loss import ControlLoss, control_loss, described
+from gcs.simulation.control_loss import ControlLoss, control_loss, described, sampled
 from gcs.simulation.metrics import rounded
 from gcs.simulation.record import penetrations_and_clearance_m
 from gcs.simulation.rehearsal import TAKEOFF_M_S, Rehearsal, Replacement
@@ -160,14 +161,31 @@ class _Judge:
         """Return the figures of drawn parts."""
         if self._loaded.drawing is None:
             return {}
-        errors = self._flight.errors
+        errors, drawn = self._flight.errors, examine(self._loaded.timeline)[0]
         return {
-            "drawn": examine(self._loaded.timeline)[0],
+            "drawn": drawn,
+            "warnings": tuple(filter(None, (drawn.mid_air, self._leaving_paths()))),
             "track_rms_m": round(errors.fleet_rms_m, 3),
             "track_max_m": _short(errors.max_m.max()),
             "lags": lags(self._flight),
             "control_loss": control_loss(self._flight),
         }
+
+    def _leaving_paths(self) -> str:
+        """Name the first vehicle of which the straight way home leads out of the drawing's fence."""
+        areas, flight, out = self._loaded.timeline.areas, self._flight, dict[int, float]()
+        for tick in sampled(flight) if areas else ():
+            leaves = cross_edges(areas, self._position_m[tick], flight.world.home_m)
+            for row in np.flatnonzero(leaves & ~self._lost & self._joined[tick]).tolist():
+                out.setdefault(row, flight.show_s[tick])
+        if not out:
+            return ""
+        row, at_s = next(iter(out.items()))
+        first = f"vehicle {row + 1} at {at_s:.0f} s of the show, the first of {len(out)}"
+        return (
+            f"the straight way home leads out of the drawing's fence for {first}: the station leads round,"
+            " an autopilot that returns by itself does not know that fence"
+        )
 
     def _replaced(self, replacement: Replacement) -> Replaced:
         """Return how a spare took the place of a lost vehicle, and how close it came to the others."""
@@ -400,7 +418,12 @@ def _drawn_lines(verdict: Verdict) -> list[str]:
     for claim in drawn.claims:
         kept = "holds" if claim.holds else "does not hold"
         lines.append(f"  the file claims {claim.name} {claim.claimed:g}: {kept}, {claim.measured:g}")
+    lines += [f"  warning: {warning}" for warning in verdict.warnings]
     return lines + described(verdict.control_loss)
+
+
+def _apart(verdict: Verdict, separation_m: float | None) -> str:
+    return "-" if verdict.vehicles == 1 or separation_m is None else f"{separation_m:.2f}"
 
 
 def table(verdict: Verdict) -> str:
@@ -412,7 +435,7 @@ def table(verdict: Verdict) -> str:
     lines = [
         f"{verdict.show}: {verdict.vehicles} vehicles, {verdict.show_s:g} s ({times})",
         f"  hash {verdict.hash}",
-        f"  closest {verdict.separation_min_m:.2f} m ({verdict.separation_min_at}), {floor}",
+        f"  closest {_apart(verdict, verdict.separation_min_m)} m ({verdict.separation_min_at}), {floor}",
         f"  speeds {verdict.speed_max_m_s:.1f} m/s sideways, {vertical}",
         f"  fence {verdict.fence_distance_margin_m:.1f} m left sideways, {height}",
         f"  battery {verdict.battery_need:.0%} needed, reserve included",
@@ -429,7 +452,7 @@ def table(verdict: Verdict) -> str:
             f"{cue.at_s:g}",
             f"{cue.radius_m:g}",
             f"{cue.height_m:g}",
-            f"{cue.separation_m:.2f}",
+            _apart(verdict, cue.separation_m),
             f"{cue.speed_m_s:.1f}",
             "-" if cue.radius_error_m is None else f"{cue.radius_error_m:.2f}",
             "-" if cue.center_off_m is None else f"{cue.center_off_m:.2f}",

@@ -25,6 +25,7 @@ from gcs.model.frames import ShowFrame
 from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle, Plan, Target
 from gcs.model.state import Array, FleetState, Traits
 from gcs.planning.lost_space import swept_segments_m
+from gcs.safety.fenced_areas import AREAS_MAX, CORNERS_MAX, FencedArea
 from gcs.safety.filter import SafetySettings, Surroundings, filter_velocities
 from gcs.safety.walls import Fence
 from gcs.sim.vehicle.dynamics import PointMasses, Response
@@ -81,11 +82,13 @@ def flying_on(
     *,
     center_moves: bool = True,
     among: tuple[Others, FormationState] | None = None,
+    areas: tuple[FencedArea, ...] = (),
 ) -> Callable[[], object]:
     """The whole tick of a formation whose vehicles fly what they are commanded, call after call.
 
     `lost` are rows of vehicles that hold where they are, without their station. `among` are the vehicles of
-    other stations, the rest of one sphere, and the formation that another station computes.
+    other stations, the rest of one sphere, and the formation that another station computes. `areas` are those
+    of the fence.
     """
     others, shared = among or (None, None)
     whole = count if others is None else count + len(others.ids)
@@ -97,7 +100,7 @@ def flying_on(
         airborne = np.ones(count, dtype=bool)
         tasks.task[list(lost)], airborne[list(lost)] = 0, False
         tasks = replace(tasks, segments_m=np.concatenate(paths_m), segments_of=of, airborne=airborne)
-    fence = Fence(height_max_m=4.0 * radius_m + 100.0, distance_max_m=4.0 * radius_m)
+    fence = Fence(height_max_m=4.0 * radius_m + 100.0, distance_max_m=4.0 * radius_m, areas=areas)
     traits, settings = Traits.alike(count), ControlSettings(safety=SafetySettings(fence=fence))
     memory = [Memory.fresh(whole, 0.0)]
     rng = np.random.default_rng(1)
@@ -154,6 +157,22 @@ def lost_tick(count: int) -> tuple[Callable[[], object], Callable[[], object]]:
     plan, lost = Plan(Formation(radius_m, radius_m + 10.0)), range(0, count, 4)
     some, none = (flying_on(count, radius_m, plan, each, center_moves=False) for each in (lost, ()))
     return some, none
+
+
+def fenced_tick(count: int) -> tuple[Callable[[], object], Callable[[], object]]:
+    """The whole tick within one area of 60 corners and beside three more; beside it without areas."""
+    radius_m = max(10.0, 1.4 * count**0.5)
+    plan = Plan(Formation(radius_m, radius_m + 10.0))
+    turn_rad = 2.0 * np.pi * np.arange(CORNERS_MAX) / CORNERS_MAX
+    ring = np.stack([np.cos(turn_rad), np.sin(turn_rad)], axis=1)
+    beside_m = [(radius_m + 9.0) * np.array(side) for side in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0))]
+    rings_m = [(radius_m + 20.0) * ring, *(side_m + 5.0 * ring for side_m in beside_m)]
+    areas = tuple(
+        FencedArea(corners_m=tuple((x_m, y_m) for x_m, y_m in ring_m.tolist()), inside=at == 0)
+        for at, ring_m in enumerate(rings_m)
+    )
+    assert len(areas) == AREAS_MAX
+    return flying_on(count, radius_m, plan, areas=areas), flying_on(count, radius_m, plan)
 
 
 def station_tick(count: int) -> tuple[Callable[[], object], Callable[[], object]]:
@@ -292,6 +311,7 @@ ROWS: tuple[tuple[str, str, Callable[[int], tuple[Callable[[], object], Callable
     ),
     *(("tick, 32 boxes, no way", "the tick without boxes", shut_in_tick, count) for count in (8, 1_000)),
     *(("tick, a quarter lost", "the tick with none lost", lost_tick, count) for count in (100, 1_200)),
+    *(("tick, 240 corners", "the tick without areas", fenced_tick, count) for count in (50, 200, 1_000)),
     ("tick, 3/4 elsewhere", "the tick of a quarter alone", station_tick, 1_200),
     *(("pushes of a sweep", "article, all pairs", sphere_pushes, count) for count in (1_000, 10_000)),
     *(("filter, flat ring", "pyrvo (ORCA, 2D only)", flat_filter, count) for count in (20, 100)),

@@ -128,4 +128,4 @@ def test_a_show_is_drawn(tmp_path: Path) -> None:
 
 def test_a_picture_needs_a_folder_that_exists(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["show", "plot", "lighthouse", "nowhere/show.png"]) == 2
-    assert "in a folder that exists" in capsys.readouterr().err
+    assert "nowhere/show.png: there is no folder nowhere" in capsys.readouterr().err

@@ -110,7 +110,7 @@ def test_a_plot_is_drawn(trial: Path, tmp_path: Path, capsys: pytest.CaptureFixt
         (["assembly", "--row", "shape"], "one of them"),
         (["assembly", "--seed", "1", "--seeds", "1:3"], "not both"),
         (["assembly", "--seeds", "1:3", "--plot", "x.png"], "one seed"),
-        (["assembly", "--plot", "nowhere/x.png"], "a folder that exists"),
+        (["assembly", "--plot", "nowhere/x.png"], "--plot nowhere/x.png: there is no folder nowhere"),
         (["assembly", "--plot", "x.doc"], ".png"),
         (["square-start", "--vehicles", "5"], "square number"),
         (["swap-random", "--vehicles", "5000"], "do not fit"),

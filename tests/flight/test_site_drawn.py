@@ -1,5 +1,6 @@
 """A drawn show flown by several stations, each of which has its own copy of the drawing."""
 
+import asyncio
 from functools import cache
 from pathlib import Path
 from shutil import copyfile
@@ -13,6 +14,8 @@ from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.state import Array
 from gcs.service import SelectedShow, ShowAction
+from gcs.shows.drawn import LightPrograms
+from gcs.shows.drawn.light_programs import LightProgram
 from gcs.shows.formats import write_drawing
 from gcs.testing.virtual_show import HOLDS_WHEN_LOST, VirtualShow, fly, show_config
 from gcs.testing.virtual_site import SiteShow, fly_on_pads, site_config
@@ -243,3 +246,42 @@ def test_spares_are_refused_at_a_site(folder: Path) -> None:
         assert any("spare vehicles fly with one station alone" in each.text for each in reported.problems)
 
     fly_on_pads(story, config(folder, 2), on_pads(folder), **BUS)
+
+
+@pytest.mark.soak
+def test_lights_go_to_their_end_at_every_station(tmp_path: Path) -> None:
+    """On the way home as well: red to 4 s after the show's end, then green for 3 s, then blue."""
+    end_s = drawn_show(COUNT, 30.0, SPACING_M, ("rings",)).duration_s
+    times_s = np.array([0.0, end_s + 4.0, end_s + 7.0, end_s + 8.0])
+    program = LightProgram(times_s, RGB, RGB)
+    write_show(tmp_path, LightPrograms.joined([program] * COUNT))
+
+    async def story(show: SiteShow) -> dict[str, set[int]]:
+        await start(show, tmp_path, "north")
+        await show.reach(ShowPhase.RETURNING, limit_s=120.0)
+        seen: dict[str, set[int]] = {name: set() for name in show.stations}
+        now_s = asyncio.get_running_loop().time
+        began_s = now_s()
+        while any(each.view.show is ShowPhase.RETURNING for each in show.stations.values()):
+            since_s = now_s() - began_s
+            for name, each in show.stations.items():
+                run = each.service.player.show.run
+                assert run is not None
+                near_a_change = min(abs(since_s - 4.0), abs(since_s - 7.0)) < 0.5
+                if each.service.player.show.phase is not ShowPhase.RETURNING or near_a_change:
+                    continue
+                own = list(run.parts)[: COUNT // 2]
+                colours, lit = run.colours(own, each.service.player.newest.state.time_s)
+                assert lit.all()
+                meant = int(np.searchsorted((4.0, 7.0), since_s))
+                assert colours.tolist() == [RGB[meant].tolist()] * len(own), (name, since_s)
+                seen[name].add(meant)
+            await show.wait(0.25)
+        return seen
+
+    exact = {**on_pads(tmp_path), "ideal": True}
+    for name, seen in fly_on_pads(story, config(tmp_path, 2), exact, **BUS).items():
+        assert {0, 1} <= seen, name
+
+
+RGB: Final = np.array([[255, 0, 0], [0, 255, 0], [0, 0, 255]], np.uint8)

@@ -1,6 +1,6 @@
 """A drawn show of eight vehicles, written into a folder of shows, and checked as `gcs show check` does."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from functools import cache
 from hashlib import sha256
 from pathlib import Path
@@ -10,6 +10,7 @@ import numpy as np
 import yaml
 
 from gcs.shows import parse
+from gcs.shows.drawn import LightPrograms
 from gcs.shows.formats import read_drawing, write_drawing
 from gcs.shows.importing import show_text
 from gcs.simulation.rehearsal import rehearse
@@ -27,10 +28,10 @@ FRAME: Final = {
 }
 
 
-def write_show(folder: Path) -> None:
-    """Write a show file, and its drawing beside it."""
-    path = folder / DRAWING
-    write_drawing(drawn_show(COUNT, 30.0, SPACING_M, ("rings",)), path)
+def write_show(folder: Path, lights: LightPrograms | None = None) -> None:
+    """Write a show file, and its drawing beside it, with other lights if they are given."""
+    path, made = folder / DRAWING, drawn_show(COUNT, 30.0, SPACING_M, ("rings",))
+    write_drawing(made if lights is None else replace(made, lights=lights), path)
     drawing, data = read_drawing(path)
     (folder / f"{NAME}.yaml").write_text(show_text(drawing, path.name, sha256(data).hexdigest()))
 

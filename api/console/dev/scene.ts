@@ -100,7 +100,7 @@ const status = {
     { id: "hall", x_m: -4, y_m: -44, half_length_x_m: 9, half_length_y_m: 6, height_m: 8, velocity_x_m_s: 0, velocity_y_m_s: 0 },
   ],
   flight_envelope: {
-    height_min_m: 3, height_max_m: 100, distance_max_m: 300, floor_horizontal_m: 2, floor_vertical_m: 3, margin_m: 0.3,
+    height_min_m: 3, height_max_m: 100, distance_max_m: 300, floor_horizontal_m: 2, floor_vertical_m: 3, margin_m: 0.3, areas: [],
   },
   interrupted: null, replay: null,
   vehicles: Array.from({ length: n }, (_, i) => {

@@ -20,7 +20,7 @@ const SAMPLES: DrawnSamples = {
   cues: [{ cue: "wall", at_s: 0 }, { cue: "wave", at_s: 1.5 }],
 };
 
-const night = { name: "night", size_bytes: 900, sha256: "0", drawing: "night.skyc" };
+const night = { name: "night", size_bytes: 900, hash: null, drawing: "night.skyc", replaced: false };
 const ON_GROUND = status({ counts: GROUNDED, show: { ...status().show, phase: "idle", possible: ["start"] } });
 
 const opening = (routes: Record<string, unknown>) =>

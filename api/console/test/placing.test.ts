@@ -32,7 +32,7 @@ const BEST: PlacedShow = { ...PLACED, x_m: 10.75, turn_deg: 20.5, pads_m: [[10.7
 const ON_GROUND = status({
   counts: GROUNDED, show: { ...status().show, phase: "idle", possible: ["start"] }, vehicles: ["d1", "d2", "d3"].map((id) => ({ ...status().vehicles[0]!, id })),
 });
-const NIGHT = { name: "night", size_bytes: 900, sha256: "0", drawing: "night.skyc" };
+const NIGHT = { name: "night", size_bytes: 900, hash: null, drawing: "night.skyc", replaced: false };
 const CHECK: ShowCheck = { name: "night", state: "done", reason: "", hash: null, good: false, fits_service: true, problems: [], figures: null };
 const STANDING = frame({ vehicles: [{ x_m: 10, y_m: 2, height_m: 0, phase: "standby" }, { x_m: 11.5, y_m: -2, height_m: 0, phase: "standby" }, { phase: "offline" }] });
 

@@ -30,7 +30,7 @@ export function status(change: Partial<Status> = {}): Status {
     orbit: { radius_m: 15, speed_m_s: 2, direction: "counterclockwise" },
     yaw: { policy: "fixed", heading_deg: 0 },
     obstacles: [], flight_envelope: {
-      height_min_m: 3, height_max_m: 100, distance_max_m: 300, floor_horizontal_m: 2, floor_vertical_m: 3.2, margin_m: 0.5,
+      height_min_m: 3, height_max_m: 100, distance_max_m: 300, floor_horizontal_m: 2, floor_vertical_m: 3.2, margin_m: 0.5, areas: [],
     },
     interrupted: null, estimates: null, severity: "normal", alarms: [], access: "off", limits: [], replay: null, events: [], columns: [...COLUMNS],
     vehicles: [{ id: "d1", system_id: 1, link: "d1", autopilot: "px4", station: null, reason: "", limited_by: "", home: null, fix_type: 3 }],

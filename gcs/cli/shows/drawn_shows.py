@@ -7,6 +7,7 @@ import argparse
 import json
 import re
 import sys
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
 from hashlib import sha256
@@ -16,7 +17,7 @@ from typing import Final
 import numpy as np
 from pydantic import ValidationError
 
-from gcs.cli.output import answer
+from gcs.cli.output import answer, output_file
 from gcs.config import schema
 from gcs.config.setting_errors import explained
 from gcs.model.errors import ConfigError, InvalidError, ShowError
@@ -35,12 +36,10 @@ def import_show(arguments: argparse.Namespace) -> int:
 
     Returns: 0. Raises: ConfigError for a file that is no drawing, or a show that exists already.
     """
-    given, target = Path(arguments.file), Path(arguments.output)
-    if target.suffix != ".yaml" or not target.parent.is_dir():
-        raise ConfigError(f"-o {target}: a .yaml file in a folder that exists")
+    given, target = Path(arguments.file), output_file(arguments.output, (".yaml",))
     drawing, data = read_drawing(given)
     if drawing.origin is None and arguments.origin_else is not None:
-        drawing = replace(drawing, origin=origin_of(arguments.origin_else))
+        drawing = replace(drawing, origin=frame_at(arguments.origin_else, "--origin-else"))
     rules = rules_of(arguments) or ServiceRules()
     beside = target.with_name(_safe(target.stem) + given.suffix.lower())
     is_source = beside.exists() and beside.samefile(given)
@@ -52,7 +51,7 @@ def import_show(arguments: argparse.Namespace) -> int:
         drawing,
         beside.name,
         digest,
-        origin=None if arguments.origin is None else origin_of(arguments.origin),
+        origin=None if arguments.origin is None else frame_at(arguments.origin, "--origin"),
         endurance_s=arguments.endurance,
         rules=rules,
     )
@@ -148,11 +147,9 @@ def sample_show(arguments: argparse.Namespace) -> int:
 RATE_MAX_HZ: Final = 50.0
 
 
-def origin_of(text: str, option: str = "--origin") -> ShowFrame:
-    """Return the origin in 'LATITUDE,LONGITUDE,ALTITUDE,HEADING'. Raises: ConfigError."""
+def frame_at(place: Sequence[float], option: str) -> ShowFrame:
+    """Return the frame at latitude, longitude, altitude and heading. Raises: ConfigError."""
     try:
-        latitude_deg, longitude_deg, altitude_m, heading_deg = map(float, text.split(","))
-        return ShowFrame(latitude_deg, longitude_deg, altitude_m, heading_deg)
-    except (ValueError, InvalidError) as error:
-        needed = "LATITUDE,LONGITUDE,ALTITUDE,HEADING in degrees and metres AMSL"
-        raise ConfigError(f"{option} {text}: {needed} are needed: {error}") from None
+        return ShowFrame(*place)
+    except InvalidError as error:
+        raise ConfigError(f"{option}: {error}") from None

@@ -10,10 +10,9 @@ from gcs.model.errors import GcsError
 from gcs.model.state import Array
 from gcs.recording import mcap_layout as layout
 from gcs.recording.mcap_reader import FlightData, RecordedSample, Standard
-from gcs.shows.drawn import DrawnShow, LightPrograms, Trajectories, Trajectory, YawPrograms
+from gcs.shows.drawn import DrawnShow, Trajectory
 from gcs.shows.drawn.light_programs import LightProgram
 from gcs.shows.drawn.piece_index import TIME_MAX_S
-from gcs.shows.drawn.yaw_programs import NO_YAW
 from gcs.shows.formats.samples import through_samples
 
 SAMPLED_S: Final = 0.25
@@ -45,17 +44,11 @@ def flown(path: Path) -> DrawnShow:
     trajectories = [_trajectory(times_s, path_m[:, row]) for row in rows]
     colours = np.stack([layout.colours(vehicles)[0] for vehicles in table])
     standard = Standard.of(data.about.config, str(data.path))
-    return DrawnShow(
+    return DrawnShow.of_programs(
+        tuple(data.about.ids[row] for row in rows),
+        trajectories,
+        [LightProgram(times_s, colours[:-1, row], colours[1:, row]) for row in rows],
         title=str(path),
-        vehicles=tuple(data.about.ids[row] for row in rows),
-        trajectories=Trajectories.joined(trajectories),
-        lights=LightPrograms.joined(
-            [LightProgram(times_s, colours[:-1, row], colours[1:, row]) for row in rows]
-        ),
-        yaw=YawPrograms.joined([NO_YAW] * len(rows)),
-        home_m=np.stack([one.coefficients_m[0, 0] for one in trajectories]),
-        takeoff_s=np.array([one.times_s[0] for one in trajectories]),
-        landing_s=np.array([one.times_s[-1] for one in trajectories]),
         origin=standard.frame,
     )
 

@@ -2,13 +2,17 @@
 
 import argparse
 import json
+from collections.abc import Sequence
+from math import isnan
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
-from gcs.cli.output import answer
-from gcs.cli.shows.drawn_shows import origin_of, rules_of
+from gcs.cli.output import answer, output_file
+from gcs.cli.shows.drawn_shows import frame_at, rules_of
+from gcs.config.setting_errors import explained
 from gcs.config.yaml_files import read
 from gcs.model.errors import ConfigError, RefusedError
 from gcs.shows import find, parse
@@ -29,7 +33,7 @@ def place_show(arguments: argparse.Namespace) -> int:
     show, drawing = loaded.show, loaded.drawing
     if drawing is None or show.drawing is None:
         raise ConfigError(f"{loaded.file}: the show has no drawing")
-    frame = show.origin.frame if arguments.frame is None else origin_of(arguments.frame, "--frame")
+    frame = show.origin.frame if arguments.frame is None else frame_at(arguments.frame, "--frame")
     standing = {} if arguments.vehicles is None else _vehicles(Path(arguments.vehicles))
     at_m = np.array([(np.nan, np.nan) if one is None else one for one in standing.values()]).reshape(-1, 2)
     stored = placing.in_frame(show, frame)
@@ -54,7 +58,11 @@ def place_show(arguments: argparse.Namespace) -> int:
         changed = placing.placed_text(loaded.source, text, show, fence_m, place, frame, rules)
         if parse(changed, str(path)).show.drawing != show.drawing.model_copy(update={"place": place}):
             raise ConfigError(f"{loaded.file}: its drawing cannot be placed: write 'drawing' anew")
-        _write(Path(arguments.output), changed)
+        target = output_file(arguments.output, (".yaml",))
+        try:
+            target.write_text(changed, encoding="utf-8")
+        except OSError as error:
+            raise ConfigError(f"-o {target}: {error.strerror}") from None
         document |= {"stored": place.model_dump(), "written": place.model_dump(), "origin_changes": False}
     answer(arguments, document, _words(document))
     return 0
@@ -79,17 +87,14 @@ def _words(document: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _placement(text: str, stored: Placement) -> Placement:
-    """Return 'X,Y,TURN'; what is left out is as stored. Raises: ConfigError."""
+def _placement(at: Sequence[float], stored: Placement) -> Placement:
+    """Return the placement at X, Y, TURN; what is NaN is as stored. Raises: ConfigError."""
+    named = dict(zip(("x_m", "y_m", "turn_deg"), at, strict=True))
+    given = {key: value for key, value in named.items() if not isnan(value)}
     try:
-        given = [float(value) if value.strip() else None for value in text.split(",")]
-        x_m, y_m, turn_deg = given
-        named = {"x_m": x_m, "y_m": y_m, "turn_deg": turn_deg}
-        return Placement(
-            **stored.model_dump() | {key: value for key, value in named.items() if value is not None}
-        )
-    except ValueError as error:  # pydantic's too
-        raise ConfigError(f"--at {text}: X,Y,TURN in metres and degrees are needed: {error}") from None
+        return Placement(**stored.model_dump() | given)
+    except ValidationError as error:
+        raise explained(error, "--at", Placement, None) from None
 
 
 def _vehicles(path: Path) -> dict[str, tuple[float, float] | None]:
@@ -103,12 +108,3 @@ def _vehicles(path: Path) -> dict[str, tuple[float, float] | None]:
     except (OSError, ValueError, TypeError, LookupError, AttributeError) as error:
         needed = 'an object with the place of each vehicle is needed: {"d1": [x, y], "d2": null}'
         raise ConfigError(f"--vehicles {path}: {needed}: {error}") from None
-
-
-def _write(target: Path, text: str) -> None:
-    if target.suffix != ".yaml":
-        raise ConfigError(f"-o {target}: a .yaml file is needed")
-    try:
-        target.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise ConfigError(f"-o {target}: {error.strerror}") from None

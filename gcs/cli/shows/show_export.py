@@ -3,10 +3,9 @@
 import argparse
 from pathlib import Path
 
-from gcs.cli.output import answer
+from gcs.cli.output import answer, output_file
 from gcs.cli.progress import share_of
 from gcs.cli.shows.export_record import flown
-from gcs.model.errors import ConfigError
 from gcs.shows import find, load
 from gcs.shows.drawn import DrawnShow
 from gcs.shows.formats import write_drawing
@@ -20,9 +19,7 @@ def export_show(arguments: argparse.Namespace) -> int:
 
     Returns: 0. Raises: ConfigError for a bad show or a file of another kind; GcsError for a bad record.
     """
-    target = Path(arguments.output)
-    if target.suffix.lower() not in EXPORTED or not target.parent.is_dir():
-        raise ConfigError(f"-o {target}: a file with {', '.join(EXPORTED)} in a folder that exists")
+    target = output_file(arguments.output, tuple(EXPORTED))
     show = _exported(arguments)
     write_drawing(show, target)
     document = {"file": str(target), "vehicles": len(show), "duration_s": round(show.duration_s, 3)}

@@ -41,7 +41,8 @@ class LandingPlaces:
         spacing_m = self.operation.landing_site_spacing_m
         ellipses = self._ellipses()
         taken_m = self._taken_m(vehicles, frozenset({Phase.LANDING}))
-        places_m = distinct_sites_m(desired_m, taken_m, spacing_m, ellipses)
+        areas = self.in_force.control.safety.fence.areas
+        places_m = distinct_sites_m(desired_m, taken_m, spacing_m, ellipses, areas)
         ground_z_m = [0.0 if v.home_m is None else float(v.home_m[2]) for v in vehicles]
         sites_m = np.column_stack([places_m, ground_z_m])
         return {vehicle.id: site_m for vehicle, site_m in zip(vehicles, sites_m, strict=True)}

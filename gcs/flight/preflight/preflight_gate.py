@@ -318,7 +318,21 @@ class PreflightGate:
         not_checked = [text for text, is_off in unlooked.items() if is_off] + self.parameter_reader.risks()
         flight = self.flight
         of_features = chain.from_iterable(each.checks(flight.instant) for each in flight.features)
+        not_checked += self._ways_of_autopilots()
         return FleetReadiness([*stand.fleet, *of_features], alone, [*stand.not_checked, *not_checked])
+
+    def _ways_of_autopilots(self) -> list[str]:
+        """Name what the show's check warns of, and returns of autopilots above the fence."""
+        flight, show = self.flight, self.flight.show.run
+        warnings = [] if show is None or show.figures is None else list(show.figures.warnings)
+        highest_m = float(flight.config.return_heights_m.max(initial=0.0))
+        fence_m = flight.in_force.control.safety.fence.height_max_m
+        if flight.config.operation.setpoint_loss_action == "return" and highest_m > fence_m:
+            text = (
+                f"autopilots return by themselves at up to {highest_m:g} m, above the fence at {fence_m:g} m"
+            )
+            warnings.append(text)
+        return warnings
 
     def _alone(
         self, inputs: PreflightInputs, vehicles: Sequence[VehicleId], flying: Collection[VehicleId]

@@ -24,6 +24,8 @@ from gcs.planning.return_paths.candidates import (
 from gcs.planning.return_paths.conflicts import chosen_paths
 from gcs.planning.return_paths.paths import STEP_S, WELL_IN_PLACE_M, ReturnPaths
 from gcs.planning.return_paths.round_boxes import WaysRound
+from gcs.planning.return_paths.within_areas import keep_off
+from gcs.safety.fenced_areas import beyond_m
 from gcs.safety.filter import Limits
 from gcs.safety.floor import Floor
 from gcs.safety.neighbours import Rows
@@ -278,7 +280,7 @@ def warm_up() -> None:
     closed_places(pad_m, 5.0, Floor(), np.zeros(2), (np.zeros((1, 2, 3)), np.zeros(1)))
 
 
-INSIDE_FENCE_M = 1.0
+INSIDE_FENCE_M, OFF_AREAS_M = 1.0, 0.5
 
 AHEAD_S = 20.0
 """Obstacles are taken to move on as they do for so long, and to stand from then on."""
@@ -325,10 +327,12 @@ def return_planner(
 
 
 def _round_boxes(control: ControlSettings, plan: Plan, time_s: float) -> WaysRound | None:
-    """Ways round the obstacles at `time_s`; None: there is none."""
+    """Ways round the obstacles at `time_s`, within the areas of the fence; None: there is neither."""
     fence, ellipses = control.safety.fence, tuple(ellipses_of(plan, control, time_s).values())
     within_m, highest_m = fence.distance_max_m - INSIDE_FENCE_M, fence.height_max_m - INSIDE_FENCE_M
-    return WaysRound(ellipses, CLEAR_M, within_m, highest_m, control.law.speed_m_s) if ellipses else None
+    if not ellipses and not fence.areas:
+        return None
+    return WaysRound(ellipses, CLEAR_M, within_m, highest_m, control.law.speed_m_s, fence.areas)
 
 
 PAD_CLOSED_M = WELL_IN_PLACE_M / 2.0
@@ -376,7 +380,9 @@ def return_places_m(
         above_m = place_m - (0.0, 0.0, over_m)
         apart_m = _way_down_apart_m(place_m, over_m, space)
         at_once_s = np.zeros(len(place_m))
-        return np.asarray((apart_m >= 0.0) & are_free(place_m, at_once_s) & are_free(above_m, at_once_s))
+        within = beyond_m(control.safety.fence.areas, place_m[:, :2]) < 0.0
+        free = are_free(place_m, at_once_s) & are_free(above_m, at_once_s)
+        return np.asarray((apart_m >= 0.0) & within & free)
 
     return open_places_m(home_m, closed, taken_m, spacing_m, ellipses, are_open)
 
@@ -415,6 +421,7 @@ def _are_free(control: ControlSettings, plan: Plan, time_s: float) -> AreFree:
         height_m = -place_m[:, 2]
         free = np.hypot(place_m[:, 0], place_m[:, 1]) <= fence.distance_max_m - INSIDE_FENCE_M
         free &= height_m <= fence.height_max_m - INSIDE_FENCE_M
+        free &= keep_off(fence.areas, place_m, OFF_AREAS_M)
         for ellipse in ellipses:
             low = np.flatnonzero(height_m < ellipse.top_height_m)
             moved_m = np.minimum(after_s[low], AHEAD_S)[:, None] * ellipse.velocity_m_s

@@ -9,6 +9,11 @@ import numpy as np
 from gcs.formation.obstacles import Ellipse, Outlines
 from gcs.formation.ways_round import passes, way_round
 from gcs.model.state import Array
+from gcs.planning.return_paths.within_areas import way_within
+from gcs.safety.fenced_areas import FencedArea
+
+OFF_EDGES_M: Final = 1.0
+"""From the edges of the fence's areas; a vehicle that cuts a corner comes nearer."""
 
 SPARES: Final = ((1.0, 1.0), (3.5, 2.0), (7.0, 1.5))
 """What a way keeps beyond the least clearance, in metres: a vehicle cuts its corners, the more the faster it
@@ -38,6 +43,7 @@ class WaysRound:
         within_m: distance over the ground to which the fence allows flight.
         highest_m: height to which it allows flight.
         speed_m_s: of the vehicles: a box that moves counts where it will be when one can be there.
+        areas: of the fence, within which ways stay.
     """
 
     ellipses: Sequence[Ellipse]
@@ -45,6 +51,7 @@ class WaysRound:
     within_m: float
     highest_m: float
     speed_m_s: float
+    areas: Sequence[FencedArea] = ()
 
     def lead(self, start_m: Array, above_m: Array) -> Array:
         """(WAYS, k, 3) places to fly to one after the other, the last is above the pad.
@@ -61,10 +68,13 @@ class WaysRound:
         there_s = np.minimum(away_m / self.speed_m_s, AHEAD_S)
         center_m = np.array(outlines.center_m)
         lowest_z_m, own_z_m, ways_m = float(above_m[2]), float(min(start_m[2], above_m[2])), list[Array]()
-        for spare_m, later in SPARES:
+        for at, (spare_m, later) in enumerate(SPARES):
             semi_m = outlines.semi_m + self.clear_m + spare_m
             moved_m = center_m + later * there_s[:, None] * outlines.velocity_m_s
-            level_m, _ = way_round(one_m, other_m, moved_m, semi_m, self.within_m)
+            if self.areas and (at == 0 or not self.ellipses):
+                level_m = way_within(self.areas, one_m, other_m, OFF_EDGES_M + 0.5 * spare_m)
+            else:
+                level_m, _ = way_round(one_m, other_m, moved_m, semi_m, self.within_m)
             for share in HEIGHTS:
                 z_m = np.full(len(level_m) + 1, lowest_z_m + share * (own_z_m - lowest_z_m))
                 ways_m.append(np.column_stack([np.vstack([level_m, other_m]), z_m]))

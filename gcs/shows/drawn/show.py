@@ -3,14 +3,17 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import radians
+from typing import Any
+
+import numpy as np
 
 from gcs.model.errors import ShapeError
 from gcs.model.frames import ShowFrame
 from gcs.model.state import Array, freeze
 from gcs.safety.fenced_areas import FencedArea
-from gcs.shows.drawn.light_programs import LightPrograms
-from gcs.shows.drawn.trajectories import Trajectories, turned
-from gcs.shows.drawn.yaw_programs import YawPrograms
+from gcs.shows.drawn.light_programs import LightProgram, LightPrograms
+from gcs.shows.drawn.trajectories import Trajectories, Trajectory, turned
+from gcs.shows.drawn.yaw_programs import NO_YAW, YawProgram, YawPrograms
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +94,30 @@ class DrawnShow:
     def __len__(self) -> int:
         """Return the number of vehicles."""
         return len(self.vehicles)
+
+    @classmethod
+    def of_programs(
+        cls,
+        vehicles: tuple[str, ...],
+        trajectories: Sequence[Trajectory],
+        lights: Sequence[LightProgram],
+        yaws: Sequence[YawProgram] | None = None,
+        **more: Any,
+    ) -> "DrawnShow":
+        """Return the show of these vehicles, by default at home where their trajectories begin."""
+        by_trajectory: dict[str, Any] = {
+            "title": "",
+            "home_m": np.stack([path.coefficients_m[0, 0] for path in trajectories]),
+            "takeoff_s": np.array([path.times_s[0] for path in trajectories]),
+            "landing_s": np.array([path.times_s[-1] for path in trajectories]),
+        }
+        return cls(
+            vehicles=vehicles,
+            trajectories=Trajectories.joined(trajectories),
+            lights=LightPrograms.joined(lights),
+            yaw=YawPrograms.joined(yaws or [NO_YAW] * len(vehicles)),
+            **(by_trajectory | more),
+        )
 
     @property
     def duration_s(self) -> float:

@@ -72,6 +72,10 @@ class Archive:
             if "__MACOSX" not in name.split("/") and not _base(name).startswith(".")
         ]
 
+    def with_suffix(self, suffix: str) -> list[str]:
+        """Return the plain names that end so, in capitals or not."""
+        return [name for name in self.names if name.lower().endswith(suffix)]
+
     def find(self, base: str) -> str:
         """Return the name of the entry that is called so in the uppermost folder that has one."""
         found = sorted((name.count("/"), name) for name in self.names if _base(name) == base)

@@ -16,10 +16,9 @@ import numpy as np
 
 from gcs.model.errors import DrawingError
 from gcs.model.state import Array
-from gcs.shows.drawn import DrawnShow, LightPrograms, Trajectories, Trajectory, YawPrograms
+from gcs.shows.drawn import DrawnShow, Trajectory
 from gcs.shows.drawn.light_programs import LightProgram
 from gcs.shows.drawn.piece_index import TIME_MAX_S
-from gcs.shows.drawn.yaw_programs import NO_YAW
 from gcs.shows.format import MAX_VEHICLES
 from gcs.shows.formats.archive import Archive
 from gcs.shows.formats.csv_table import NUMBERS_MAX, table
@@ -34,11 +33,13 @@ CORNER_M_S: Final = 0.2
 
 BESIDE_S: Final = 0.02
 
+SECONDS_BELOW: Final = 1000.0
+"""A file of which the last time is less than this, in ms, has seconds, or shows nothing."""
 
-def read_csv_zip(data: bytes, file: str) -> DrawnShow:
+
+def read_csv_zip(archive: Archive) -> DrawnShow:
     """Read a zip of CSV files: Skybrush's, or polynomials of Crazyswarm. Raises: DrawingError."""
-    archive = Archive(data, file)
-    names = sorted((name for name in archive.names if name.lower().endswith(".csv")), key=_natural)
+    file, names = archive.file, sorted(archive.with_suffix(".csv"), key=_natural)
     if not 1 <= len(names) <= MAX_VEHICLES:
         raise DrawingError(
             file, f"{len(names)} CSV files: 1 to {MAX_VEHICLES}, one for each drone, are needed"
@@ -54,16 +55,7 @@ def read_csv_zip(data: bytes, file: str) -> DrawnShow:
         _check(rows, f"{file}: {name}")
         trajectories.append(through_samples(rows[:, 0] / 1e3, rows[:, 1:4] * NWU))
         lights.append(_colours(rows))
-    return DrawnShow(
-        title="",
-        vehicles=vehicles,
-        trajectories=Trajectories.joined(trajectories),
-        lights=LightPrograms.joined(lights),
-        yaw=YawPrograms.joined([NO_YAW] * len(vehicles)),
-        home_m=np.stack([one.coefficients_m[0, 0] for one in trajectories]),
-        takeoff_s=np.array([one.times_s[0] for one in trajectories]),
-        landing_s=np.array([one.times_s[-1] for one in trajectories]),
-    )
+    return DrawnShow.of_programs(vehicles, trajectories, lights)
 
 
 def _natural(name: str) -> list[tuple[int, str]]:
@@ -95,8 +87,10 @@ def _check(rows: Array, place: str) -> None:
     times_ms = rows[:, 0]
     wrong = ~((times_ms >= 0.0) & (times_ms <= TIME_MAX_S * 1e3))
     wrong[1:] |= ~(np.diff(times_ms) > 0.0)
+    whole = (times_ms[-1] < SECONDS_BELOW) & (np.arange(len(rows)) == len(rows) - 1) & (len(rows) > 1)
     checks = (
-        (wrong, f"times from 0 to {TIME_MAX_S * 1e3:g} ms that increase"),
+        (wrong, f"times from 0 to {TIME_MAX_S * 1e3:.0f} ms that increase"),
+        (whole, "times in milliseconds, to more than a second,"),
         (~(np.abs(rows[:, 1:4]) <= COORDINATE_MAX_M).all(axis=1), f"positions within {COORDINATE_MAX_M:g} m"),
         (~((rows[:, 4:] >= 0.0) & (rows[:, 4:] <= 255.0)).all(axis=1), "colours from 0 to 255"),
     )

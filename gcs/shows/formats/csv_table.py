@@ -17,6 +17,7 @@ ROWS_MAX: Final = 200_000
 NUMBERS_MAX: Final = 4_700_000
 """Of all drones together: 500 for five minutes at 4 Hz."""
 
+NEEDED: Final = "rows of numbers with commas between them are needed"
 LINE_MAX: Final = 2_000
 """Characters of a row; one of 33 polynomial coefficients has some 600."""
 
@@ -26,14 +27,15 @@ def table(data: bytes, place: str, columns: tuple[int, ...]) -> Array:
 
     Raises: DrawingError.
     """
-    if data.count(b"\n") > ROWS_MAX:
+    if max(data.count(b"\n"), data.count(b"\r")) > ROWS_MAX:
         raise DrawingError(place, f"more than {ROWS_MAX} rows")
     if data.count(b",") > NUMBERS_MAX:
         raise DrawingError(place, f"more than {NUMBERS_MAX} numbers")
     try:
-        lines = data.decode("utf-8-sig").split("\n")
+        lines = data.decode("utf-8-sig").replace("\r\n", "\n").replace("\r", "\n").split("\n")
     except UnicodeDecodeError as error:
-        raise DrawingError(place, f"not text: {error}") from None
+        wrong = f"byte {error.start} (0x{data[error.start]:02x}) is not UTF-8"
+        raise DrawingError(place, f"{wrong}: save the file as CSV in UTF-8") from None
     if max(map(len, lines)) > LINE_MAX:
         raise DrawingError(place, f"a line of more than {LINE_MAX} characters")
     written = [(at, row) for at, line in enumerate(lines, start=1) if (row := _row(line))]
@@ -42,14 +44,23 @@ def table(data: bytes, place: str, columns: tuple[int, ...]) -> Array:
         if text := _misnamed(names.split(",")):
             raise DrawingError(place, text)
     if not written:
-        raise DrawingError(place, "rows of numbers are needed, it has none")
+        raise DrawingError(place, f"{NEEDED}, it has none")
     try:
         rows: Array = np.loadtxt([row for _, row in written], delimiter=",", comments=None, ndmin=2)
     except ValueError:
         raise _wrong(written, place) from None
     if rows.shape[1] not in columns:
-        raise DrawingError(place, f"{rows.shape[1]} columns: {' or '.join(map(str, columns))} are needed")
+        needed = " or ".join(f"{count} ({MEANING[count]})" for count in columns)
+        raise DrawingError(place, f"{rows.shape[1]} columns: {needed} are needed")
     return rows
+
+
+MEANING: Final = {
+    4: "time in ms, x, y, z in m",
+    7: "time in ms, x, y, z in m, red, green, blue",
+    33: "duration in s, 8 coefficients each of x, y, z, yaw",
+}
+"""Of rows with so many columns."""
 
 
 def _row(line: str) -> str:
@@ -66,7 +77,9 @@ def _is_names(row: str) -> bool:
 MEANT: Final = (("time", "t"), ("x",), ("y",), ("z",), ("red", "r"), ("green", "g"), ("blue", "b"))
 """Names of the columns of a sampled trajectory, in their order: time in ms, metres, and a colour."""
 
-OTHER_TIMES: Final = frozenset({"s", "sec", "secs", "second", "seconds", "min", "us", "usec"})
+OTHER_TIMES: Final = frozenset(
+    {"s", "sec", "secs", "second", "seconds", "min", "us", "usec", "frame", "frames"}
+)
 OTHER_LENGTHS: Final = frozenset({"ft", "feet", "foot", "inch", "inches", "mm", "cm", "km", "yd"})
 
 
@@ -78,7 +91,7 @@ def _misnamed(names: list[str]) -> str:
         first, *units = re.findall("[a-z]+", name.lower()) or [""]
         if any(first in meant for meant in MEANT[:at] + MEANT[at + 1 :]):
             return f"column {at + 1} is called {quoted(name)}: {MEANT[at][0]} is needed there"
-        if (OTHER_TIMES if at == 0 else OTHER_LENGTHS).intersection(units):
+        if OTHER_TIMES.intersection((first, *units)) if at == 0 else OTHER_LENGTHS.intersection(units):
             unit = "milliseconds" if at == 0 else "metres"
             return f"column {at + 1} is called {quoted(name)}: {unit} are needed"
     return ""
@@ -86,15 +99,15 @@ def _misnamed(names: list[str]) -> str:
 
 def _wrong(written: list[tuple[int, str]], place: str) -> DrawingError:
     """Return what is wrong with the first row that is not as many numbers as the one before."""
-    count, needed = written[0][1].count(",") + 1, "rows of numbers are needed"
+    count = written[0][1].count(",") + 1
     for at, row in written:
         values = row.split(",")
         wrong = next((value for value in values if not _is_number(value)), None)
         if len(values) != count:
-            return DrawingError(place, f"{needed}: line {at} has {len(values)} values, {count} as before")
+            return DrawingError(place, f"{NEEDED}: line {at} has {len(values)} values, {count} as before")
         if wrong is not None:
-            return DrawingError(place, f"{needed}: line {at}: could not convert string {quoted(wrong)}")
-    return DrawingError(place, needed)
+            return DrawingError(place, f"{NEEDED}: line {at}: {quoted(wrong)} is not a number")
+    return DrawingError(place, NEEDED)
 
 
 def _is_number(value: str) -> bool:

@@ -6,16 +6,24 @@ from typing import Final
 
 from gcs.model.errors import ConfigError, DrawingError
 from gcs.shows.drawn import DrawnShow
-from gcs.shows.formats.archive import ARCHIVE_MAX_BYTES
+from gcs.shows.formats.archive import ARCHIVE_MAX_BYTES, Archive
 from gcs.shows.formats.csv_show import read_csv_zip, write_csv_zip
 from gcs.shows.formats.polynomials import read_polynomials
-from gcs.shows.formats.skybrush import read_skyc
+from gcs.shows.formats.skybrush import SHOW, read_skyc
 from gcs.shows.formats.skybrush_writer import write_skyc
 from gcs.shows.formats.vviz import write_vviz
 
+
+def _read_archive(data: bytes, file: str) -> DrawnShow:
+    """Read an archive as what it holds; the name counts where it holds neither. Raises: DrawingError."""
+    archive = Archive(data, file)
+    tables = file.lower().endswith(".zip") or archive.with_suffix(".csv")
+    return read_csv_zip(archive) if tables and not archive.with_suffix(SHOW) else read_skyc(archive)
+
+
 IMPORTED: Final[dict[str, Callable[[bytes, str], DrawnShow]]] = {
-    ".skyc": read_skyc,
-    ".zip": read_csv_zip,
+    ".skyc": _read_archive,
+    ".zip": _read_archive,
     ".csv": read_polynomials,
 }
 EXPORTED: Final[dict[str, Callable[[DrawnShow], bytes]]] = {
@@ -45,6 +53,10 @@ def parse_drawing(data: bytes, file: str) -> DrawnShow:
         raise DrawingError(file, f"files with {', '.join(IMPORTED)} are imported")
     if len(data) > ARCHIVE_MAX_BYTES:
         raise DrawingError(file, f"more than {ARCHIVE_MAX_BYTES} bytes")
+    if not data:
+        raise DrawingError(file, "the file is empty")
+    if suffix == ".csv" and data.startswith(b"PK"):
+        raise DrawingError(file, "a zip archive: give it the suffix .skyc or .zip")
     return IMPORTED[suffix](data, file)
 
 

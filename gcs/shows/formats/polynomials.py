@@ -11,7 +11,7 @@ import numpy as np
 
 from gcs.model.errors import DrawingError
 from gcs.model.state import Array
-from gcs.shows.drawn import DrawnShow, LightPrograms, Trajectories, Trajectory, YawPrograms
+from gcs.shows.drawn import DrawnShow, Trajectory
 from gcs.shows.drawn.light_programs import WHITE
 from gcs.shows.drawn.piece_index import TIME_MAX_S
 from gcs.shows.drawn.yaw_programs import YawProgram
@@ -42,17 +42,8 @@ def polynomial_show(tables: list[Array], vehicles: tuple[str, ...], places: list
     Raises: DrawingError.
     """
     pairs = [_vehicle(rows, place) for rows, place in zip(tables, places, strict=True)]
-    trajectories = [trajectory for trajectory, _ in pairs]
-    return DrawnShow(
-        title="",
-        vehicles=vehicles,
-        trajectories=Trajectories.joined(trajectories),
-        lights=LightPrograms.joined([WHITE] * len(vehicles)),
-        yaw=YawPrograms.joined([yaw for _, yaw in pairs]),
-        home_m=np.stack([one.coefficients_m[0, 0] for one in trajectories]),
-        takeoff_s=np.zeros(len(vehicles)),
-        landing_s=np.array([one.times_s[-1] for one in trajectories]),
-    )
+    trajectories, yaws = zip(*pairs, strict=True)
+    return DrawnShow.of_programs(vehicles, trajectories, [WHITE] * len(vehicles), yaws)
 
 
 def _vehicle(rows: Array, place: str) -> tuple[Trajectory, YawProgram]:
@@ -72,9 +63,9 @@ def _vehicle(rows: Array, place: str) -> tuple[Trajectory, YawProgram]:
     ends_m = coefficients_m.sum(axis=1)
     jumps_m = np.linalg.norm(coefficients_m[1:, 0] - ends_m[:-1], axis=1)
     if not bool((np.abs(ends_m) <= COORDINATE_MAX_M).all()):
-        raise DrawingError(
-            place, f"a piece ends beyond {COORDINATE_MAX_M:g} m: are these coefficients of seconds?"
-        )
+        at = int(np.argmax((np.abs(ends_m) > COORDINATE_MAX_M).any(axis=1)))
+        text = f"it ends beyond {COORDINATE_MAX_M:g} m: are these coefficients of seconds?"
+        raise DrawingError(f"{place}: row {at + 1}", text)
     if (jumps_m > JUMP_MAX_M).any():
         at = int(np.argmax(jumps_m > JUMP_MAX_M))
         raise DrawingError(

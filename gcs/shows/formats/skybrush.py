@@ -50,7 +50,9 @@ LANDS_WITHIN_M: Final = 1.0
 
 NAME_MAX: Final = 120
 TITLE_MAX: Final = 1_000
-_SHOW: Final = "show.json"
+SHOW: Final = "show.json"
+"""The entry that only a compiled show has."""
+
 
 _READ: Final = {
     "the show": "version swarm settings environment meta media",
@@ -88,9 +90,9 @@ class _Drone:
     landing_s: float
 
 
-def read_skyc(data: bytes, file: str) -> DrawnShow:
-    """Read a compiled show; `file` names it in errors. Raises: DrawingError."""
-    return _Reader(Archive(data, file)).show()
+def read_skyc(archive: Archive) -> DrawnShow:
+    """Read a compiled show. Raises: DrawingError."""
+    return _Reader(archive).show()
 
 
 class _Reader:
@@ -100,7 +102,7 @@ class _Reader:
         self._pieces = self._terms = self._light_steps = self._light_pieces = 0
 
     def show(self) -> DrawnShow:
-        root = self._document(self._archive.find(_SHOW))
+        root = self._document(self._archive.find(SHOW))
         root.version(1)
         swarm = self._need(root, "swarm")
         self._note_others("the show", root)

@@ -42,6 +42,7 @@ def test_an_uploaded_drawing_becomes_a_show(api: Api, tmp_path: Path) -> None:
     found = answer.json()
     assert (found["show"], found["drawing"]) == ("night", "night.skyc")
     assert (found["vehicles"], found["duration_s"], found["notes"]) == (30, 70.0, [])
+    assert found["replaced"] is False
     assert set(found["claims"]) >= {"separation_min_m", "speed_max_m_s"}
     (listed,) = api("GET", "/api/v1/shows").json()
     assert (listed["name"], listed["drawing"]) == ("night", "night.skyc")

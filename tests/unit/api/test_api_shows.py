@@ -55,9 +55,21 @@ def test_uploaded_show_is_listed_and_read_back_unchanged(api: Api) -> None:
     answer = api("PUT", PATH, content=LIGHTHOUSE.encode())
     assert answer.status_code == 200
     assert answer.json()["size_bytes"] == len(LIGHTHOUSE.encode())
+    assert answer.json()["replaced"] is False
     assert kept(api) == {"lighthouse": LIGHTHOUSE}
-    assert api("PUT", PATH, content=b"about: another").status_code == 200
+    assert api("PUT", PATH, content=b"about: another").json()["replaced"] is True
     assert kept(api) == {"lighthouse": "about: another"}
+
+
+def test_the_list_has_the_hash_that_a_start_names(api: Api) -> None:
+    """Of the file as it is: not before its check, nor after another upload."""
+    hashes = []
+    for text in (LIGHTHOUSE, f"{LIGHTHOUSE}# again\n"):
+        api("PUT", PATH, content=text.encode())
+        hashes.append(api("GET", "/api/v1/shows").json()[0]["hash"])
+        show_hash = pass_check(api, text)
+        hashes.append(api("GET", "/api/v1/shows").json()[0]["hash"])
+    assert hashes == [None, show_hash, None, show_hash]
 
 
 def test_a_show_that_is_removed_is_gone(api: Api) -> None:

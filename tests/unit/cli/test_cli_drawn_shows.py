@@ -17,7 +17,6 @@ from gcs.shows import load
 from gcs.shows.drawn import DrawnShow
 from gcs.shows.formats import read_drawing
 from gcs.shows.formats.files import IMPORTED
-from gcs.shows.formats.skybrush import read_skyc
 from tests.support.drawing_files import HOVER, skyc, zipped
 from tests.support.record_samples import ids_of, sample
 
@@ -39,16 +38,17 @@ def test_an_import_reads_the_drawing_once(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A large drawing takes most of a second to read, and an upload waits for it."""
-    read: list[str] = []
+    files: list[str] = []
+    read = IMPORTED[".skyc"]
 
     def counted(data: bytes, file: str) -> DrawnShow:
-        read.append(file)
-        return read_skyc(data, file)
+        files.append(file)
+        return read(data, file)
 
     monkeypatch.setitem(IMPORTED, ".skyc", counted)
     assert main(["show", "import", str(SHIPPED), "-o", str(tmp_path / "night.yaml")]) == 0
     assert "30 vehicles" in capsys.readouterr().out
-    assert read == ["drawn-30.skyc"]
+    assert files == ["drawn-30.skyc"]
 
 
 def test_an_import_loads_no_simulation(tmp_path: Path) -> None:
@@ -90,11 +90,32 @@ def test_a_broken_file_leaves_nothing_behind(tmp_path: Path, capsys: pytest.Capt
     assert [path.name for path in tmp_path.iterdir()] == ["broken.skyc"]
 
 
-@pytest.mark.parametrize("origin", ["47.4,8.5,488", "99,8.5,488,0", "a,b,c,d"])
-def test_a_wrong_origin_is_explained(origin: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    target = str(tmp_path / "a.yaml")
-    assert main(["show", "import", str(SHIPPED), "-o", target, "--origin", origin]) == 2
-    assert "LATITUDE,LONGITUDE,ALTITUDE,HEADING" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("option", "given", "words"),
+    [
+        ("--origin", "47.4,8.5,488", "argument --origin: 47.4,8.5,488: 4 numbers with commas between them"),
+        ("--origin", "a,b,c,d", "are needed: LAT,LON,ALT,HEADING"),
+        ("--origin-else", "nan,8.5,488,0", "argument --origin-else: nan,8.5,488,0: 4 numbers"),
+        ("--origin", "99,8.5,488,0", "--origin: latitude_deg = 99.0: between -90 and 90 degrees"),
+        ("-o", "none/a.yaml", "-o none/a.yaml: there is no folder none: make it first"),
+        ("-o", "a.yml", "-o a.yml: a name that ends with .yaml is needed"),
+    ],
+)
+def test_a_wrong_option_is_explained(
+    option: str, given: str, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    try:
+        code: object = main(["show", "import", str(SHIPPED), "-o", str(tmp_path / "a.yaml"), option, given])
+    except SystemExit as ended:
+        code = ended.code
+    assert code == 2
+    assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("action", ["check", "hash", "sample"])
+def test_a_drawing_in_place_of_a_show(action: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["show", action, str(SHIPPED)]) == 2
+    assert f"make a show of it first: gcs show import {SHIPPED} -o drawn-30.yaml" in capsys.readouterr().err
 
 
 def test_an_origin_can_be_given(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -130,7 +151,7 @@ def test_a_recorded_flight_is_exported_as_it_flew(tmp_path: Path) -> None:
 
 def test_an_export_of_another_kind_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["show", "export", "lighthouse", "-o", str(tmp_path / "a.txt")]) == 2
-    assert ".skyc, .vviz, .zip" in capsys.readouterr().err
+    assert ".skyc or .vviz or .zip" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -61,18 +61,23 @@ def test_what_is_not_given_stays(night: Path, capsys: Captured) -> None:
 @pytest.mark.parametrize(
     ("options", "reported"),
     [
-        (["--at=1,2"], "X,Y,TURN in metres and degrees"),
-        (["--at=1,2,nan"], "X,Y,TURN in metres and degrees"),
-        (["--at=1e9,2,0"], "X,Y,TURN in metres and degrees"),
+        (["--at=1,2"], "argument --at: 1,2: 3 numbers with commas between them are needed: X,Y,TURN"),
+        (["--at=1,2,nan"], "argument --at: 1,2,nan: 3 numbers"),
+        (["--at=1e9,2,0"], "--at: x_m = 1000000000.0: "),
+        (["--frame=1,2"], "argument --frame: 1,2: 4 numbers with commas between them are needed"),
         (["--fit"], "nothing to fit to"),
         (["--vehicles=nowhere.json"], "an object with the place of each vehicle"),
-        (["--output=out.txt"], "a .yaml file is needed"),
+        (["--output=out.txt"], "-o out.txt: a name that ends with .yaml is needed"),
     ],
 )
 def test_a_wrong_option_is_explained(
     options: list[str], reported: str, night: Path, capsys: Captured
 ) -> None:
-    assert main(["show", "place", str(night), *options]) == 2
+    try:
+        code: object = main(["show", "place", str(night), *options])
+    except SystemExit as ended:
+        code = ended.code
+    assert code == 2
     assert reported in capsys.readouterr().err
 
 

@@ -14,6 +14,7 @@ from gcs.model.state import Array, FleetState, Landed, Mode, Telemetry
 from gcs.preflight.fleet import Pattern, standing
 from gcs.preflight.pad_distances import TO_THE_NEXT, spacing
 from gcs.preflight.vehicles import PAD_HEIGHT_MAX_M, PreflightInputs, own_checks
+from gcs.safety.fenced_areas import FencedArea
 from gcs.safety.floor import Floor
 from gcs.safety.walls import Fence
 from tests.support.reported import reported
@@ -134,6 +135,7 @@ def of_b(column: str, value: float) -> Telemetry:
     return changed
 
 
+AREA = FencedArea(corners_m=((-1.0, -1.0), (1.0, -1.0), (1.0, 6.0), (-1.0, 6.0)))
 FAILING: dict[str, tuple[PreflightInputs, State, str, str]] = {
     "address": (known(conflicts={"b": "system id 2 sends twice"}), State.FAIL, "sends twice", "its own"),
     "position": (known(age_s=(0.1, 0.7, 0.1)), State.FAIL, "no position for 0.7 s", "link"),
@@ -153,6 +155,10 @@ FAILING: dict[str, tuple[PreflightInputs, State, str, str]] = {
     "battery": (known(of_b("battery_remaining", 0.24)), State.FAIL, "battery at 24%, at least 25%", "charge"),
     "height of the origin": (known(height_m=(0.0, 47.3, 0.0)), State.FAIL, "47.3 m above the", "altitude"),
     "distance of the origin": (known(fence=Fence(distance_max_m=7.9), east_m=(0, 8, 4)), State.FAIL, "", ""),
+    "area of the fence": (
+        known(fence=FENCE.model_copy(update={"areas": (AREA,)}), east_m=(0, 8, 4)),
+        *(State.FAIL, "stands 2.0 m beyond the fence of the show's drawing", "place the show anew"),
+    ),
     "clock": (known(of_b("clock_base_s", -3.0)), State.FAIL, "3.0 s behind this machine's", "clock (NTP)"),
     "speed": (
         known(speed_max_m_s=np.array([np.inf, 3.0, 8.0]), speed_need_m_s=4.2),

@@ -21,9 +21,9 @@ from gcs.shows.formats import parse_drawing, write_drawing
 from gcs.shows.importing import show_file
 from gcs.shows.service_rules import ServiceRules
 from tests.support.drawing_files import HOVER, flight, light, skyc, zipped
+from tests.support.imports_flown import GENERATORS, NAMES
 
 WHITE, RED, BLACK = [255, 255, 255], [255, 0, 0], [0, 0, 0]
-NAMES = ",".join(["duration", *(f"{axis}^{power}" for axis in ("x", "y", "z", "yaw") for power in range(8))])
 PLACE = ShowFrame(47.0, 8.0, 400.0, 0.0)
 
 
@@ -67,8 +67,8 @@ def test_polynomials_are_read_as_they_are_in_public(text: str, zip_of_them: bool
     [
         (f"{NAMES}\n# up\n{UP},1\n{DOWN}\n", "line 4 has 33 values, 34 as before"),
         (f"{NAMES}\n{UP}\n\n{UP},,\n", "line 4 has 34 values, 33 as before"),
-        (f"{NAMES}\n{UP}\n{DOWN.replace('10', 'ten')}\n", "line 3: could not convert string 'ten'"),
-        (f"{NAMES}\n# nothing\n\n", "rows of numbers are needed, it has none"),
+        (f"{NAMES}\n{UP}\n{DOWN.replace('10', 'ten')}\n", "line 3: 'ten' is not a number"),
+        (f"{NAMES}\n# nothing\n\n", "needed, it has none"),
         (f"{UP.replace(',0,', ';0,')}\n", "columns|numbers"),
     ],
 )
@@ -388,93 +388,7 @@ def test_lights_of_a_show_that_is_stopped_early_stay(tmp_path: Path) -> None:
     assert run.colours(["d1"], 180.0)[0][0].tolist() == RED
 
 
-def blender() -> dict[str, Any]:
-    """Skybrush Studio for Blender: references, whole numbers of 1e-7 degrees, cubic curves, lights, cues."""
-    entries: dict[str, Any] = skyc(
-        *(
-            {
-                "name": f"Drone {row + 1}",
-                "home": [0.0, 5.0 * row, 0.0],
-                "landAt": [0.0, 5.0 * row, 0.0],
-                "trajectory": {"$ref": f"./drones/Drone {row + 1}/trajectory.json#"},
-                "lights": {"$ref": f"./drones/Drone {row + 1}/lights.json#"},
-            }
-            for row in range(3)
-        ),
-        settings={"cues": {"$ref": "./cues.json"}, "validation": {"maxAltitude": 150, "minDistance": 3}},
-        environment={
-            "type": "outdoor",
-            "location": {"origin": [-338567000, 1512153000, 20000], "orientation": 0},
-        },
-        meta={"title": "Harbour", "segments": {"takeoff": [0, 10], "show": [10, 40], "landing": [40, 60]}},
-        media={"audio": {"url": "./music.mp3"}},
-    )
-    entries["cues.json"] = {
-        "version": 1,
-        "items": [{"time": 0, "name": "Takeoff"}, {"time": 20, "name": "Wall"}],
-    }
-    for row in range(3):
-        y_m = 5.0 * row
-        points = [
-            [0, [0, y_m, 0], []],
-            [10, [0, y_m, 10], [[0, y_m, 2], [0, y_m, 8]]],
-            [40, [6, y_m, 12], [[2, y_m, 10], [5, y_m, 12]]],
-            [60, [0, y_m, 0], [[6, y_m, 12], [0, y_m, 4]]],
-        ]
-        entries[f"drones/Drone {row + 1}/trajectory.json"] = {
-            "version": 1,
-            "points": points,
-            "takeoffTime": 0,
-        }
-        entries[f"drones/Drone {row + 1}/lights.json"] = light(7, 50, 8, 255, 0, 0, 100, 10, 50, 0)
-    return entries
-
-
-def skyc_utils() -> dict[str, Any]:
-    """AIMotionLab: degree 7, yaw as a fourth coordinate, parameters, no place on Earth, an empty media."""
-    rest = [[0.0, 0.0, 5.5, 0.0]] * 3
-    points = [[0.0, [0, 0, 5.5, 0], []], [20.0, [3, 0, 5.5, 90], [*rest, *[[3.0, 0.0, 5.5, 90.0]] * 3]]]
-    drone = {
-        "trajectory": {"$ref": "./drones/drone_0/trajectory.json#"},
-        "home": [0, 0, 5.5],
-        "startYaw": 0,
-        "landAt": [3, 0, 5.5],
-        "name": "drone_0",
-        "parameters": [[1.0, "stabilizer.controller", 2]],
-    }
-    trajectory = {
-        "version": 1,
-        "points": points,
-        "takeoffTime": 0.0,
-        "landingTime": 20.0,
-        "type": "COMPRESSED",
-    }
-    root = skyc(drone, environment={"type": "indoor"}, meta={"id": "a.py", "inputs": ["a.py"]}, media={})
-    return {**root, "drones/drone_0/trajectory.json": trajectory}
-
-
-def legacy() -> dict[str, Any]:
-    """Older exporters: samples, everything in one document, no lights."""
-    rows = [[at_s, 2.0 * np.sin(at_s / 9), 0.0, min(at_s, 9.0)] for at_s in range(60)]
-    return skyc({"trajectory": {"version": 0, "points": rows}})
-
-
-def binary() -> dict[str, Any]:
-    """Samples as 32-bit floats."""
-    rows = np.array([[at_s, at_s / 10, 4.0, 8.0] for at_s in np.arange(0, 40, 0.25).tolist()], "<f4")
-    return skyc({"trajectory": {"version": 2, "points": b64encode(rows.tobytes()).decode()}})
-
-
-def scripts() -> dict[str, Any]:
-    """Scripts of single users: points without controls, a name for each, what they made up beside it."""
-    drones = [
-        {**flight(*([at_s, [x_m, 0, z_m]] for at_s, z_m in ((0, 0), (9, 9), (50, 9), (59, 0)))), "id": x_m}
-        for x_m in (0, 4, 8)
-    ]
-    return skyc(*drones, settings={"fps": 4}, meta={"title": "#1 {best}"})
-
-
-@pytest.mark.parametrize("made", [blender, skyc_utils, legacy, binary, scripts])
+@pytest.mark.parametrize("made", GENERATORS)
 @pytest.mark.parametrize("folder", ["", "show/", ".\\"])
 def test_shows_of_five_generators_become_shows(
     made: Callable[[], dict[str, Any]], folder: str, tmp_path: Path
@@ -492,3 +406,64 @@ def test_shows_of_five_generators_become_shows(
         apart_m = again.trajectories.at(at_s).position_m - loaded.drawing.trajectories.at(at_s).position_m
         assert np.linalg.norm(apart_m, axis=1).max() <= 0.01
         assert np.abs(again.lights.at(at_s) - loaded.drawing.lights.at(at_s)).max() <= 1.0
+
+
+SAMPLED = "Time_msec,X,Y,Z\n0,0,0,6\n5000,1,0,9\n12346.7,2,0,6\n"
+
+
+@pytest.mark.parametrize(
+    ("file", "data"),
+    [
+        ("a.csv", f"{NAMES}\r{UP}\r{DOWN}\r".encode()),
+        ("a.skyc", zipped({"a.csv": SAMPLED})),
+        ("a.zip", zipped(skyc(flight([0, [0, 0, 6]], [12.3456789, [0, 0, 9]])))),
+        ("a.zip", zipped({"a.csv": SAMPLED.replace("\n", "\r")})),
+    ],
+)
+def test_content_counts_not_the_suffix_nor_the_line_ends(file: str, data: bytes, tmp_path: Path) -> None:
+    """And a show ends within its drawing, whatever the drawing's last time."""
+    (tmp_path / file).write_bytes(data)
+    target = tmp_path / "b.yaml"
+    assert main(["show", "import", str(tmp_path / file), "-o", str(target), "--origin", "-1,2,3,4"]) == 0
+    drawing = load(target).drawing
+    assert drawing is not None
+    assert 12.0 <= drawing.duration_s < 12.4
+
+
+@pytest.mark.parametrize(
+    ("file", "data", "words"),
+    [
+        ("a.csv", b"", "a.csv: the file is empty"),
+        ("a.csv", zipped({"a.csv": SAMPLED}), "a.csv: a zip archive: give it the suffix .skyc or .zip"),
+        ("a.csv", NAMES.encode("utf-16"), "byte 0 (0xff) is not UTF-8: save the file as CSV in UTF-8"),
+        ("a.csv", b"1,2,3\n", "3 columns: 4 (time in ms, x, y, z in m) or 7 (time in ms, x, y, z in m, red,"),
+        (
+            "a.csv",
+            UP.replace(",", ";").encode(),
+            "rows of numbers with commas between them are needed: line 1",
+        ),
+        (
+            "a.zip",
+            zipped({"a.csv": "t,x,y,z\n0,0,0,5\n60,0,0,5\n"}),
+            "row 2: 60, 0, 0, 5: times in milliseconds",
+        ),
+        (
+            "a.zip",
+            zipped({"a.csv": SAMPLED.replace("Time_msec", "frame")}),
+            "'frame': milliseconds are needed",
+        ),
+        ("a.skyc", zipped(skyc(flight([0, [0, 0, 9]]))), "the drawing lasts 0 s, and its show"),
+        (
+            "a.skyc",
+            zipped(skyc(HOVER, meta={"segments": {"show": [200, 300]}})),
+            "lasts 10 s, and its show (meta.segments) begins at 200 s: nothing of it can be flown",
+        ),
+    ],
+)
+def test_what_is_wrong_with_a_file_is_said(
+    file: str, data: bytes, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / file).write_bytes(data)
+    arguments = [str(tmp_path / file), "-o", str(tmp_path / "b.yaml"), "--origin", "-1,2,3,4"]
+    assert main(["show", "import", *arguments]) == 2
+    assert words in capsys.readouterr().err

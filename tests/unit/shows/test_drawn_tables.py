@@ -116,8 +116,8 @@ def test_pieces_that_do_not_meet_are_refused_with_their_row() -> None:
         ("0,0,0,nan,1,2,3\n", "row 1: .*positions within"),
         ("0,0,0,0,1,2\n", "6 columns"),
         ("0,0,0,0\n1,1\n", "rows of numbers"),
-        ("Time_msec,X,Y,Z\n", "rows of numbers are needed, it has none"),
-        ("Time_msec,X,Y,Z\n0,0,0,zero\n", ".*could not convert string 'zero'"),
+        ("Time_msec,X,Y,Z\n", "rows of numbers .* are needed, it has none"),
+        ("Time_msec,X,Y,Z\n0,0,0,zero\n", ".*line 2: 'zero' is not a number"),
     ],
 )
 def test_a_bad_row_is_named(text: str, problem: str) -> None:

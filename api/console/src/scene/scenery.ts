@@ -102,6 +102,12 @@ export class Scenery {
       const [x, z] = [s * distance_max_m, c * distance_max_m];
       this.#lines.line([x, 0, z], [x, height_max_m, z], { ...high, alpha: 0.2 * strength });
     }
+    for (const { corners_m } of fence.areas) {
+      corners_m.forEach(([x_m, y_m], k) => {
+        const [from_x_m, from_y_m] = corners_m.at(k - 1)!;
+        this.#ground.line(toScene(from_x_m, from_y_m, 0), toScene(x_m, y_m, 0), { ...low, alpha: 0.8 });
+      });
+    }
   }
 
   /** The way of the formation's centre, with arrows the way it goes; and a thread from the target up to it. */

@@ -303,6 +303,16 @@ export interface components {
             targets: components["schemas"]["TargetsView"] | null;
             timecode: components["schemas"]["TimecodeView"] | null;
         };
+        /** @description A polygon on the ground, at every height. */
+        FenceArea: {
+            /** @description x and y, show frame. */
+            corners_m: [
+                number,
+                number
+            ][];
+            /** @description Vehicles stay inside; false: outside. */
+            inside: boolean;
+        };
         /** @description One invalid field. */
         FieldProblem: {
             /**
@@ -365,6 +375,11 @@ export interface components {
         };
         /** @description The volume that no vehicle may leave, and the ellipsoid around a vehicle that no other may enter. */
         FlightEnvelope: {
+            /**
+             * @description Of the selected drawing's fence; empty: only height and distance count.
+             * @default []
+             */
+            areas: components["schemas"]["FenceArea"][];
             /** @description Horizontal distance from the show's origin. */
             distance_max_m: number;
             /** @description Horizontal half-axis of the ellipsoid. */
@@ -486,6 +501,8 @@ export interface components {
             duration_s: number;
             /** @description What of the file is not used. */
             notes: string[];
+            /** @description It replaced a show of that name. */
+            replaced: boolean;
             /** @description Name of the stored show. */
             show: string;
             vehicles: number;
@@ -2272,6 +2289,11 @@ export interface components {
             vehicles: number;
             /** @description Pairs whose columns overlap at some time of the show. */
             vertical_overlaps: number;
+            /**
+             * @description What an operator should know of a show that is good to fly.
+             * @default []
+             */
+            warnings: string[];
         };
         /**
          * @description The show frame: its origin, and the heading of its x axis.
@@ -2420,9 +2442,14 @@ export interface components {
         StoredShow: {
             /** @description File of the drawing that the show names. */
             drawing?: string | null;
+            /** @description Of all that is flown; a start names it. null: not checked as it is. */
+            hash: string | null;
             name: string;
-            /** @description Hash of the file; what is flown has a hash of its own. */
-            sha256: string;
+            /**
+             * @description This upload replaced a show of that name.
+             * @default false
+             */
+            replaced: boolean;
             size_bytes: number;
         };
         /** @description Position and velocity of the target now, in both frames. */

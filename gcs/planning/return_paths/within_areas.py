@@ -1,0 +1,57 @@
+"""Ways over the ground that keep off the edges of a fence's areas, whatever their shape. Pure."""
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from gcs.control.path_search import along_m, find_corners, from_paths_m
+from gcs.model.state import Array, Mask
+from gcs.safety.fenced_areas import FencedArea
+
+CELL_M: Final = 0.5
+"""Places this near to each other are looked at once."""
+
+CELLS_MAX: Final = 100
+"""Cells of a search along one axis."""
+
+
+def _edges_m(areas: Sequence[FencedArea]) -> Array:
+    """(m, 2, 3) Begin and end of all edges, at height 0."""
+    rings_m = [np.array(area.corners_m) for area in areas]
+    edges_m = np.concatenate([np.stack([ring_m, np.roll(ring_m, -1, axis=0)], axis=1) for ring_m in rings_m])
+    return np.concatenate([edges_m, np.zeros((len(edges_m), 2, 1))], axis=2)
+
+
+def keep_off(areas: Sequence[FencedArea], place_m: Array, clear_m: float) -> Mask:
+    """(n,) Which places (n, 3) are at least so far from every edge, to `CELL_M`.
+
+    A path from within, of which all places are, stays within where they are no farther apart than that.
+    """
+    if not areas:
+        return np.ones(len(place_m), dtype=np.bool_)
+    edges_m = _edges_m(areas)
+    at, back = np.unique(np.rint(place_m[:, :2] / CELL_M) @ (1.0, 1.0j), return_inverse=True)
+    cell_m = CELL_M * np.column_stack([at.real, at.imag, np.zeros(len(at))])
+    return np.array([from_paths_m(each_m, edges_m).min() >= clear_m for each_m in cell_m], np.bool_)[back]
+
+
+def way_within(areas: Sequence[FencedArea], one_m: Array, other_m: Array, clear_m: float) -> Array:
+    """(k, 2) Places to fly to one after the other, before `other_m` (2,); none where no way is found."""
+    edges_m, start_m, goal_m = _edges_m(areas), np.append(one_m, 0.0), np.append(other_m, 0.0)
+    low_m = np.minimum(edges_m.min(axis=(0, 1)), np.minimum(start_m, goal_m)) - 2.0 * clear_m
+    high_m = np.maximum(edges_m.max(axis=(0, 1)), np.maximum(start_m, goal_m)) + 2.0 * clear_m
+    low_m[2] = high_m[2] = 0.0
+    cell_m = max(1.0, float((high_m - low_m).max()) / CELLS_MAX)
+    kept_m = np.full(len(edges_m), clear_m)
+    corners_m, reaches = find_corners(start_m, goal_m, edges_m, kept_m, low_m, high_m, cell_m, 1.0, np.inf)
+    return np.asarray(corners_m[:-1, :2] if reaches else np.zeros((0, 2)))
+
+
+def cross_edges(areas: Sequence[FencedArea], from_m: Array, to_m: Array) -> Mask:
+    """(n,) Which straight ways over the ground between places (n, 3) meet an edge of an area."""
+    edges_m, level = _edges_m(areas), (1.0, 1.0, 0.0)
+    ends = zip(from_m * level, to_m * level, strict=True)
+    return np.array(
+        [along_m(one_m, other_m[None], edges_m).min() <= 0.0 for one_m, other_m in ends], np.bool_
+    )
