@@ -36,9 +36,19 @@ function operation({ parameters: all = [], requestBody, responses }: Operation):
   return record({ ...always, requestBody: contents(requestBody) }, [...Object.keys(always), ...(requestBody.required ? ["requestBody"] : [])]);
 }
 
-/** Titles only repeat the names. */
-const untitled = (key: string, value: unknown): unknown => (key === "title" && typeof value === "string" ? undefined : value);
+type Properties = { properties?: Record<string, { default?: unknown }>; required?: string[] };
 
-const { paths, components, ...rest }: Document = JSON.parse(await text(process.stdin), untitled);
+/** Titles only repeat the names, and examples are for readers of the API. What has a default is never absent. */
+function plain(key: string, value: Properties | string | null): unknown {
+  const isText = typeof value !== "object" || Array.isArray(value); // and no property of that name
+  if (isText && ["title", "example", "examples"].includes(key)) return undefined;
+  if (key === "description" && typeof value === "string") return value.replace(/\s+/g, " ");
+  if (value === null || typeof value !== "object" || value.properties === undefined) return value;
+  const given = Object.entries(value.properties).filter(([, each]) => each.default != null);
+  for (const [, each] of given) delete each.default;
+  return { ...value, required: [...new Set([...(value.required ?? []), ...given.map(([name]) => name)])] };
+}
+
+const { paths, components, ...rest }: Document = JSON.parse(await text(process.stdin), plain);
 const schemas = { ...components.schemas, Paths: record(mapped(paths, (methods) => record(mapped(methods, operation)))) };
 process.stdout.write(JSON.stringify({ ...rest, paths: {}, components: { schemas } }));

@@ -215,6 +215,12 @@ async def follow_external_clock(body: requests.ClockBody, context: ContextDep) -
     context.service.player.follow_external_clock(body.follow)
 
 
+@selected.get("/marks", summary="Phases, commands, alarms so far", responses=READ)
+async def get_marks(context: ContextDep) -> service.FlightMarks:
+    """For a timeline of the flight that lasts, else of the last one; in a replay of the whole record."""
+    return context.service.events.marks
+
+
 def _replaying(context: Context) -> service.Replaying:
     """Return the replay of the service. Raises: RefusedError when the service controls real vehicles."""
     replaying = context.service.replaying
@@ -233,12 +239,6 @@ async def get_replay(context: ContextDep) -> service.Playback:
 async def change_replay(body: requests.ReplayChange, context: ContextDep) -> service.Playback:
     """Changes the given fields at once; `409` when the service controls vehicles, or to play past the end."""
     return _replaying(context).change(**body.given())
-
-
-@replay.get("/marks", summary="Phases, cues, events, idle time", responses=READ | errors(409))
-async def get_replay_marks(context: ContextDep) -> service.ReplayMarks:
-    """Phases, cues, events and idle times of the whole record, for a timeline; they never change."""
-    return _replaying(context).marks
 
 
 @replay.get("/report", summary="Flight report: limits kept and broken", responses=READ | errors(409))

@@ -95,10 +95,6 @@ class PlaybackCalls(Calls):
     def now(self) -> service.Playback:
         """Get position and speed of the playback."""
 
-    @calls("GET", "/api/v1/replay/marks")
-    def marks(self) -> service.ReplayMarks:
-        """Get phases, cues, events and idle times of the whole record."""
-
     @calls("POST", "/api/v1/replay")
     def change(
         self,
@@ -345,6 +341,10 @@ class Client(Calls):
     @calls("GET", "/api/v1/show")
     def show(self) -> schemas.Show:
         """Get the show's phase, and the commands that it accepts now."""
+
+    @calls("GET", "/api/v1/show/marks")
+    def marks(self) -> service.FlightMarks:
+        """Get phases, commands and alarms of the flight so far, or of the whole record of a replay."""
 
     @calls("POST", "/api/v1/show/start")
     def start(

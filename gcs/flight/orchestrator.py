@@ -47,7 +47,8 @@ from gcs.recording.sample import Sample
 from gcs.recording.session import Record
 from gcs.service import Audit, FleetView, Latest, NoAudit, Scheduling
 from gcs.service.commands import CommandLog
-from gcs.service.event_log import EventLog, attached
+from gcs.service.event_log import attached
+from gcs.service.flight_marks import FlightLog
 from gcs.shows.library import ShowLibrary
 from gcs.shows.service_rules import ServiceRules
 
@@ -171,7 +172,7 @@ class Orchestrator:
         self.frame = config.frame
         self.replaying = None
         self.audit: Audit = NoAudit() if record is None else record.audit
-        self.events = EventLog()
+        self.events = FlightLog()
         rules = ServiceRules.of(config.control, operation)
         self.shows = ShowLibrary(None if config.shows is None else config.shows.folder, rules)
         begin = ShowBegin(

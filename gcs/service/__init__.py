@@ -32,15 +32,16 @@ from gcs.service.snapshots import BeginState as BeginState
 from gcs.service.snapshots import BeginView as BeginView
 from gcs.service.snapshots import BusView as BusView
 from gcs.service.snapshots import CheckState as CheckState
+from gcs.service.snapshots import CommandMark as CommandMark
 from gcs.service.snapshots import CueMark as CueMark
 from gcs.service.snapshots import EventMark as EventMark
 from gcs.service.snapshots import FleetView as FleetView
 from gcs.service.snapshots import FlightEnvelope as FlightEnvelope
+from gcs.service.snapshots import FlightMarks as FlightMarks
 from gcs.service.snapshots import IdleSpan as IdleSpan
 from gcs.service.snapshots import Latest as Latest
 from gcs.service.snapshots import PhaseSpan as PhaseSpan
 from gcs.service.snapshots import Playback as Playback
-from gcs.service.snapshots import ReplayMarks as ReplayMarks
 from gcs.service.snapshots import ReportState as ReportState
 from gcs.service.snapshots import Scheduling as Scheduling
 from gcs.service.snapshots import SelectedShow as SelectedShow

@@ -1,5 +1,6 @@
 """Commands, their callers and their outcomes, and the log of accepted commands."""
 
+import logging
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
@@ -15,10 +16,14 @@ from gcs.model.errors import UnknownError
 from gcs.model.settings import PUBLISHED
 from gcs.model.state import VehicleId
 
+log = logging.getLogger(__name__)
+
 KEPT: Final = 1000
 """Commands that the log remembers."""
 
-CALLER: Final[ContextVar[str]] = ContextVar("caller", default="service")
+SERVICE: Final = "service"
+
+CALLER: Final[ContextVar[str]] = ContextVar("caller", default=SERVICE)
 """Caller of this task's command: a token's name, `local` without tokens, `service` for automatic commands."""
 
 
@@ -109,7 +114,8 @@ class CommandLog:
         self, action: str, vehicles: Iterable[VehicleId], left_out: Mapping[VehicleId, str]
     ) -> CommandRecord:
         """Record a command as pending for `vehicles`, with the reasons of those `left_out`."""
-        outcomes = {vehicle_id: VehicleOutcome(Outcome.PENDING) for vehicle_id in vehicles}
+        names = [*vehicles]
+        outcomes = {vehicle_id: VehicleOutcome(Outcome.PENDING) for vehicle_id in names}
         outcomes |= {name: VehicleOutcome(Outcome.NOT_INCLUDED, why) for name, why in left_out.items()}
         record = CommandRecord(f"o{self._next}", action, time.time(), outcomes, CALLER.get())
         self._next += 1
@@ -118,6 +124,10 @@ class CommandLog:
             self._records.popitem(last=False)
         if self._listener is not None:
             self._listener.opened(record, CALLER.get())
+        if record.by != SERVICE:
+            only = names[0] if len(names) == 1 else None
+            given = {"action": action, "by": record.by, "count": None if only else len(names)}
+            log.info("command", extra={**given, "vehicle": only})
         return record
 
     def done(

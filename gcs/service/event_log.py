@@ -52,6 +52,7 @@ WORDS: Final[Mapping[str, str]] = {
     "mavsdk": "MAVSDK: {reported}",
     "no_progress": "no progress in phase {phase}",
     "offboard_refused": "OFFBOARD was refused, its autopilot lands it: {reason}",
+    "command": "command {action} by {by}[: {count} vehicles]",
     "command_failed": "command failed: {reason}",
     "pads_exchanged": "the pads are assigned anew: {count} vehicles land on another one than they left",
     "parameters_read": "parameters read",

@@ -16,9 +16,9 @@ from gcs.service.commands import CommandRecord, ShowAction, VehicleAction
 from gcs.service.event_log import LogEvent
 from gcs.service.snapshots import (
     FleetView,
+    FlightMarks,
     Latest,
     Playback,
-    ReplayMarks,
     ReportState,
     SelectedShow,
     ShowCheck,
@@ -119,10 +119,6 @@ class Replaying(Protocol):
     @property
     def playback(self) -> Playback:
         """Current state of the playback."""
-
-    @property
-    def marks(self) -> ReplayMarks:
-        """Marks of the whole record for the scrubber; they never change."""
 
     def change(self, **given: Unpack[PlaybackChange]) -> Playback:
         """Change the given settings of the playback, at once."""
@@ -264,6 +260,10 @@ class Events(Protocol):
 
     def newest(self) -> Sequence[LogEvent]:
         """The newest events, newest last."""
+
+    @property
+    def marks(self) -> FlightMarks:
+        """Marks of the flight that lasts, else of the last one; in a replay of the record."""
 
 
 class PlanChanges(Protocol):

@@ -16,7 +16,7 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Plan
 from gcs.model.settings import PUBLISHED, Measured
 from gcs.model.state import Counts, VehicleId
-from gcs.service.alarms import Alarm
+from gcs.service.alarms import Alarm, AlarmSeverity
 from gcs.service.event_log import Severity
 from gcs.service.features import Features
 from gcs.service.histograms import Collected, TickHistogram
@@ -233,6 +233,13 @@ class SelectedShow:
         bool,
         Field(description="Its clock has run since the start: no time to begin is accepted any more."),
     ] = False
+    lit_until_s: Annotated[
+        float | None,
+        Field(
+            description="The show's time until which vehicles are lit, by a drawing also while they"
+            " return. null: not known."
+        ),
+    ] = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -366,7 +373,7 @@ class Playback:
 
 @dataclass(frozen=True, slots=True)
 class PhaseSpan:
-    """A period in one phase of the show. Times are in seconds since the first recorded state."""
+    """A period in one phase of the show. Times are those of `FlightMarks`."""
 
     phase: ShowPhase
     from_s: float
@@ -379,11 +386,22 @@ class EventMark:
 
     at_s: float
     severity: Severity
-    is_alarm: bool
+    alarm: Annotated[str | None, Field(description="Id of the alarm; null: it is none.")]
+    alarm_severity: AlarmSeverity | None
     text: str
     vehicle: Annotated[
         VehicleId | None, Field(description="The vehicle concerned; null: none in particular.")
     ]
+
+
+@dataclass(frozen=True, slots=True)
+class CommandMark:
+    """A command of an operator or a program."""
+
+    at_s: float
+    action: str
+    text: str
+    vehicle: Annotated[VehicleId | None, Field(description="Its vehicle; null: several, or the show.")]
 
 
 @dataclass(frozen=True, slots=True)
@@ -395,13 +413,20 @@ class IdleSpan:
 
 
 @dataclass(frozen=True, slots=True)
-class ReplayMarks:
-    """Marks of the whole record for a timeline; empty when the flight data has no audit beside it."""
+class FlightMarks:
+    """Marks for a timeline, in seconds since it began: of the flight that lasts, else of the last one.
 
-    phases: tuple[PhaseSpan, ...]
-    cues: tuple[CueMark, ...]
-    events: Annotated[tuple[EventMark, ...], Field(description="At most 500; alarms before others.")]
-    idle: Annotated[tuple[IdleSpan, ...], Field(description="Jumped over while `skips_idle` is true.")]
+    Of a replay those of the whole record; empty when the flight data has no audit beside it.
+    """
+
+    began_unix_time_s: Annotated[
+        float | None, Field(description="null: nothing has flown since the service began.")
+    ] = None
+    phases: tuple[PhaseSpan, ...] = ()
+    cues: Annotated[tuple[CueMark, ...], Field(description="As they were flown; of a replay only.")] = ()
+    commands: Annotated[tuple[CommandMark, ...], Field(description="The newest 500.")] = ()
+    events: Annotated[tuple[EventMark, ...], Field(description="At most 500; alarms before others.")] = ()
+    idle: Annotated[tuple[IdleSpan, ...], Field(description="Jumped over while `skips_idle` is true.")] = ()
 
 
 LEEWAY_REPORTED: Final = 1.01

@@ -260,6 +260,13 @@ class Timeline:
             return self.drawing.lights.colours_at(at_s + max(time_s - self.parts[-1].end_s, 0.0))
         return np.asarray(np.rint(self.lights.value(time_s)).astype(np.uint8))
 
+    @property
+    def lit_until_s(self) -> float:
+        """Time of the show at which its lights end."""
+        if self.drawing is None or not self.parts:
+            return self.duration_s
+        return max(self.duration_s, self.parts[-1].end_s + self.drawing.lights.end_s - self.parts[-1].to_s)
+
     def cue_at(self, time_s: float) -> Played:
         return self.played[max(bisect_right(self.played, time_s, key=lambda played: played.at_s) - 1, 0)]
 

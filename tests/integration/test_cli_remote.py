@@ -54,7 +54,7 @@ EVERYTHING = [
     "playback show",
     "playback set --paused yes --speed 4 --position-s 12.5",
     "playback report",
-    "playback marks",
+    "marks",
     "vehicle list",
     "vehicle show d1",
     "shows upload lighthouse FILE",

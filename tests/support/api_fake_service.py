@@ -27,6 +27,7 @@ from gcs.service import (
     CommandRecord,
     FleetView,
     FlightEnvelope,
+    FlightMarks,
     Latest,
     NoAudit,
     Outcome,
@@ -159,6 +160,7 @@ class FakeService:
         self.features = Features(lights=LightsView("led-control", sent=120, dropped=30))
         self.conditions: tuple[Condition, ...] = ()
         self.happened: tuple[LogEvent, ...] = ()
+        self.marks = FlightMarks()
         self.excluded: dict[str, Exclusion] = {}
         self.book, self.plan, self.command_log = AlarmBook(), FakePlan(self.phases), CommandLog()
 

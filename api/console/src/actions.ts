@@ -312,9 +312,9 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
     /** The effect is visible: no message is needed. */
     loadMarks: () =>
       read(
-        api.GET("/api/v1/replay/marks"),
+        api.GET("/api/v1/show/marks"),
         (marks) => ({ kind: "marks", marks }),
-        (reason) => ({ kind: "refused", text: texts.refused(texts.replay.title, reason) }),
+        (reason) => ({ kind: "refused", text: texts.refused(texts.timeline.title, reason) }),
       ),
     replay: async (change) => (await asked(texts.replay.title, api.POST("/api/v1/replay", { body: change }), null)) !== null,
     async loadReport() {

@@ -6,7 +6,7 @@ import type { PlacingMessage } from "./placing/model";
 import type { PanelState, Layout } from "./panels/state";
 import type { Choice, Selection } from "./selection";
 import type {
-  Access, Features, ReportBody, Connection, Frame, Preview, KillArmed, Command, PreflightReport, ReplayMarks, ShowCheck, Station, Status, StoredShow, View,
+  Access, Features, ReportBody, Connection, Frame, Preview, KillArmed, Command, PreflightReport, FlightMarks, ShowCheck, Station, Status, StoredShow, View,
 } from "./state";
 
 export type Message =
@@ -22,7 +22,7 @@ export type Message =
   | { kind: "check"; check: ShowCheck | null }
   | { kind: "features"; features: Features }
   | { kind: "stations"; stations: readonly Station[] }
-  | { kind: "marks"; marks: ReplayMarks | null }
+  | { kind: "marks"; marks: FlightMarks }
   | { kind: "flightReport"; flightReport: ReportBody | null }
   | { kind: "done" | "grave" | "refused"; text: string }
   | { kind: "toast-gone"; id: number }

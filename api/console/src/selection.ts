@@ -48,6 +48,6 @@ export function choiceOf(id: string, keys: { shift: boolean; ctrl: boolean }, am
 }
 
 function selectionOf(ids: readonly string[]): Selection {
-  const unique = ids.filter((each, i) => ids.lastIndexOf(each) === i); // a vehicle chosen again moves to the end
+  const unique = [...new Set([...ids].reverse())].reverse(); // a vehicle chosen again moves to the end
   return { selected: unique.at(-1) ?? null, selection: unique };
 }

@@ -20,7 +20,9 @@ export type Placement = Schemas["Placement"];
 export type Features = Schemas["Features"];
 export type ImportedShow = Schemas["ImportedShow"];
 export type ShowCheck = Schemas["ShowCheck"];
-export type ReplayMarks = Schemas["ReplayMarks"];
+/** What a timeline marks: of a flight, or of a record. */
+export type FlightMarks = Schemas["FlightMarks"];
+export type SelectedShow = Schemas["SelectedShow"];
 export type ReportBody = Schemas["ReportBody"];
 export type ShowAction = Schemas["ShowAction"];
 export type ShowPhase = Schemas["ShowPhase"];

@@ -5,7 +5,7 @@ import { initialAttention, type Attention } from "./alarms/attentionState";
 import type { DrawnPreview } from "./drawn/model";
 import type { Placing } from "./placing/model";
 import { NOTHING_SELECTED, type Selection } from "./selection";
-import type { Features, ReportBody, Frame, KillArmed, Command, PreflightReport, ReplayMarks, Status } from "./snapshot";
+import type { Features, ReportBody, Frame, KillArmed, Command, PreflightReport, FlightMarks, Status } from "./snapshot";
 
 export * from "./snapshot";
 
@@ -74,8 +74,8 @@ export interface State {
   history: History;
   commands: readonly Command[];
   preflight: PreflightReport | null;
-  /** Phases, cues, events and idle time of the record that is replayed, once they were read. */
-  marks: ReplayMarks | null;
+  /** Phases, commands and alarms of the flight, or of the record that is replayed, once they were read. */
+  marks: FlightMarks | null;
   /** What the record that is replayed kept and broke, once it was judged. */
   flightReport: ReportBody | null;
   toasts: readonly Toast[];

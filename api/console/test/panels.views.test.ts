@@ -7,7 +7,6 @@ import { command, type Press } from "../src/panels/keys";
 import { columns } from "../src/panels/plots";
 import type { PanelActions } from "../src/panels/actions";
 import { details, failures, preflightNow } from "../src/panels/preflight";
-import { playing, segments } from "../src/panels/timeline";
 import { byReason, whyNotStart } from "../src/panels/start";
 import { initial, type PreflightReport, type State } from "../src/state";
 import { texts } from "../src/texts";
@@ -134,18 +133,6 @@ describe("take off", () => {
       { reason: "offline", vehicles: ["d1", "d3"] },
       { reason: "excluded", vehicles: ["d2"] },
     ]);
-  });
-});
-
-describe("the timeline", () => {
-  const all = segments([{ cue: "a", at_s: 0 }, { cue: "b", at_s: 10 }, { cue: "a", at_s: 30 }], 45);
-
-  it("has each cue last until the next, the last until the end", () => {
-    expect(all.map((each) => each.until_s)).toEqual([10, 30, 45]);
-  });
-
-  it("knows which is played, also one that comes again", () => {
-    expect([-1, 0, 9.9, 10, 44].map((time_s) => playing(all, time_s))).toEqual([-1, 0, 0, 1, 2]);
   });
 });
 

@@ -25,5 +25,5 @@ export function press(view: unknown, testId: string, event: "click" | "input" | 
   const tag = flat(view, others).match(/<[a-z]+[^>]*>/g)?.find((each) => new RegExp(`data-testid="?${testId}["\\s>]`).test(each));
   const listener = others[Number(tag?.split(`@${event}=${MARK}`)[1]?.split(MARK)[0])];
   if (typeof listener !== "function") throw new Error(`nothing to press: ${testId}`);
-  (listener as (event: unknown) => void)({ target, key });
+  (listener as (event: unknown) => void)({ target, key, preventDefault: () => undefined });
 }

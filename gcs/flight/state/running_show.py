@@ -301,4 +301,5 @@ class ShowRun:
             spares=self.spares,
             begin=self.begin,
             begun=self.begun,
+            lit_until_s=self.timeline.lit_until_s,
         )

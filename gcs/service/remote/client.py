@@ -42,7 +42,7 @@ from gcs.service.remote.messages import (
     Method,
     framed,
 )
-from gcs.service.snapshots import FleetView, Latest
+from gcs.service.snapshots import FleetView, FlightMarks, Latest
 
 ANSWER_S: Final = 2.0
 """Longest wait for control: longer than it takes for any answer, and than a machine stands still."""
@@ -264,6 +264,10 @@ class _Events:
         with suppress(LinkError):
             self._newest = self._line.call(METHODS["events.newest"])
         return self._newest
+
+    @property
+    def marks(self) -> FlightMarks:
+        return cast("FlightMarks", self._line.call(METHODS["events.marks"]))
 
 
 class RemoteService:

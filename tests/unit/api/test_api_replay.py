@@ -9,13 +9,15 @@ from pydantic import TypeAdapter
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import (
     CheckState,
+    CommandMark,
     CueMark,
     EventMark,
+    FlightMarks,
     IdleSpan,
     PhaseSpan,
-    ReplayMarks,
     ReportState,
 )
+from gcs.service.alarms import AlarmSeverity
 from gcs.service.event_log import Severity
 from gcs.service.snapshots import ReportBody
 from tests.support.api_harness import Api
@@ -110,23 +112,28 @@ def test_flight_report_is_shown_once_it_is_made() -> None:
     assert api("GET", "/api/v1/replay/report").json()["reason"] == "the disk is gone"
 
 
-def test_record_marks_are_listed_and_idle_time_can_be_played() -> None:
-    api, record = playing()
-    record.marks = ReplayMarks(
+def test_marks_are_listed_and_idle_time_can_be_played() -> None:
+    api, _ = playing()
+    assert api("GET", "/api/v1/show/marks").json()["began_unix_time_s"] is None
+    api.service.marks = FlightMarks(
+        began_unix_time_s=1.7e9,
         phases=(PhaseSpan(ShowPhase.RUNNING, 0.0, 60.0),),
         cues=(CueMark("rise", 3.0),),
-        events=(EventMark(5.0, Severity.ERROR, True, "d2 lost", "d2"),),
+        commands=(CommandMark(4.0, "hold", "command hold by anna", "d1"),),
+        events=(EventMark(5.0, Severity.ERROR, "a1", AlarmSeverity.WARNING, "d2 lost", "d2"),),
         idle=(IdleSpan(20.0, 40.0),),
     )
-    assert api("GET", "/api/v1/replay/marks").json() == {
+    mark = {"at_s": 5.0, "severity": "error", "alarm": "a1", "alarm_severity": "warning"}
+    assert api("GET", "/api/v1/show/marks").json() == {
+        "began_unix_time_s": 1.7e9,
         "phases": [{"phase": "running", "from_s": 0.0, "until_s": 60.0}],
         "cues": [{"cue": "rise", "at_s": 3.0}],
-        "events": [{"at_s": 5.0, "severity": "error", "is_alarm": True, "text": "d2 lost", "vehicle": "d2"}],
+        "commands": [{"at_s": 4.0, "action": "hold", "text": "command hold by anna", "vehicle": "d1"}],
+        "events": [{**mark, "text": "d2 lost", "vehicle": "d2"}],
         "idle": [{"from_s": 20.0, "until_s": 40.0}],
     }
     assert api("GET", "/api/v1/replay").json()["skips_idle"] is True
     assert api("POST", "/api/v1/replay", json={"skips_idle": False}).json()["skips_idle"] is False
-    assert Api()("GET", "/api/v1/replay/marks").status_code == 409
 
 
 @pytest.mark.parametrize("age_s", [0.0, 1.5])

@@ -15,8 +15,8 @@ from gcs.recording.audit_database import Journal
 from gcs.recording.audit_reader import AUDIT
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.mcap_writer import _OpenFile
-from gcs.recording.replay.history import KEPT_S
 from gcs.recording.replay.service import Replay
+from gcs.service.flight_marks import KEPT_S
 from tests.support.record_samples import sample
 
 BEGAN_S = 1.7e9 + 100.0

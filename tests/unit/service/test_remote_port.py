@@ -71,6 +71,7 @@ CALLS: dict[str, dict[str, Any]] = {
     "alarms.acknowledge": {"alarm_id": "battery:d1"},
     "alarms.acknowledge_all": {},
     "events.newest": {},
+    "events.marks": {},
 }
 """Arguments for every method and property of the port."""
 

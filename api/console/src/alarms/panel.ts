@@ -108,13 +108,14 @@ function one(state: State, actions: PanelActions, alarm: Alarm): TemplateResult 
   const isNew = isOpen(alarm);
   return html`<li
     class="alarm alarm-${alarm.severity} ${isNew ? "open" : "seen"} ${lasts(alarm) ? "" : "ended"}"
+    tabindex="-1"
     data-testid="alarm"
     data-alarm=${alarm.id}
     data-severity=${alarm.severity}
     data-cause=${alarm.cause}
   >
     ${icon(SEVERITY_ICON[alarm.severity])}
-    <div class="alarm-words">
+    <div class="alarm-words" title="${alarm.text} ${alarm.advice}">
       <p class="alarm-head"><b>${t.severities[alarm.severity]}</b> <time>${since(state, alarm)}</time> ${vehicles(actions, alarm)}</p>
       <p class="alarm-text">${alarm.text}</p>
       ${reasons(actions, alarm)} ${alarm.advice ? html`<p class="alarm-advice">${alarm.advice}</p>` : nothing}

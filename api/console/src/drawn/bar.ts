@@ -7,6 +7,8 @@ import { minutes } from "../panels/format";
 import { icon } from "../panels/icons";
 import type { State } from "../state";
 import { texts } from "../texts";
+import { courseView } from "../timeline/course";
+import { drawnCourse } from "../timeline/model";
 import { cueAt, shown_s } from "./model";
 
 const t = texts.drawn;
@@ -32,17 +34,11 @@ export function drawnBar(state: State, actions: PanelActions): TemplateResult | 
         <span class="dim" data-testid="drawn-cue">${cueAt(drawing, now_s)}</span>
       </span>
       <span class="value" data-testid="drawn-position">${where}</span>
-      <input
-        type="range"
-        min="0"
-        max=${drawing.duration_s}
-        step="0.1"
-        data-testid="drawn-scrubber"
-        aria-label=${t.position}
-        aria-valuetext=${where}
-        .value=${String(now_s)}
-        @input=${(event: Event) => actions.dispatch({ kind: "drawn-sought", at_s: Number((event.target as HTMLInputElement).value) })}
-      />
+      ${courseView(drawnCourse(drawing, now_s), {
+        press: () => undefined,
+        named: () => "",
+        slider: { id: "drawn-scrubber", label: t.position, where, moved: (at_s) => actions.dispatch({ kind: "drawn-sought", at_s }) },
+      })}
     </div>
     ${button(actions, { id: "drawn-close", label: t.close, icon: "cross", iconOnly: true, press: () => actions.dispatch({ kind: "drawn", drawing: null }) })}
   </section>`;

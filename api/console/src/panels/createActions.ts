@@ -353,7 +353,7 @@ export function createDeskActions(
       undo("token");
       if (token !== "") login(token);
     },
-    replay: (change) => void service.replay(change),
+    replay: (change) => void service.replay(change).finally(() => undo("scrubber")),
     readReport: () => void readReport(),
   };
 }

@@ -5,10 +5,11 @@ import type { Command, State } from "../state";
 import { texts } from "../texts";
 import type { PanelActions } from "./actions";
 import { choices } from "./controls";
-import { clockTime } from "./format";
+import { clockTime, tail } from "./format";
 import { icon, type IconName } from "./icons";
 
 const t = texts.events;
+const LETTERS = 12;
 
 const OUTCOME_ICON: Record<Command["outcome"], IconName> = {
   pending: "events",
@@ -67,7 +68,7 @@ function lines(state: State, actions: PanelActions): TemplateResult {
         <time>${clockTime(each.unix_time_s)}</time>
         ${icon(severityIcon(each.severity))}
         ${each.vehicle
-          ? html`<button type="button" class="link" @click=${() => actions.select(each.vehicle!)}>${each.vehicle}</button>`
+          ? html`<button type="button" class="link" title=${each.vehicle} @click=${() => actions.select(each.vehicle!)}>${tail(each.vehicle, LETTERS)}</button>`
           : nothing}
         <span>${each.text}</span>
       </li>`,

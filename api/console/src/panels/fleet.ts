@@ -7,7 +7,7 @@ import { PHASES, type Frame, type State, type Status } from "../state";
 import { texts } from "../texts";
 import type { PanelActions } from "./actions";
 import { button } from "./controls";
-import { fixed, percentOnly, UNKNOWN } from "./format";
+import { fixed, percentOnly, tail, UNKNOWN } from "./format";
 import { fleetGrid, keysOf, onListKey, rowIds } from "./fleetGrid";
 import { selectionBar } from "./group";
 import { icon, PHASE_ICON } from "./icons";
@@ -17,6 +17,7 @@ import { alarmsByVehicle, isLow, isStale, rowOf, windowed, type Column, type Row
 import { ROW_PX } from "./state";
 import { isMissingStation } from "./stations";
 
+const ROW_LETTERS = 16;
 const COLUMNS: readonly Column[] = ["id", "phase", "held", "nearest", "battery", "age", "fix", "link", "height", "mode"];
 const OF_SITE: readonly Column[] = ["id", "phase", "station", ...COLUMNS.slice(2)];
 
@@ -100,7 +101,7 @@ function rowView(state: State, actions: PanelActions, row: Row, position: number
         aria-current=${state.view.selected === row.id ? "true" : nothing}
         @click=${(event: MouseEvent) => openRow(actions, event, row.id)}
       >
-        ${row.id}
+        ${tail(row.id, ROW_LETTERS)}
       </button>
     </th>
     <td class="phase phase-${row.phase}">${icon(PHASE_ICON[row.phase])}<span>${row.phase === "offline" && !row.received ? texts.fleet.notReceived : texts.fleet.phases[row.phase]}</span></td>

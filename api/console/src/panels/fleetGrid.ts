@@ -6,10 +6,12 @@ import { choiceOf } from "../selection";
 import type { Frame, State, Status } from "../state";
 import { texts } from "../texts";
 import type { PanelActions } from "./actions";
-import { percent } from "./format";
+import { percent, tail } from "./format";
+import { drawn } from "./place";
 import { alarmsByVehicle, isLow, isStale, rowOf, type Row } from "./rows";
 
 const ROOMY_UP_TO = 100; // vehicles: their pills have room for numbers
+const PILL_LETTERS = 8;
 const BOX_PX = 5; // a pointer that moved farther draws a box
 
 /** Every vehicle that meets the filter, as the table has them in order. */
@@ -46,20 +48,29 @@ export function pillText(row: Row): string {
   return [row.id, texts.fleet.phases[row.phase], battery, texts.grid.fix(row.fix), alarm, isStale(row) ? texts.fleet.stale : ""].filter(Boolean).join(", ");
 }
 
-function pill(row: Row, isSelected: boolean, isRoomy: boolean): TemplateResult {
+/** `aria-selected` is not of the template: see `mark`. */
+function pill(row: Row, isRoomy: boolean): TemplateResult {
   const tenths = Number.isNaN(row.battery) ? "" : `b${Math.round(10 * row.battery)}`;
-  const flags = [isLow(row) && "low", row.fixIsBad && "bad-fix", isStale(row) && "old", isSelected && "selected"].filter(Boolean).join(" ");
+  const flags = [isLow(row) && "low", row.fixIsBad && "bad-fix", isStale(row) && "old"].filter(Boolean).join(" ");
   const text = pillText(row);
   return html`<div
     class="pill form-${row.phase} ${tenths} alarm-${row.alarm} ${flags}"
     role="option"
     id="pill-${row.id}"
     data-testid="pill-${row.id}"
-    data-fix=${isRoomy || row.fixIsBad ? row.fix : ""}
-    aria-selected=${String(isSelected)}
+    data-fix=${isRoomy || row.fixIsBad ? row.fix : nothing}
     aria-label=${text}
     title=${text}
-  >${row.id}</div>`;
+  >${tail(row.id, PILL_LETTERS)}</div>`;
+}
+
+/** Which pills are selected, once they are drawn: a choice of a thousand makes no new templates, and changes what differs alone. */
+function mark(list: Element, selection: readonly string[]): void {
+  const chosen = new Set(selection);
+  for (const each of list.querySelectorAll("[role=option]")) {
+    const isChosen = String(chosen.has(each.id.slice("pill-".length)));
+    if (each.getAttribute("aria-selected") !== isChosen) each.setAttribute("aria-selected", isChosen);
+  }
 }
 
 const idOf = (element: Element | null | undefined): string | null => element?.closest("[role=option]")?.id.slice("pill-".length) ?? null;
@@ -107,10 +118,9 @@ export function fleetGrid(state: State, actions: PanelActions, status: Status, f
   const { selection, selected } = state.view;
   const isRoomy = command.length <= ROOMY_UP_TO;
   const pills = (): TemplateResult[] => {
-    const chosen = new Set(selection);
     const alarms = alarmsByVehicle(status);
     const known = command.filter((index) => index < Math.min(frame.n, status.vehicles.length));
-    return known.map((index) => rowOf(status, frame, nearest_m, index, alarms)).map((row) => pill(row, chosen.has(row.id), isRoomy));
+    return known.map((index) => rowOf(status, frame, nearest_m, index, alarms)).map((row) => pill(row, isRoomy));
   };
   const columns = (list: Element): number => getComputedStyle(list).gridTemplateColumns.split(" ").length;
   const onKey = (event: KeyboardEvent): void => {
@@ -127,6 +137,7 @@ export function fleetGrid(state: State, actions: PanelActions, status: Status, f
       aria-label=${texts.grid.title}
       aria-activedescendant=${selected !== null && command.some((index) => status.vehicles[index]?.id === selected) ? `pill-${selected}` : nothing}
       data-testid="fleet-grid"
+      ${drawn((list) => mark(list, selection))}
       @keydown=${onKey}
       @pointerdown=${(event: PointerEvent) => {
         if (event.button === 0) begun = { x: event.clientX, y: event.clientY, isBox: false };
@@ -137,7 +148,7 @@ export function fleetGrid(state: State, actions: PanelActions, status: Status, f
       @pointerup=${(event: PointerEvent) => endBox(actions, event)}
       @pointercancel=${(event: PointerEvent) => endBox(actions, event)}
     >
-      ${guard([frame, status, selection, command], pills)}
+      ${guard([frame, status, command], pills)}
       <div class="grid-box" role="presentation"></div>
     </div>
     ${command.length === 0 ? html`<p class="empty">${texts.fleet.noMatch}</p>` : nothing}`;

@@ -70,6 +70,11 @@ export function utcTime(unix_time_s: number): string {
   return new Date(unix_time_s * 1000).toISOString().slice(11, 19);
 }
 
+/** A name in at most so many letters, its end: there the names of a fleet differ. */
+export function tail(name: string, most: number): string {
+  return name.length > most ? `…${name.slice(1 - most)}` : name;
+}
+
 /** Typed text as a number; a comma is a point. null: no number. */
 export function parsed(text: string): number | null {
   const trimmed = text.trim().replace(",", ".").replace("−", "-");

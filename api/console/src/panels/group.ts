@@ -7,11 +7,12 @@ import { texts } from "../texts";
 import type { PanelActions } from "./actions";
 import { button } from "./controls";
 import { outcome } from "./events";
-import { percent, withUnit } from "./format";
+import { percent, tail, withUnit } from "./format";
 import { icon, PHASE_ICON, type IconName } from "./icons";
 import { FROM, whyNot } from "./rights";
 
 const t = texts.selection;
+const LETTERS = 12;
 const LISTED = 100; // vehicles: a thousand lines are not read
 
 export const FLEET_COMMANDS: readonly FleetCommand[] = ["hold", "join", "return", "land", "take-control"];
@@ -80,7 +81,7 @@ function line(state: State, actions: PanelActions, id: string): TemplateResult {
   const command = lastOrder(state, id);
   const part = command?.outcomes[id];
   return html`<li class="selected-vehicle" data-testid="selected-${id}">
-    <button type="button" class="link" @click=${() => actions.select(id)}>${id}</button>
+    <button type="button" class="link" title=${id} @click=${() => actions.select(id)}>${tail(id, LETTERS)}</button>
     <span class="phase phase-${phase} value">${icon(PHASE_ICON[phase])}<span>${texts.fleet.phases[phase]}</span></span>
     <span class="number value">${withUnit(state.frame?.height_m[index], "m")}</span>
     <span class="number value">${percent(state.frame?.battery[index])}</span>

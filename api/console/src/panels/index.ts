@@ -36,7 +36,7 @@ import { start } from "./start";
 import type { LeftPanel, RightPanel, Sheet } from "./state";
 import { isSite, missing, stations } from "./stations";
 import { whyNot } from "./rights";
-import { timeline } from "./timeline";
+import { timeline } from "../timeline/strip";
 import { life, topbar } from "./topbar";
 import { vehicle } from "./vehicle";
 
@@ -146,10 +146,11 @@ function sheet(state: State, actions: PanelActions): TemplateResult | typeof not
   </section>`;
 }
 
-/** The show's timeline, or a preview in its place. Where there is little room, what is being placed takes it. */
+/** The timeline, which seeks in a replay, or a preview in its place. Where there is little room, what is being placed takes it. */
 function band(state: State, actions: PanelActions): TemplateResult | typeof nothing {
   if (state.placing !== null && isSmall(state.panels.layout)) return nothing;
-  return state.drawn === null ? timeline(state, actions) : drawnBar(state, actions);
+  if (state.drawn !== null) return drawnBar(state, actions);
+  return state.status?.replay ? replayBar(state, actions) : timeline(state, actions);
 }
 
 export function panels(state: State, actions: PanelActions): TemplateResult {
@@ -179,7 +180,7 @@ export function panels(state: State, actions: PanelActions): TemplateResult {
     ${panel(state, actions, "left")} ${panel(state, actions, "right")}
     <section class="room" data-room aria-label=${texts.shell.room}><div class="room-low">${features.map((each) => each.glance?.(state) ?? nothing)} ${energy(state)} ${isSmall(layout) ? nothing : camera(state, actions)}</div></section>
     <div class="center-low">${sheet(state, actions)} ${previewBar(state, actions)} ${toasts(state, actions)}</div>
-    <footer class="bottom">${placingBar(state, actions)} ${band(state, actions)} ${isReplay ? replayBar(state, actions) : html`${offers(state, actions)} ${flight(state, actions)}`}</footer>
+    <footer class="bottom">${placingBar(state, actions)} ${band(state, actions)} ${isReplay ? nothing : html`${offers(state, actions)} ${flight(state, actions)}`}</footer>
     ${login(state, actions)} ${announcer(state)}
   </div>`;
 }

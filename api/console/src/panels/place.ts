@@ -43,6 +43,20 @@ class Focus extends Directive {
 /** Takes the focus once, when its element appears: `<button ${focused(true)}>` */
 export const focused = directive(Focus);
 
+class Drawn extends Directive {
+  render(_done: (element: Element) => void): typeof noChange {
+    return noChange;
+  }
+
+  override update(part: ElementPart, [done]: [(element: Element) => void]): typeof noChange {
+    queueMicrotask(() => done(part.element));
+    return noChange;
+  }
+}
+
+/** Calls the function each time that the view was drawn, before it is painted: `<div ${drawn((element) => ...)}>` */
+export const drawn = directive(Drawn);
+
 class Sized extends AsyncDirective {
   private observer: ResizeObserver | null = null;
 

@@ -13,15 +13,16 @@ const PREFLIGHT_UNSEEN_MS = 8000; // for the number beside its name
 const ORDERS_MS = 2000;
 const STATIONS_MS = 1000;
 const FEATURES_MS = 1000;
+const MARKS_MS = 2000; // after an event
 /** Pads that were moved are matched with the vehicles anew once they rest for so long. */
 const PLACED_MS = 600;
 
 /** Call it a few times a second. One request of a kind at a time, so that a slow service gets no more. */
 export function createReader(service: Pick<Actions, "loadPreflight" | "loadOrders" | "loadStations" | "loadFeatures" | "loadPlacement" | "loadShows" | "loadMarks">): (state: State) => void {
-  const asked_ms = { preflight: -Infinity, commands: -Infinity, stations: -Infinity, features: -Infinity };
+  const asked_ms = { preflight: -Infinity, commands: -Infinity, stations: -Infinity, features: -Infinity, marks: -Infinity };
   const busy = new Set<string>();
   let showsFor: string | null = null;
-  let marksFor = NaN;
+  let marksFor = "";
   let placedFor: Placement | null = null;
 
   function ask(what: string, call: () => Promise<unknown>): void {
@@ -33,11 +34,13 @@ export function createReader(service: Pick<Actions, "loadPreflight" | "loadOrder
   return (state) => {
     const { panels, page_ms, status } = state;
     if (!fresh(state) || !status || state.access === null) return;
-    if (status.replay) {
-      if (marksFor !== status.began_unix_time_s) ask("marks", service.loadMarks);
-      marksFor = status.began_unix_time_s;
-      return;
+    const marks = `${status.began_unix_time_s} ${status.replay ? "" : (status.events.at(-1)?.number ?? 0)}`;
+    if (marks !== marksFor && page_ms - asked_ms.marks >= MARKS_MS) {
+      asked_ms.marks = page_ms;
+      marksFor = marks;
+      ask("marks", service.loadMarks);
     }
+    if (status.replay) return;
     const { left, right } = shownPanels(panels);
     const isLooking = left === "preflight" || panels.sheet === "start";
     const onGround = whyNotOnGround(state) === "";

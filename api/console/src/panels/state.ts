@@ -39,6 +39,8 @@ export interface PanelState {
   front: PanelSide | null; // opened last; where one panel is shown at a time, this side's
   tall: boolean; // the panel's sheet covers the scene
   allAlarms: boolean; // the list of alarms covers the panel
+  timeline: boolean; // open where there is little room for it
+  plan: boolean; // of the show, though a flight of it has just ended
   tools: boolean; // the top bar's second row, where it has one
   drafts: Readonly<Record<string, string>>; // typed and not sent, by field
   sort: Sort;
@@ -86,6 +88,8 @@ export function initialDesk(): PanelState {
     front: "right",
     tall: false,
     allAlarms: false,
+    timeline: false,
+    plan: false,
     tools: false,
     drafts: {},
     sort: { column: "id", descending: false },

@@ -62,7 +62,7 @@ function showState(state: State): TemplateResult {
   const frozen = phase === "running" ? halted(state.status) : "";
   const known = show === undefined ? "–" : frozen || texts.phases[phase];
   const lacks = phase === "running" && / in formation, without /.test(show?.reason ?? ""); // green is for all of it
-  return html`<div class="show-state phase-${frozen || lacks ? "paused" : phase} value" data-testid="show-state" role="status" title=${show?.reason || nothing}>
+  return html`<div class="show-state phase-${frozen || lacks ? "paused" : phase} value" data-testid="show-state" role="status" title=${showReason(state) || nothing}>
     ${icon(frozen ? "pause" : SHOW_ICON[phase])}
     <span class="show-words">
       <strong data-testid="show-phase">${known}</strong>

@@ -5,11 +5,11 @@ import type { PanelActions } from "../panels/actions";
 import { button, choices } from "../panels/controls";
 import { minutes } from "../panels/format";
 import { icon } from "../panels/icons";
-import { place } from "../panels/place";
 import type { ReplayChange } from "../actions";
 import type { Status, State } from "../state";
 import { texts } from "../texts";
-import { span, ticks } from "./marks";
+import { courseView, markText, nameOf, partAt } from "../timeline/course";
+import { recordCourse } from "../timeline/model";
 
 type Replay = NonNullable<Status["replay"]>;
 
@@ -36,48 +36,22 @@ export function played(replay: Replay): ReplayChange {
   return { paused: !replay.paused };
 }
 
-/** Under the scrubber, to the same scale. */
-function band(state: State, actions: PanelActions, duration_s: number): TemplateResult | typeof nothing {
-  const { marks } = state;
-  if (marks === null || duration_s <= 0) return nothing;
-  if (marks.phases.length === 0) return html`<p class="marks-none dim" data-testid="replay-unmarked">${t.unmarked}</p>`;
-  return html`<div class="marks" data-testid="replay-marks">
-    <div class="marks-phases" aria-hidden="true">
-      ${marks.phases.map((each) => {
-        const name = texts.phases[each.phase];
-        const title = t.phase(name, minutes(each.from_s), minutes(each.until_s));
-        return html`<span class="mark-phase phase-${each.phase}" title=${title} ${place({ ...span(each.from_s, each.until_s, duration_s) })}>${name}</span>`;
-      })}
-      ${marks.idle.map(
-        (each) => html`<span class="mark-idle" title=${t.idle} ${place({ ...span(each.from_s, each.until_s, duration_s) })}></span>`,
-      )}
-    </div>
-    ${ticks(marks, duration_s).map(
-      (each) => html`<button
-        type="button"
-        class="mark mark-${each.kind}"
-        data-testid="mark-${each.kind}"
-        title="${minutes(each.at_s)} ${t.kinds[each.kind]}: ${each.text}"
-        aria-label="${t.goTo(minutes(each.at_s))}: ${t.kinds[each.kind]}: ${each.text}"
-        ${place({ left: each.left })}
-        @click=${() => actions.replay({ position_s: each.at_s })}
-      ></button>`,
-    )}
-  </div>`;
-}
-
 export function replayBar(state: State, actions: PanelActions): TemplateResult | typeof nothing {
   const replay = state.status?.replay;
   if (!replay) return nothing;
   const stands = replay.paused || replay.ended;
   const dragged = state.panels.drafts["scrubber"];
   const shown_s = dragged === undefined ? position_s(state) : Number(dragged);
+  const { marks } = state;
+  const show = state.status?.show.selected;
+  const course = recordCourse(marks, shown_s, replay.duration_s);
+  const now = partAt(course, shown_s);
   const where = t.of(minutes(shown_s), minutes(replay.duration_s));
   const speed = String(replay.speed);
   const speeds = SPEEDS.includes(speed) ? SPEEDS : [...SPEEDS, speed];
   const jump = (id: string, label: string, name: string, by_s: number): TemplateResult =>
     button(actions, { id, label, name, press: () => actions.replay({ position_s: jumped_s(state, by_s) }) });
-  return html`<section class="replay" aria-label=${t.title} data-testid="replay">
+  return html`<section class="replay record" aria-label=${t.title} data-testid="replay">
     ${button(actions, {
       id: "replay-play",
       label: stands ? t.play : t.pause,
@@ -87,24 +61,23 @@ export function replayBar(state: State, actions: PanelActions): TemplateResult |
     })}
     ${jump("replay-back", "−10 s", t.back, -JUMP_S)} ${jump("replay-on", "+10 s", t.on, JUMP_S)}
     <div class="scrub">
-      <span class="scrub-label"><strong data-testid="replay-label">${icon("resume")} ${t.label}</strong> <span class="dim" data-testid="replay-file">${replay.file}</span></span>
+      <span class="scrub-label"><strong data-testid="replay-label">${icon("resume")} ${t.label}</strong> <span class="dim" data-testid="replay-file" title=${replay.file}>${replay.file}</span>
+        ${show ? html`<span class="dim" data-testid="timeline-show">${show.name}</span>` : nothing} <span data-testid="timeline-cue">${now && nameOf(now)}</span></span>
       <span class="value" data-testid="replay-position">${where}</span>
-      <input
-        type="range"
-        min="0"
-        max=${replay.duration_s}
-        step="0.1"
-        data-testid="replay-scrubber"
-        aria-label=${t.position}
-        aria-valuetext=${where}
-        .value=${String(shown_s)}
-        @input=${(event: Event) => actions.draft("scrubber", (event.target as HTMLInputElement).value)}
-        @change=${(event: Event) => {
-          actions.undo("scrubber");
-          actions.replay({ position_s: Number((event.target as HTMLInputElement).value) });
-        }}
-      />
-      ${band(state, actions, replay.duration_s)}
+      ${marks?.phases.length === 0 ? html`<span class="dim unmarked" data-testid="replay-unmarked">${t.unmarked}</span>` : nothing}
+      ${courseView(course, {
+        press: ({ at_s }) => actions.replay({ position_s: at_s }),
+        named: (mark) => `${texts.timeline.goTo(minutes(mark.at_s))}: ${markText(mark)}`,
+        slider: {
+          id: "replay-scrubber",
+          label: t.position,
+          where: [where, now && nameOf(now)].filter(Boolean).join(", "),
+          moved(at_s, isDone) {
+            actions.draft("scrubber", String(at_s)); // until the service has it: a further key goes on from there
+            if (isDone) actions.replay({ position_s: at_s });
+          },
+        },
+      })}
     </div>
     ${button(actions, {
       id: "replay-skip-idle",

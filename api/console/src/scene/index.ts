@@ -5,6 +5,7 @@ import "../styles/scene.css";
 import { Color, Group, Scene as Root, SRGBColorSpace } from "three";
 
 import { isUnplaced, type Box } from "../obstacle";
+import { tail } from "../panels/format";
 import { isGridSeen } from "../panels/layout";
 import type { Choice } from "../selection";
 import { fresh, indexOf, may, type Frame, type Placement, type Preview, type State, type Status } from "../state";
@@ -58,6 +59,7 @@ export interface SceneEvents {
 const HELD_MOST_MS = 250;
 const PICK_PX = 18;
 const NAMED_UP_TO = 16; // vehicles
+const NAME_LETTERS = 16;
 const PAD_HEIGHT_M = 2; // as the safety filter's: lower pairs do not count
 
 /** Throws: Error where the browser has no WebGL 2. */
@@ -273,8 +275,8 @@ class LiveScene implements Scene {
   #names(state: State, frame: Frame, selected: number): void {
     const vehicles = state.status!.vehicles;
     const put = (i: number, manner: "name" | "selected"): void => {
-      const id = vehicles[i]?.id;
-      if (id !== undefined && this.#poses.known(i)) {
+      const id = tail(vehicles[i]?.id ?? "", NAME_LETTERS);
+      if (id !== "" && this.#poses.known(i)) {
         const text = manner === "selected" ? texts.scene.height(id, frame.height_m[i]!.toFixed(1)) : id;
         this.#overlay.put(this.#eye, placeOf(this.#poses, i), text, manner, manner === "selected" ? -44 : -26);
       }

@@ -9,10 +9,7 @@ export interface components {
     schemas: {
         /** @description The caller and its rights. */
         Access: {
-            /**
-             * @description The token's name; `local` without any.
-             * @example local
-             */
+            /** @description The token's name; `local` without any. */
             name: string;
             /** @description watch: read; emergency: also pause, land, kill; operate: all. */
             rights: components["schemas"]["Right"][];
@@ -26,32 +23,22 @@ export interface components {
             action: components["schemas"]["AlarmAction"] | null;
             /** @description What an operator can do. */
             advice: string;
-            /**
-             * @description For programs; docs/operations/in-flight.md lists them.
-             * @example vehicle-lost
-             */
+            /** @description For programs; docs/operations/in-flight.md lists them. */
             cause: components["schemas"]["AlarmCause"];
             /** @description The command that the service gave because of it; null: none. */
             command_id: string | null;
             /** @description null: the cause lasts. Emergencies and warnings stay listed after their cause has ended until they are acknowledged; they do not count for the state of the whole. */
             ended_unix_time_s: number | null;
-            /** @example vehicle-lost-7 */
             id: string;
             /** @description When it began, or last concerned a further vehicle or became more severe: it then is no longer acknowledged. The newest of a severity is listed first. */
             raised_unix_time_s: number;
-            /**
-             * @description Why it concerns each of its vehicles, where the text has no room for it.
-             * @default []
-             */
+            /** @description Why it concerns each of its vehicles, where the text has no room for it. */
             reasons: components["schemas"]["VehicleReason"][];
             /** @description emergency: act at once; warning: act soon; caution: be ready to act; information: nothing to do. */
             severity: components["schemas"]["AlarmSeverity"];
             /** @description When the cause began. */
             since_unix_time_s: number;
-            /**
-             * @description The cause first, its consequence after.
-             * @example Vehicle d3 lost: no telemetry for 2.0 s. Formation closes the gap.
-             */
+            /** @description The cause first, its consequence after. */
             text: string;
             /** @description All that it concerns; empty: it concerns no vehicle. */
             vehicles: string[];
@@ -80,7 +67,6 @@ export interface components {
         AlarmSeverity: "emergency" | "warning" | "caution" | "information";
         /** @description The time at which the selected show begins to move. */
         BeginBody: {
-            /** @example 1795000000 */
             at_unix_time_s: number;
         };
         /**
@@ -110,30 +96,17 @@ export interface components {
         };
         /** @description One check before a start. */
         Check: {
-            /**
-             * @description Other checks of the same vehicle, or vehicles, from which a failure follows.
-             * @default []
-             */
+            /** @description Other checks of the same vehicle, or vehicles, from which a failure follows. */
             depends_on: string[];
-            /**
-             * @description Values that pass.
-             * @default
-             */
+            /** @description Values that pass. */
             limit: string;
             name: string;
-            /**
-             * @description What is wrong; empty when it passes.
-             * @default
-             */
+            /** @description What is wrong; empty when it passes. */
             problem: string;
             /** @description Result of the check; unknown counts as failed. */
             state: components["schemas"]["State"];
-            /**
-             * @description How to correct it.
-             * @default
-             */
+            /** @description How to correct it. */
             to_do: string;
-            /** @default  */
             unit: string;
             /** @description The measured value; null: not known, or no number. */
             value: number | null;
@@ -146,6 +119,14 @@ export interface components {
         /** @description Whether shows follow the external clock that is configured. */
         ClockBody: {
             follow: boolean;
+        };
+        /** @description A command of an operator or a program. */
+        CommandMark: {
+            action: string;
+            at_s: number;
+            text: string;
+            /** @description Its vehicle; null: several, or the show. */
+            vehicle: string | null;
         };
         /** @description An accepted command and its outcome for each vehicle. */
         CommandRecord: {
@@ -179,7 +160,6 @@ export interface components {
             received_bytes: number;
             /** @description Messages that left, summed over the links. */
             sent: number;
-            /** @example ntrip://192.0.2.7:2101/BASE */
             source: string;
         };
         /** @description Numbers of vehicles by where they are and what controls them; the five fields add up to the fleet. */
@@ -254,10 +234,7 @@ export interface components {
         };
         /** @description The common shape of every error. */
         ErrorBody: {
-            /**
-             * @description The error in words, for a person.
-             * @example radius_m = 1.0: at least 6.2 m
-             */
+            /** @description The error in words, for a person. */
             detail: string;
             /** @description The fields that are wrong, for a program; empty: no field is. */
             problems: components["schemas"]["FieldProblem"][];
@@ -281,8 +258,10 @@ export interface components {
         };
         /** @description An alarm, or a warning or error of the event log. */
         EventMark: {
+            /** @description Id of the alarm; null: it is none. */
+            alarm: string | null;
+            alarm_severity: components["schemas"]["AlarmSeverity"] | null;
             at_s: number;
-            is_alarm: boolean;
             severity: components["schemas"]["Severity"];
             text: string;
             /** @description The vehicle concerned; null: none in particular. */
@@ -290,10 +269,6 @@ export interface components {
         };
         /** @description Why a vehicle is excluded from the show. */
         ExcludeBody: {
-            /**
-             * @default
-             * @example a propeller is cracked
-             */
             reason: string;
         };
         /** @description What each feature reports; null: it is not configured, or this is a replay. */
@@ -315,20 +290,11 @@ export interface components {
         };
         /** @description One invalid field. */
         FieldProblem: {
-            /**
-             * @description What is allowed.
-             * @example at least 6.2 m for 12 vehicles
-             */
+            /** @description What is allowed. */
             allowed: string;
-            /**
-             * @description Dotted name; `body` for the whole.
-             * @example radius_m
-             */
+            /** @description Dotted name; `body` for the whole. */
             field: string;
-            /**
-             * @description The value received; text where JSON cannot hold it ("NaN").
-             * @example 1
-             */
+            /** @description The value received; text where JSON cannot hold it ("NaN"). */
             value: string | number | boolean | null;
         };
         /** @description The whole state at one instant. */
@@ -392,6 +358,20 @@ export interface components {
             /** @description Added sideways, and in proportion up and down. */
             margin_m: number;
         };
+        /** @description Marks for a timeline, in seconds since it began: of the flight that lasts, else of the last one. Of a replay those of the whole record; empty when the flight data has no audit beside it. */
+        FlightMarks: {
+            /** @description null: nothing has flown since the service began. */
+            began_unix_time_s?: number | null;
+            /** @description The newest 500. */
+            commands: components["schemas"]["CommandMark"][];
+            /** @description As they were flown; of a replay only. */
+            cues: components["schemas"]["CueMark"][];
+            /** @description At most 500; alarms before others. */
+            events: components["schemas"]["EventMark"][];
+            /** @description Jumped over while `skips_idle` is true. */
+            idle: components["schemas"]["IdleSpan"][];
+            phases: components["schemas"]["PhaseSpan"][];
+        };
         /** @description Radius and height of the formation: desired, and commanded now; and its law. */
         Formation: {
             height_m: number;
@@ -402,17 +382,11 @@ export interface components {
         };
         /** @description New radius or height of the formation, which changes continuously, or its law. */
         FormationChange: {
-            /**
-             * @description Height of the centre above the show's origin.
-             * @example 12.5
-             */
+            /** @description Height of the centre above the show's origin. */
             height_m?: number;
             /** @description Changes on the ground only. */
             law?: components["schemas"]["LawName"];
-            /**
-             * @description Radius of the virtual sphere.
-             * @example 10
-             */
+            /** @description Radius of the virtual sphere. */
             radius_m?: number;
         };
         /** @description A column of single precision in a frame. */
@@ -429,50 +403,28 @@ export interface components {
         };
         /** @description The target's position and velocity in WGS84. */
         GeodeticTarget: {
-            /** @example 47.3977 */
             latitude_deg: number;
-            /** @example 8.5456 */
             longitude_deg: number;
-            /**
-             * @default 0
-             * @example 0.5
-             */
             velocity_east_m_s: number;
-            /**
-             * @default 0
-             * @example 0.5
-             */
             velocity_north_m_s: number;
         };
         /** @description The map of the ground, as tiles in web mercator. */
         GroundMap: {
             /** @description Text to show with the map. */
             attribution: string;
-            /**
-             * @description Address of a tile: `{z}` is the zoom, `{x}` the column from the west, `{y}` the row from the north. One that begins with `/` is this service's own, and asks for the token.
-             * @example /api/v1/map/{z}/{x}/{y}
-             */
+            /** @description Address of a tile: `{z}` is the zoom, `{x}` the column from the west, `{y}` the row from the north. One that begins with `/` is this service's own, and asks for the token. */
             tiles: string;
             zoom_max: number;
             zoom_min: number;
         };
         /** @description The vehicles of a command. */
         GroupBody: {
-            /**
-             * @description Absent: all that the command can apply to.
-             * @example [
-             *       "d1",
-             *       "d2"
-             *     ]
-             */
+            /** @description Absent: all that the command can apply to. */
             vehicles?: string[];
         };
         /** @description Whether the control loop runs and its newest state is fresh. */
         Health: {
-            /**
-             * @description Whether the service demands tokens, in words.
-             * @example tokens
-             */
+            /** @description Whether the service demands tokens, in words. */
             access: string;
             alive: boolean;
             /** @description Port of the emergency listener; null: there is none. */
@@ -509,10 +461,7 @@ export interface components {
         };
         /** @description A flight that was interrupted when the service ended or stalled. An operator must resume or end it. */
         InterruptedFlight: {
-            /**
-             * @description What interrupted the flight, in words.
-             * @example the service stalled for 4.4 s
-             */
+            /** @description What interrupted the flight, in words. */
             cause: string;
             /** @description Commands that are accepted: POST /api/v1/show/take-over and others. */
             offers: components["schemas"]["Offer"][];
@@ -539,10 +488,7 @@ export interface components {
         };
         /** @description The second step of a kill: its code. */
         KillConfirmation: {
-            /**
-             * @description The code that the first step returned.
-             * @example a1b2c3
-             */
+            /** @description The code that the first step returned. */
             code: string;
         };
         /**
@@ -552,10 +498,7 @@ export interface components {
         LawName: "slots" | "article" | "neighbours";
         /** @description Colours for the vehicles' own lights, summed over the links. */
         LightsView: {
-            /**
-             * @description lights.driver; none: none are sent.
-             * @example led-control
-             */
+            /** @description lights.driver; none: none are sent. */
             driver: string;
             /** @description Colours replaced before they left, for the rate. */
             dropped: number;
@@ -593,67 +536,37 @@ export interface components {
             half_length_y_m: number;
             height_m: number;
             id: string;
-            /** @default 0 */
             velocity_x_m_s: number;
-            /** @default 0 */
             velocity_y_m_s: number;
             x_m: number;
             y_m: number;
         };
         /** @description A new obstacle; without an id the service assigns one. */
         ObstaclePost: {
-            /** @example 10 */
             half_length_x_m: number;
-            /** @example 10 */
             half_length_y_m: number;
-            /**
-             * @description Height of the top above the show's origin.
-             * @example 10
-             */
+            /** @description Height of the top above the show's origin. */
             height_m: number;
-            /**
-             * @description Absent: the service assigns an id.
-             * @example tower
-             */
+            /** @description Absent: the service assigns an id. */
             id?: string;
-            /** @example 0.5 */
             velocity_x_m_s?: number;
-            /** @example 0.5 */
             velocity_y_m_s?: number;
-            /**
-             * @description North coordinate of the centre in the show frame.
-             * @example 12.5
-             */
+            /** @description North coordinate of the centre in the show frame. */
             x_m: number;
-            /** @example 12.5 */
             y_m: number;
         };
         /** @description The new state of an obstacle; an id, if given, must be that of the path. */
         ObstaclePut: {
-            /** @example 10 */
             half_length_x_m: number;
-            /** @example 10 */
             half_length_y_m: number;
-            /**
-             * @description Height of the top above the show's origin.
-             * @example 10
-             */
+            /** @description Height of the top above the show's origin. */
             height_m: number;
-            /**
-             * @description May be left out: the path names it.
-             * @example tower
-             */
+            /** @description May be left out: the path names it. */
             id?: string;
-            /** @example 0.5 */
             velocity_x_m_s?: number;
-            /** @example 0.5 */
             velocity_y_m_s?: number;
-            /**
-             * @description North coordinate of the centre in the show frame.
-             * @example 12.5
-             */
+            /** @description North coordinate of the centre in the show frame. */
             x_m: number;
-            /** @example 12.5 */
             y_m: number;
         };
         /**
@@ -663,29 +576,18 @@ export interface components {
         Offer: "take-over" | "bring-home";
         /** @description Orbit of the formation's centre around the target; with radius 0 the centre stays above the target. */
         Orbit: {
-            /** @default counterclockwise */
             direction: components["schemas"]["Direction"];
-            /** @default 0 */
             radius_m: number;
-            /**
-             * @description Relative to the target.
-             * @default 2
-             */
+            /** @description Relative to the target. */
             speed_m_s: number;
         };
         /** @description New radius, speed or direction of the orbit of the formation's centre around the target. */
         OrbitChange: {
             /** @description Seen from above. */
             direction?: components["schemas"]["Direction"];
-            /**
-             * @description Radius of the orbit; 0: the formation stands above the target.
-             * @example 30
-             */
+            /** @description Radius of the orbit; 0: the formation stands above the target. */
             radius_m?: number;
-            /**
-             * @description Speed relative to the target.
-             * @example 2
-             */
+            /** @description Speed relative to the target. */
             speed_m_s?: number;
         };
         /**
@@ -980,7 +882,6 @@ export interface components {
                 delete: {
                     parameters: {
                         path: {
-                            /** @example tower */
                             obstacle_id: string;
                         };
                     };
@@ -993,7 +894,6 @@ export interface components {
                 get: {
                     parameters: {
                         path: {
-                            /** @example tower */
                             obstacle_id: string;
                         };
                     };
@@ -1008,7 +908,6 @@ export interface components {
                 put: {
                     parameters: {
                         path: {
-                            /** @example tower */
                             obstacle_id: string;
                         };
                     };
@@ -1092,18 +991,6 @@ export interface components {
                         200: {
                             content: {
                                 "application/json": components["schemas"]["Playback"];
-                            };
-                        };
-                    };
-                };
-            };
-            "/api/v1/replay/marks": {
-                get: {
-                    parameters: Record<string, never>;
-                    responses: {
-                        200: {
-                            content: {
-                                "application/json": components["schemas"]["ReplayMarks"];
                             };
                         };
                     };
@@ -1209,6 +1096,18 @@ export interface components {
                     };
                 };
             };
+            "/api/v1/show/marks": {
+                get: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["FlightMarks"];
+                            };
+                        };
+                    };
+                };
+            };
             "/api/v1/show/pause": {
                 post: {
                     parameters: Record<string, never>;
@@ -1310,7 +1209,6 @@ export interface components {
                              * @enum {string}
                              */
                             format: "skyc" | "zip" | "csv";
-                            /** @example night */
                             name: string;
                             /**
                              * @description service: the service's place on Earth replaces the one in the drawing.
@@ -1339,7 +1237,6 @@ export interface components {
                 delete: {
                     parameters: {
                         path: {
-                            /** @example lighthouse */
                             name: string;
                         };
                     };
@@ -1352,7 +1249,6 @@ export interface components {
                 get: {
                     parameters: {
                         path: {
-                            /** @example lighthouse */
                             name: string;
                         };
                     };
@@ -1367,7 +1263,6 @@ export interface components {
                 put: {
                     parameters: {
                         path: {
-                            /** @example lighthouse */
                             name: string;
                         };
                     };
@@ -1389,7 +1284,6 @@ export interface components {
                 get: {
                     parameters: {
                         path: {
-                            /** @example lighthouse */
                             name: string;
                         };
                     };
@@ -1404,7 +1298,6 @@ export interface components {
                 post: {
                     parameters: {
                         path: {
-                            /** @example lighthouse */
                             name: string;
                         };
                     };
@@ -1421,7 +1314,6 @@ export interface components {
                 get: {
                     parameters: {
                         path: {
-                            /** @example lighthouse */
                             name: string;
                         };
                         query?: {
@@ -1448,7 +1340,6 @@ export interface components {
                 get: {
                     parameters: {
                         path: {
-                            /** @example lighthouse */
                             name: string;
                         };
                         query?: {
@@ -1473,7 +1364,6 @@ export interface components {
                 put: {
                     parameters: {
                         path: {
-                            /** @example lighthouse */
                             name: string;
                         };
                     };
@@ -1495,7 +1385,6 @@ export interface components {
                 post: {
                     parameters: {
                         path: {
-                            /** @example lighthouse */
                             name: string;
                         };
                     };
@@ -1529,7 +1418,6 @@ export interface components {
                 post: {
                     parameters: {
                         path: {
-                            /** @example north */
                             name: string;
                         };
                     };
@@ -1669,7 +1557,6 @@ export interface components {
                 get: {
                     parameters: {
                         path: {
-                            /** @example d1 */
                             vehicle_id: string;
                         };
                     };
@@ -1686,7 +1573,6 @@ export interface components {
                 post: {
                     parameters: {
                         path: {
-                            /** @example d1 */
                             vehicle_id: string;
                         };
                     };
@@ -1703,7 +1589,6 @@ export interface components {
                 post: {
                     parameters: {
                         path: {
-                            /** @example d1 */
                             vehicle_id: string;
                         };
                     };
@@ -1725,7 +1610,6 @@ export interface components {
                 post: {
                     parameters: {
                         path: {
-                            /** @example d1 */
                             vehicle_id: string;
                         };
                     };
@@ -1742,7 +1626,6 @@ export interface components {
                 post: {
                     parameters: {
                         path: {
-                            /** @example d1 */
                             vehicle_id: string;
                         };
                     };
@@ -1759,7 +1642,6 @@ export interface components {
                 post: {
                     parameters: {
                         path: {
-                            /** @example d1 */
                             vehicle_id: string;
                         };
                     };
@@ -1776,7 +1658,6 @@ export interface components {
                 post: {
                     parameters: {
                         path: {
-                            /** @example d1 */
                             vehicle_id: string;
                         };
                     };
@@ -1793,7 +1674,6 @@ export interface components {
                 post: {
                     parameters: {
                         path: {
-                            /** @example d1 */
                             vehicle_id: string;
                         };
                     };
@@ -1810,7 +1690,6 @@ export interface components {
                 post: {
                     parameters: {
                         path: {
-                            /** @example d1 */
                             vehicle_id: string;
                         };
                     };
@@ -1827,7 +1706,6 @@ export interface components {
                 post: {
                     parameters: {
                         path: {
-                            /** @example d1 */
                             vehicle_id: string;
                         };
                     };
@@ -1909,7 +1787,7 @@ export interface components {
          * @enum {string}
          */
         Phase: "offline" | "standby" | "takeoff" | "hold" | "formation" | "return" | "landing" | "lost" | "pilot" | "killed";
-        /** @description A period in one phase of the show. Times are in seconds since the first recorded state. */
+        /** @description A period in one phase of the show. Times are those of `FlightMarks`. */
         PhaseSpan: {
             from_s: number;
             phase: components["schemas"]["ShowPhase"];
@@ -1955,14 +1833,9 @@ export interface components {
         };
         /** @description Where a drawn show lies: turned with its pads about the drawing's origin, then moved; show frame. */
         PlacementPut: {
-            /**
-             * @description Degrees clockwise seen from above.
-             * @example 21.5
-             */
+            /** @description Degrees clockwise seen from above. */
             turn_deg: number;
-            /** @example 12.5 */
             x_m: number;
-            /** @example 12.5 */
             y_m: number;
         };
         /** @description A recorded flight that is played back as if live. */
@@ -1983,18 +1856,12 @@ export interface components {
         };
         /** @description What mends most of a cause at once, and what remains then. */
         PreflightAction: {
-            /** @example Leave d3 out */
             label: string;
-            /** @default  */
             obstacle: string;
             radius_m: number | null;
             remedy: components["schemas"]["Remedy"];
-            /**
-             * @description The report once it is done.
-             * @example ready
-             */
+            /** @description The report once it is done. */
             then: string;
-            /** @default [] */
             vehicles: string[];
         };
         /** @description One thing to mend, with all that follows from it. */
@@ -2006,7 +1873,6 @@ export interface components {
             /** @description What fails because of it, one text a check. */
             follows: string[];
             state: components["schemas"]["State"];
-            /** @example d3: its receiver's fix is 2D, 3D is needed */
             text: string;
             /** @description How to correct it. */
             to_do: string;
@@ -2015,16 +1881,10 @@ export interface components {
         };
         /** @description All checks before a start. */
         PreflightReport: {
-            /**
-             * @description What to mend, what helps most first; every check that fails is in one of them.
-             * @default []
-             */
+            /** @description What to mend, what helps most first; every check that fails is in one of them. */
             causes: components["schemas"]["PreflightCause"][];
             fleet: components["schemas"]["Check"][];
-            /**
-             * @description Why a start is refused whatever the checks say: it flies. Empty: it does not.
-             * @default
-             */
+            /** @description Why a start is refused whatever the checks say: it flies. Empty: it does not. */
             in_flight: string;
             /** @description What is not checked, and why. */
             not_checked: string[];
@@ -2073,27 +1933,12 @@ export interface components {
         /** @description Changes of the playback; at least one field. */
         ReplayChange: {
             paused?: boolean;
-            /**
-             * @description Time since the first recorded state, at most the record's duration.
-             * @example 12.5
-             */
+            /** @description Time since the first recorded state, at most the record's duration. */
             position_s?: number;
             /** @description Jump over time in which nothing flies, while it plays. */
             skips_idle?: boolean;
-            /**
-             * @description Playback speed as a multiple of the flight's.
-             * @example 4
-             */
+            /** @description Playback speed as a multiple of the flight's. */
             speed?: number;
-        };
-        /** @description Marks of the whole record for a timeline; empty when the flight data has no audit beside it. */
-        ReplayMarks: {
-            cues: components["schemas"]["CueMark"][];
-            /** @description At most 500; alarms before others. */
-            events: components["schemas"]["EventMark"][];
-            /** @description Jumped over while `skips_idle` is true. */
-            idle: components["schemas"]["IdleSpan"][];
-            phases: components["schemas"]["PhaseSpan"][];
         };
         /** @description The flight report, as `gcs report --json` prints it. */
         ReportBody: {
@@ -2101,10 +1946,6 @@ export interface components {
             autopilots: {
                 [key: string]: number;
             };
-            /**
-             * @example true positions
-             * @example estimated positions
-             */
             based_on: string;
             checks: components["schemas"]["ReportCheck"][];
             duration_s: number;
@@ -2132,14 +1973,10 @@ export interface components {
             kept: boolean | null;
             /** @description The limit that applied then: a written show has its own. */
             limit: number;
-            /** @example greatest height */
             name: string;
             /** @description Kept up to here: an autopilot's own answer may pass the limit by a little. */
             tolerated: number;
-            /**
-             * @description Unit of limit, tolerated and worst.
-             * @example m
-             */
+            /** @description Unit of limit, tolerated and worst. */
             unit: string;
             /** @description The vehicle with the worst value. */
             vehicle: string;
@@ -2148,10 +1985,7 @@ export interface components {
         };
         /** @description The flight report of the record, or its progress. */
         ReportState: {
-            /**
-             * @description Why it failed, empty when it did not.
-             * @default
-             */
+            /** @description Why it failed, empty when it did not. */
             reason: string;
             /** @description null until it is done. */
             report: components["schemas"]["ReportBody"] | null;
@@ -2164,38 +1998,25 @@ export interface components {
         Right: "watch" | "operate" | "emergency";
         /** @description What the machine grants this process, so that control keeps time beside other programs. */
         Scheduling: {
-            /**
-             * @description No page of its memory has to be read again.
-             * @default false
-             */
+            /** @description No page of its memory has to be read again. */
             memory_locked: boolean;
-            /**
-             * @description `real-time 10`, `nice -10`, or `usual`: other programs can delay control.
-             * @default usual
-             */
+            /** @description `real-time 10`, `nice -10`, or `usual`: other programs can delay control. */
             priority: string;
         };
         /** @description The cue with which the show begins. */
         SeekBody: {
-            /** @example walk round */
             cue: string;
         };
         /** @description The hash of the checked show that is to be selected. */
         SelectBody: {
-            /**
-             * @description Hash of everything that is flown, as the show's check reports it.
-             * @example 4f0c8dd7e2a6b1935c7e0f8a9b6d5c4e3f2a1b0c9d8e7f6a5b4c3d2e1f0a9b8c
-             */
+            /** @description Hash of everything that is flown, as the show's check reports it. */
             hash: string;
         };
         /** @description The written show that is or will be flown, and its progress. */
         SelectedShow: {
             /** @description null: it begins as soon as all vehicles are there, or has begun. */
             begin?: components["schemas"]["BeginView"] | null;
-            /**
-             * @description Its clock has run since the start: no time to begin is accepted any more.
-             * @default false
-             */
+            /** @description Its clock has run since the start: no time to begin is accepted any more. */
             begun: boolean;
             /** @description The show's own time; 0 when the first sphere stands. */
             clock_s: number;
@@ -2205,13 +2026,12 @@ export interface components {
             /** @description Loops played. */
             duration_s: number;
             hash: string;
+            /** @description The show's time until which vehicles are lit, by a drawing also while they return. null: not known. */
+            lit_until_s?: number | null;
             name: string;
             /** @description Whether the show's clock runs; false before the show begins and while it is paused. */
             runs: boolean;
-            /**
-             * @description Vehicles on the ground that take the places of lost ones; empty without any.
-             * @default []
-             */
+            /** @description Vehicles on the ground that take the places of lost ones; empty without any. */
             spares: string[];
             /** @description Whether PUT target moves the target now. */
             target_is_live: boolean;
@@ -2245,25 +2065,15 @@ export interface components {
         ShowCheck: {
             /** @description null: not flown. */
             figures: components["schemas"]["ShowFigures"] | null;
-            /**
-             * @description false: other settings of the service would remove some of the problems.
-             * @default true
-             */
+            /** @description false: other settings of the service would remove some of the problems. */
             fits_service: boolean;
-            /**
-             * @description It can be flown, and by this service as it is set now.
-             * @default false
-             */
+            /** @description It can be flown, and by this service as it is set now. */
             good: boolean;
             /** @description Of everything that is flown; a start must name it. */
             hash: string | null;
             name: string;
-            /** @default [] */
             problems: components["schemas"]["Problem"][];
-            /**
-             * @description Why the check itself failed; it says nothing of the show then.
-             * @default
-             */
+            /** @description Why the check itself failed; it says nothing of the show then. */
             reason: string;
             state: components["schemas"]["CheckState"];
         };
@@ -2295,14 +2105,9 @@ export interface components {
              */
             warnings: string[];
         };
-        /**
-         * @description The show frame: its origin, and the heading of its x axis.
-         *
-         *     Raises: InvalidError when a number is not finite or out of its range.
-         */
+        /** @description The show frame: its origin, and the heading of its x axis. Raises: InvalidError when a number is not finite or out of its range. */
         ShowFrame: {
             altitude_amsl_m: number;
-            /** @default 0 */
             heading_deg: number;
             latitude_deg: number;
             longitude_deg: number;
@@ -2314,19 +2119,9 @@ export interface components {
         ShowPhase: "idle" | "countdown" | "preflight" | "arming" | "assembling" | "running" | "paused" | "returning" | "aborting" | "landed" | "uncontrolled";
         /** @description The target's position and velocity in the show frame. */
         ShowTarget: {
-            /**
-             * @default 0
-             * @example 0.5
-             */
             velocity_x_m_s: number;
-            /**
-             * @default 0
-             * @example 0.5
-             */
             velocity_y_m_s: number;
-            /** @example 12.5 */
             x_m: number;
-            /** @example 12.5 */
             y_m: number;
         };
         /** @description A show file and its text. */
@@ -2337,23 +2132,11 @@ export interface components {
         };
         /** @description The vehicles, the selected show and the time of a start. */
         StartBody: {
-            /**
-             * @description Take-off time, in s since 1970. Absent: now.
-             * @example 1795000000
-             */
+            /** @description Take-off time, in s since 1970. Absent: now. */
             at_unix_time_s?: number;
-            /**
-             * @description Hash of the selected show, as its check reports it. Absent: none is selected.
-             * @example 4f0c8dd7e2a6b1935c7e0f8a9b6d5c4e3f2a1b0c9d8e7f6a5b4c3d2e1f0a9b8c
-             */
+            /** @description Hash of the selected show, as its check reports it. Absent: none is selected. */
             show_hash?: string;
-            /**
-             * @description Absent: every vehicle that is not left out.
-             * @example [
-             *       "d1",
-             *       "d2"
-             *     ]
-             */
+            /** @description Absent: every vehicle that is not left out. */
             vehicles?: string[];
         };
         /**
@@ -2368,10 +2151,7 @@ export interface components {
             /** @description It holds the plan, and computes the formation. */
             leads: boolean;
             name: string;
-            /**
-             * @description For its interrupted flight: POST /api/v1/show/take-over, at any station.
-             * @default []
-             */
+            /** @description For its interrupted flight: POST /api/v1/show/take-over, at any station. */
             offers: components["schemas"]["Offer"][];
             /** @description The station that answers. */
             own: boolean;
@@ -2530,12 +2310,6 @@ export interface components {
             /** @description Dropped, never made up. */
             missed: number;
             rate_hz: number | null;
-            /**
-             * @default {
-             *       "memory_locked": false,
-             *       "priority": "usual"
-             *     }
-             */
             scheduling: components["schemas"]["Scheduling"];
         };
         /** @description The timecode that shows follow. */
@@ -2548,16 +2322,12 @@ export interface components {
             dropped: number;
             /** @description false: an operator has shows run by this station's clock. */
             followed: boolean;
-            /** @example 25 */
             frame_rate: string;
             /** @description Since when a running show stands still, or comes to rest, because the timecode does; null: it does not. `state` and `problem` say why. */
             frozen_since_unix_time_s: number | null;
             /** @description Messages that make no sense. */
             garbage: number;
-            /**
-             * @description Where it is, or stands; empty: nowhere yet.
-             * @example 01:00:02:12
-             */
+            /** @description Where it is, or stands; empty: nowhere yet. */
             label: string;
             /** @description Why the show waits or stands still; empty: it does not. */
             problem: string;
@@ -2565,7 +2335,6 @@ export interface components {
             readings: number;
             /** @description How fast it runs by this station's clock; 1 at its rate. */
             slope: number | null;
-            /** @example rtp-midi://0.0.0.0:5004 */
             source: string;
             /**
              * @description How it is. stopped: its source says so. lost: nothing arrives any more. refused: it has jumped to where the show does not follow.
@@ -2584,10 +2353,7 @@ export interface components {
             autopilot: string;
             /** @description Remaining share of the battery, 0 to 1. Measured by the autopilot. */
             battery: number | null;
-            /**
-             * @description Colour of the vehicle in the show now; null: it flies in no show.
-             * @example #ff8000
-             */
+            /** @description Colour of the vehicle in the show now; null: it flies in no show. */
             colour: string | null;
             /** @description Time until the battery is empty; null: not known yet. Measured by the station. */
             empty_s: number | null;
@@ -2602,10 +2368,7 @@ export interface components {
             /** @description null: it has not taken off. */
             home: components["schemas"]["Home"] | null;
             id: string;
-            /**
-             * @description Landed state, as the autopilot reports it.
-             * @example on_ground
-             */
+            /** @description Landed state, as the autopilot reports it. */
             landed: string;
             /** @description Latitude, WGS84. Measured by the autopilot. */
             latitude_deg: number | null;
@@ -2631,10 +2394,7 @@ export interface components {
             setpoint_x_m_s: number | null;
             /** @description Velocity sent in the last tick, to the right. Measured by the station. */
             setpoint_y_m_s: number | null;
-            /**
-             * @description The station that flies it; null: one station flies all, or none is known to fly this.
-             * @example north
-             */
+            /** @description The station that flies it; null: one station flies all, or none is known to fly this. */
             station: string | null;
             system_id: number;
             /** @description Standard deviation sideways: as reported, at least what its kind of fix can mean. Measured by the station. */
@@ -2663,10 +2423,7 @@ export interface components {
         };
         /** @description All checks of one vehicle before a start. */
         VehicleChecks: {
-            /**
-             * @description Name of its profile, as configured.
-             * @default
-             */
+            /** @description Name of its profile, as configured. */
             autopilot: string;
             checks: components["schemas"]["Check"][];
             /** @description Whether the vehicle takes part in a start when every check passes. A silent one does, and fails, until it is left out. */
@@ -2675,16 +2432,12 @@ export interface components {
             readonly passes: boolean;
             /** @description Why it does not fly. */
             reason: string;
-            /**
-             * @description Its autopilot's version, as reported; empty: not yet.
-             * @default
-             */
+            /** @description Its autopilot's version, as reported; empty: not yet. */
             version: string;
         };
         /** @description One vehicle's part of a command. */
         VehicleOutcome: {
             outcome: components["schemas"]["Outcome"];
-            /** @default  */
             reason: string;
         };
         /** @description Why an alarm concerns one of its vehicles. */
@@ -2706,18 +2459,11 @@ export interface components {
             link: string;
             /** @description Why it is in its phase. */
             reason: string;
-            /**
-             * @description The station that flies it; null: one station flies all, or none is known to fly this.
-             * @example north
-             */
+            /** @description The station that flies it; null: one station flies all, or none is known to fly this. */
             station: string | null;
             system_id: number;
         };
-        /**
-         * @description Two vehicles, one above the other during the check: they cannot both descend vertically.
-         *
-         *     In flight it may be other vehicles, because the law assigns no slots.
-         */
+        /** @description Two vehicles, one above the other during the check: they cannot both descend vertically. In flight it may be other vehicles, because the law assigns no slots. */
         VerticalOverlap: {
             /** @description Cue at that time. */
             cue: string;
@@ -2742,10 +2488,7 @@ export interface components {
         };
         /** @description New yaw policy or heading of the vehicles; the heading applies to the policy `fixed`. */
         YawChange: {
-            /**
-             * @description Degrees clockwise from north.
-             * @example 90
-             */
+            /** @description Degrees clockwise from north. */
             heading_deg?: number;
             policy?: components["schemas"]["YawPolicy"];
         };
