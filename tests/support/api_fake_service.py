@@ -141,6 +141,8 @@ class FakeService:
 
     def _begin(self) -> None:
         self.show, self.battery = ShowPhase.IDLE, 0.9
+        self.failing: dict[str, tuple[Check, ...]] = {}  # besides the battery
+        self.stands_still = False
         self.silent_s: dict[str, float] = {}  # of stations that are not received
         self.selected: SelectedShow | None = None
         self.interrupted: InterruptedFlight | None = None
@@ -153,6 +155,8 @@ class FakeService:
 
     def tick(self) -> None:
         """Publish a new state."""
+        if self.stands_still:
+            return
         self.ticks += 1
         self.book.look(self.conditions, time.monotonic(), time.time())
         view = self._look()
@@ -267,10 +271,13 @@ class FakeService:
         problem = f"battery at {self.battery:.0%}, at least 25% is needed"
         state, words = (State.PASS, ()) if self.battery >= 0.25 else (State.FAIL, (problem, "charge it"))
         check = Check("battery", state, self.battery, "of 1", "at least 25%", *words)
-        fleet = Check("vehicles", State.PASS, nan, "vehicles", "all vehicles")
+        fleet = Check("vehicles", State.PASS, float(len(self.phases)), "vehicles", "all vehicles")
         out = {name: str(why) for name, why in self.excluded.items()}
         own = [
-            VehicleChecks(name, name not in out, out.get(name, ""), (check,), "px4") for name in self.phases
+            VehicleChecks(
+                name, name not in out, out.get(name, ""), (check, *self.failing.get(name, ())), "px4"
+            )
+            for name in self.phases
         ]
         left = ("start pattern: there is none",)
         failed = {one.id: one.failed for one in own if one.flies}
