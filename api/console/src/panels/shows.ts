@@ -153,7 +153,7 @@ export function shows(state: State, actions: PanelActions): TemplateResult {
   const chosen = (event: Event): void => {
     const input = event.target as HTMLInputElement;
     const file = input.files?.[0];
-    if (file) actions.upload(file);
+    if (file && uploading === "") actions.upload(file); // disabled meanwhile it would lose the focus
     input.value = "";
   };
   return html`<div class="shows" data-testid="shows">
@@ -168,7 +168,7 @@ export function shows(state: State, actions: PanelActions): TemplateResult {
       ? html`<p class="hint" data-testid="show-no-upload">${t.noUploads(noUploads)}</p>`
       : html`<label class="button upload ${why ? "denied" : ""}" title=${why || nothing}>
       ${icon("up")}<span>${uploading ? t.uploading(uploading) : t.upload}</span>
-      <input type="file" accept=".yaml,.yml,.skyc,.zip,.csv" data-testid="show-upload" aria-label=${t.upload} ?disabled=${why !== "" || uploading !== ""} @change=${chosen} />
+      <input type="file" accept=".yaml,.yml,.skyc,.zip,.csv" data-testid="show-upload" aria-label=${t.upload} ?disabled=${why !== ""} @change=${chosen} />
         </label>`}
     ${why && !noUploads ? html`<p class="hint">${why}</p>` : nothing}
   </div>`;
