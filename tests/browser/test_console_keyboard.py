@@ -15,7 +15,7 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service.alarms import AlarmCause
 from tests.support import console_states as states
 from tests.support.api_fake_service import FakeService
-from tests.support.console_bench import SOON_MS, Console
+from tests.support.console_bench import AGAIN_MS, SOON_MS, Console
 from tests.support.console_states import ConsoleState, Prepare, flown, in_state
 from tests.support.show_files import checked_show
 
@@ -108,7 +108,11 @@ def chooses(name: str, content: Callable[[], bytes]) -> Step:
     def step(ui: Console) -> None:
         expect(ui.part("show-upload")).to_be_visible(timeout=SOON_MS)
         reach(ui, "show-upload")
-        with ui.page.expect_file_chooser(timeout=SOON_MS) as asked:
+        ui.until(lambda: press(ui), lambda _within_ms: None)
+
+    def press(ui: Console) -> None:
+        """In vain while the page has no fresh data."""
+        with ui.page.expect_file_chooser(timeout=AGAIN_MS) as asked:
             ui.page.keyboard.press("Enter")
         asked.value.set_files({"name": name, "mimeType": "text/plain", "buffer": content()})
 
