@@ -22,11 +22,12 @@ export function watchFocus(place: HTMLElement): void {
   });
 }
 
+/** A panel that closes may leave what it had not sent: then Enter confirms that. */
 function focusIn(around: readonly HTMLElement[], opener: string): void {
   if (document.activeElement !== null && document.activeElement !== document.body) return; // what has appeared took it
   const last = used.map(named).reverse().filter(isSeen);
   const near = around.find((each) => isSeen(each) && !each.matches(".center-low, .panels"));
-  if (near === undefined) return ([named(opener), ...last].find(isSeen) ?? null)?.focus();
+  if (near === undefined) return ([named("preview-confirm"), named(opener), ...last].find(isSeen) ?? null)?.focus();
   const before = last.find((each) => near.contains(each));
   if (before !== undefined) return before.focus();
   if (!near.hasAttribute("tabindex")) near.setAttribute("tabindex", "-1");
