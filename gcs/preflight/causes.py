@@ -116,7 +116,7 @@ def causes_of(
     left, out = _beside(blocks, left, out, ask)
     found, left = _suspected(left, out, frozenset(own), ask)
     out |= {name for block in found for name in block.of}
-    blocks = sorted([*blocks, *found], key=lambda block: -block.size) + _of_the_fleet(left)
+    blocks = sorted([*blocks, *found], key=lambda block: -block.size) + _of_the_fleet(left, frozenset(own))
     return tuple(_cause(block, blocks, own, ask, mended, out) for block in blocks)
 
 
@@ -237,27 +237,45 @@ def _beside(
 def _suspected(
     left: list[Finding], out: frozenset[VehicleId], ids: frozenset[VehicleId], ask: _Cached
 ) -> tuple[list[_Block], list[Finding]]:
-    """Leave out one vehicle after the other while that explains all of what is left; else none."""
+    """Leave out one vehicle after the other while that explains all of what is left; else none.
+
+    A vehicle explains also what fails because of it and is not gone without it: it stays where it stands. Of
+    two that explain as much neither is blamed.
+    """
     found: dict[object, _Block] = {}
     rest = left
     for _ in range(STEPS_MAX):
         if not rest:
             break
-        best: tuple[int, VehicleId, list[Finding]] | None = None
+        explained: list[tuple[int, VehicleId, list[Finding]]] = []
         for name in _suspects(rest, out, ids):
-            without = ask(out | {name})
-            if without is not None and (best is None or len(without) < best[0]):
-                best = len(without), name, list(without)
-        if best is None or best[0] >= len(rest):
+            if (without := ask(out | {name})) is not None:
+                still = [each for each in without if not _because_of(name, each)]
+                explained.append((len(still), name, still))
+        explained.sort(key=lambda each: each[0])
+        if not explained or explained[0][0] >= len(rest) or explained[0][0] in [n for n, *_ in explained[1:]]:
             break
-        _, name, without = best
+        _, name, without = explained[0]
         gone = _without(rest, without)
         first = next((each for each in gone if each[0] == name), gone[0])
-        block = found.setdefault(first[1].name, _Block(first[1]))
-        block.of[name] = first[1]
-        block.follows += [each for each in gone if each is not first]
-        out, rest = out | {name}, without
+        check = first[1] if first[0] in {name, None} else _of_another(*first)
+        block = found.setdefault(check.name, _Block(check))
+        block.of[name] = check
+        block.follows += [each for each in gone if each is not first or check is not first[1]]
+        stays = {each[0] for each in ask(out | {name}) or () if _because_of(name, each)}
+        block.too += [owner for owner in ids if owner in stays]
+        out, rest = out | {name, *block.too}, without
     return ([], left) if rest else (list(found.values()), [])
+
+
+def _because_of(name: VehicleId, finding: Finding) -> bool:
+    """Whether another vehicle fails a check because of this one."""
+    return finding[0] is not None and name in finding[1].depends_on
+
+
+def _of_another(owner: VehicleId | None, check: Check) -> Check:
+    """The check, said of the vehicle because of which `owner` fails it."""
+    return replace(check, problem=f"{owner} {check.problem}")
 
 
 def _suspects(
@@ -265,19 +283,31 @@ def _suspects(
 ) -> list[VehicleId]:
     """The vehicles that most findings are about, the most first."""
     votes = Counter(
-        name for owner, check in findings for name in {owner, *check.depends_on} if name in ids - out and name
+        name
+        for owner, check in findings
+        for name in dict.fromkeys([owner, *check.depends_on])
+        if name in ids - out and name
     )
     return [name for name, _ in votes.most_common(SUSPECTS_MAX)]
 
 
-def _of_the_fleet(left: Sequence[Finding]) -> list[_Block]:
-    """What no vehicle alone explains: one block for each check, with the vehicles that fail it."""
+def _of_the_fleet(left: Sequence[Finding], ids: frozenset[VehicleId]) -> list[_Block]:
+    """What no vehicle alone explains: one block for each check, with the vehicles that it is about."""
     blocks: dict[str, _Block] = {}
     for name, check in left:
         block = blocks.setdefault(check.name, _Block(check))
         if name is not None:
             block.of.setdefault(name, check)
-    return list(blocks.values())
+            for other in ids.intersection(check.depends_on) - {name}:
+                block.of.setdefault(other, _of_another(name, check))
+    found: list[_Block] = []
+    for block in blocks.values():
+        same = next((each for each in found if each.of and each.of.keys() == block.of.keys()), None)
+        if same is None:
+            found.append(block)
+        else:
+            same.follows += block.of.items()
+    return found
 
 
 def _cause(
@@ -309,7 +339,7 @@ def _vehicles_out(
 ) -> PreflightAction | None:
     """Leave the block's vehicles out; None where no other would fly."""
     vehicles = tuple(name for name in own if name in block.out)
-    some = named(vehicles) if len(vehicles) <= NAMED_FEW else f"{len(vehicles)} vehicles"
+    some = _some([name for name in vehicles if name in block.of])
     if block.check.name == DOWN:
         return PreflightAction(Remedy.CONFIRM_DOWN, f"Confirm {some} down", "", vehicles)
     if len(vehicles) == len(own):
@@ -318,7 +348,13 @@ def _vehicles_out(
     fails = left is None or len(left) or any(own[name] for name in own.keys() - block.out)
     others = [each for each in blocks if each is not block and not (each.of and each.of.keys() <= block.out)]
     then = "" if left is None else _then(max(len(others), 1) if fails else 0)
-    return PreflightAction(Remedy.LEAVE_OUT, f"Leave {some} out", then, vehicles)
+    beside = _some([name for name in vehicles if name not in block.of])
+    label = f"Leave {some} out, with {beside} beside" if beside else f"Leave {some} out"
+    return PreflightAction(Remedy.LEAVE_OUT, label, then, vehicles)
+
+
+def _some(vehicles: Sequence[VehicleId]) -> str:
+    return named(vehicles) if len(vehicles) <= NAMED_FEW else f"{len(vehicles)} vehicles"
 
 
 def _then(others: int) -> str:
@@ -330,8 +366,7 @@ def _text(block: _Block) -> str:
     check, checks = block.check, list(block.of.values())
     if not checks:
         return check.problem
-    vehicles = list(block.of)
-    some = named(vehicles) if len(vehicles) <= NAMED_FEW else f"{len(vehicles)} vehicles"
+    some = _some(list(block.of))
     if len({each.problem for each in checks}) == 1:
         return f"{some}: {check.problem}"
     values = sorted(each.value for each in checks if each.value is not None)

@@ -123,7 +123,8 @@ def spacing(
             )
             because, instead = _by_receiver(inputs, least_certain, float(least_m[other]))
             problem = f"stands {value_m:.1f} m from {ids[other]}, {limit} is needed{because}"
-            to_do = f"move it {rounded_up(least_m[other] - value_m):.1f} m away from {ids[other]}{instead}"
+            apart_m = rounded_up(least_m[other] - value_m)
+            to_do = f"move {name} and {ids[other]} {apart_m:.1f} m farther apart{instead}"
             of = (ids[least_certain], ids[more_certain])
             found[name].append(Check(TO_THE_NEXT, State.FAIL, value_m, "m", limit, problem, to_do, of))
         if not too_close and np.isfinite(near_m).any():

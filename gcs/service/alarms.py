@@ -135,8 +135,9 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
     AlarmCause.CONTROL_STOPPED: CauseRow(
         E,
         "Control stopped",
-        "Vehicles follow their own setpoint-loss failsafe. Restart the service, then take control; if people"
-        " are in danger: gcs kill --direct.",
+        "Each vehicle holds, comes home or lands by its own failsafe within seconds, and a pilot can take it"
+        " over. Keep people away from below, and restart the service: it offers take-over or bring-home."
+        " gcs kill --direct lets vehicles fall: only where one endangers people and no pilot has it.",
         off_after_s=0.0,
         past="Control had stopped",
     ),

@@ -1,4 +1,4 @@
-"""The fleet as a grid of pills: selected by a box, by typing and by keyboard, at every level of axe."""
+"""The fleet as a grid of pills: selected by a box, by typing and by keyboard."""
 
 from collections.abc import Iterator
 from functools import partial
@@ -46,7 +46,6 @@ def test_pills_are_selected_by_box_typing_and_keys(chrome: Browser, url: str) ->
         ui.says("connection", "Live")
         ui.opens(lambda: ui.press("fleet-view"), "fleet-grid")
         expect(ui.page.get_by_role("option")).to_have_count(COUNT)
-        assert ui.serious() == []
 
         def selects(act: partial[None], *names: str) -> None:
             ui.until(act, lambda ms: ui.says("selection-count", f"{len(names)} vehicle", ms))
@@ -66,7 +65,6 @@ def test_pills_are_selected_by_box_typing_and_keys(chrome: Browser, url: str) ->
         assert selected(ui) == {"d2", "d3"}
         ui.part("fleet-grid").press("Control+a")
         ui.says("selection-count", f"{COUNT} vehicles")
-        assert ui.serious() == []
         assert ui.wrong == []
 
 
@@ -81,5 +79,4 @@ def test_grid_fits_every_window(chrome: Browser, url: str, width: int, height: i
         ui.settles("document.scrollingElement.scrollWidth <= innerWidth", at=True)
         ui.part(f"pill-d{COUNT}").scroll_into_view_if_needed()
         expect(ui.part(f"pill-d{COUNT}")).to_be_in_viewport()
-        assert ui.serious() == []
         assert ui.wrong == []

@@ -128,7 +128,7 @@ def test_map_file_lies_under_the_show_by_compass(chrome: Browser, tmp_path: Path
         tiles = [each for each in asked(ui) if "/map/" in each]
         assert 4 <= len(tiles) == len(set(tiles))
         assert all(each.startswith(ground.url) for each in asked(ui))
-        assert ui.serious() == []
+        assert ui.findings() == []
         assert wrong(ui) == []
 
 

@@ -52,7 +52,6 @@ def test_an_obstacle_is_placed_drawn_sized_and_saved(chrome: Browser) -> None:
         assert (field(ui, "half_length_x_m"), field(ui, "height_m")) == (2.0, 10.0)
         ui.closes("Escape", "obstacle-id")
         changes("half_length_y_m", (80, 40))
-        assert ui.serious() == []
 
         before_m = field(ui, "height_m")
 
@@ -69,7 +68,6 @@ def test_an_obstacle_is_placed_drawn_sized_and_saved(chrome: Browser) -> None:
         high_m, wide_m = field(ui, "height_m"), field(ui, "half_length_y_m")
         ui.press("close-left")  # what is not sent yet stays, and is offered below the scene
         ui.says("preview-text", f"{high_m:.1f} m high")
-        assert ui.serious() == []
         ui.closes("Enter", "preview")
         wait_until("saved", SOON_S, lambda: len(service.plan.current.obstacles) == 1)
         (box,) = service.plan.current.obstacles

@@ -1,4 +1,4 @@
-"""At every size of the window every flight command is on screen and pressable, and axe finds nothing serious.
+"""At every size of the window every flight command is on screen and pressable.
 
 A fleet flies, with an alarm; the page is held upright and sideways, and turned.
 """
@@ -35,9 +35,6 @@ SIZES: Final = (
     *(PHONE, (1024, 768), (844, 390), (2560, 1440), (360, 740), (900, 1440), (1440, 2560)),
 )
 """Upright and sideways. `make test` has the smallest."""
-
-AUDITED: Final = SIZES[:4]
-"""At these axe looks at every part that can be open, at the other sizes at the panels only."""
 
 UNREACHABLE: Final = """(names) => names.flatMap((name) => {
   const element = document.querySelector(`[data-testid="${name}"]`);
@@ -149,8 +146,6 @@ def test_flight_commands_are_on_screen_whatever_is_open(
         ui.settles(HIDDEN_TABS, at=[])
         if (width, height) == PHONE:
             ui.settles(REMARK_IS_CUT, "nothing has been started", at=False)
-        if (width, height) in AUDITED:
-            assert ui.serious() == []
         for panel in ("shape", "fleet"):
             if ui.part(f"panel-{panel}").count() == 0:
                 ui.opens(lambda panel=panel: ui.press(f"tab-{panel}"), f"panel-{panel}")  # type: ignore[misc]
@@ -159,13 +154,10 @@ def test_flight_commands_are_on_screen_whatever_is_open(
             ui.press("panel-size")  # the sheet covers the scene, and no command
             pressable(ui, *COMMANDS)
             ui.settles(f"({ROWS})() >= 4", at=True)
-        assert ui.serious() == []
         for key, sheet in (("?", "help"), ("Shift+K", "kill")):
             ui.opens(key, f"sheet-{sheet}")
             pressable(ui, *COMMANDS)
             assert ui.part(f"sheet-{sheet}").evaluate("(sheet) => sheet.scrollTop") == 0
-            if (width, height) in AUDITED:
-                assert ui.serious() == []
             ui.closes("Escape", f"sheet-{sheet}")
         assert ui.wrong == []
 
@@ -234,7 +226,6 @@ def test_commands_on_a_turned_phone_and_after_a_stall(chrome: Browser, flying: S
         for name in ("pause", "stop", "abort"):
             expect(ui.part(name)).not_to_have_attribute("aria-disabled", "true")
         pressable(ui, *OFFERS, *COMMANDS)
-        assert ui.serious() == []
         ui.page.set_viewport_size({"width": 740, "height": 360})
         pressable(ui, *OFFERS, *COMMANDS)
         ui.closes(lambda: ui.tap("bring-home"), "bring-home")

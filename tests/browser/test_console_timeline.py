@@ -57,7 +57,7 @@ def fly(ui: Console, ground: Station, control: int) -> None:
     ui.says("timeline-show", "Last flight")
     hold, alarm, now = ui.page.evaluate(SHARES, ["mark-command", "mark-warning", "playhead"])
     assert 0.0 <= hold < alarm < now == pytest.approx(1.0, abs=0.01)
-    assert ui.serious() == []
+    assert ui.findings() == []
     ui.press("timeline-plan")
     ui.says("show-clock", "0:00 / 1:00")
 
@@ -83,7 +83,7 @@ def seek(ui: Console, client: Client) -> None:
     ui.press("mark-warning")
     raised = next(mark for mark in client.marks().events if mark.alarm_severity == "warning")
     wait_until("at the alarm", SOON_S, lambda: abs(client.playback.now().position_s - raised.at_s) < 1.0)
-    assert ui.serious() == []
+    assert ui.findings() == []
 
 
 def test_timeline_follows_a_show_and_seeks_in_its_replay(chrome: Browser, tmp_path: Path) -> None:

@@ -72,7 +72,7 @@ def test_start_is_refused_naming_each_vehicle_and_its_fault() -> None:
     for one, other in (("d1", "d2"), ("d1", "d3"), ("d2", "d4"), ("d3", "d4")):
         assert f"{one}: stands " in refusal.text
         assert f"m from {other}, at least 4.3 m is needed with a 3D fix of 0.9 m" in refusal.text
-    assert "m away from d2, or use RTK (3.7 m)" in refusal.text
+    assert "m farther apart, or use RTK (3.7 m)" in refusal.text
     assert refusal.plan_kept
 
 

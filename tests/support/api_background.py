@@ -9,6 +9,7 @@ import pytest
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from gcs.api.app import create_app
+from gcs.api.auth.authorization import Authorization
 from gcs.api.server import serve
 from tests.support.api_fake_service import FakeService
 
@@ -18,8 +19,8 @@ TICK_S = 0.1
 class Ticking:
     """The app of a service that has a new state ten times a second."""
 
-    def __init__(self, service: FakeService) -> None:
-        self._service, self._app = service, create_app(service)
+    def __init__(self, service: FakeService, authorization: Authorization | None = None) -> None:
+        self._service, self._app = service, create_app(service, authorization=authorization)
         self._task: asyncio.Task[None] | None = None
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:

@@ -153,6 +153,8 @@ class FakeService:
 
     def _begin(self) -> None:
         self.show, self.battery = ShowPhase.IDLE, 0.9
+        self.failing: dict[str, tuple[Check, ...]] = {}  # besides the battery
+        self.stands_still = False
         self.silent_s: dict[str, float] = {}  # of stations that are not received
         self.selected: SelectedShow | None = None
         self.interrupted: InterruptedFlight | None = None
@@ -166,6 +168,8 @@ class FakeService:
 
     def tick(self) -> None:
         """Publish a new state."""
+        if self.stands_still:
+            return
         self.ticks += 1
         self.book.look(self.conditions, time.monotonic(), time.time())
         view = self._look()
@@ -283,7 +287,10 @@ class FakeService:
         fleet = Check("vehicles", State.PASS, nan, "vehicles", "all vehicles")
         out = {name: str(why) for name, why in self.excluded.items()}
         own = [
-            VehicleChecks(name, name not in out, out.get(name, ""), (check,), "px4") for name in self.phases
+            VehicleChecks(
+                name, name not in out, out.get(name, ""), (check, *self.failing.get(name, ())), "px4"
+            )
+            for name in self.phases
         ]
         left = ("start pattern: there is none",)
         failed = {one.id: one.failed for one in own if one.flies}

@@ -142,7 +142,7 @@ def test_a_refused_start_is_the_verdict_in_words(tmp_path: Path) -> None:
     code, figures, printed = flown(*options, *ports(given), given=given)
     assert code == 1, printed
     assert figures["verdict"] == "broken"
-    assert any("the start was refused" in each and "m away from d" in each for each in figures["broken"])
+    assert any("the start was refused" in each and "m farther apart" in each for each in figures["broken"])
     assert figures["commands_refused"][0].startswith("start: ")
     assert "the start was refused" in printed.splitlines()[0], "also on the screen"
     assert 0.0 < figures["simulated_per_wall_s"] < 1.1, "v1.16 fills another clock"

@@ -17,7 +17,7 @@ export function onKey(event: KeyboardEvent, state: State, actions: PanelActions)
         shift: event.shiftKey,
         other: event.ctrlKey || event.altKey || event.metaKey,
         typing: where?.matches("input:not([type=range]), textarea, select") ?? false,
-        onControl: where?.matches("button, a, summary, input, [role=region]") ?? false,
+        onControl: where?.matches("button, a, summary, input, .table-scroll, [role=listbox]") ?? false,
       });
   if (meant === null || (event.repeat && meant.kind !== "jump")) return;
   const replay = state.status?.replay;
@@ -33,6 +33,7 @@ export function onKey(event: KeyboardEvent, state: State, actions: PanelActions)
       break;
     case "panel":
       actions.togglePanel(meant.panel);
+      focusNext(`[data-testid="panel-${meant.panel}"] :is(.panel-body[tabindex], .table-scroll, [role=listbox])`);
       break;
     case "night":
       actions.view({ night: !state.view.night });
@@ -42,7 +43,7 @@ export function onKey(event: KeyboardEvent, state: State, actions: PanelActions)
       break;
     case "filter":
       actions.openPanel("fleet");
-      requestAnimationFrame(() => document.querySelector<HTMLElement>('[data-testid="filter"]')?.focus());
+      focusNext('[data-testid="filter"]');
       break;
     case "confirm":
       if (state.preview === null && state.panels.editing === null) return;
@@ -61,6 +62,11 @@ export function onKey(event: KeyboardEvent, state: State, actions: PanelActions)
       actions.replay({ position_s: jumped_s(state, meant.by_s) });
   }
   event.preventDefault();
+}
+
+/** Once it is drawn; what a key has closed is not there. */
+function focusNext(selector: string): void {
+  requestAnimationFrame(() => document.querySelector<HTMLElement>(selector)?.focus());
 }
 
 /** One thing at a time, the foremost first. */

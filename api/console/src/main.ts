@@ -14,6 +14,7 @@ import { createActions } from "./actions";
 import { createSigns } from "./alarms/signs";
 import { createDeskActions } from "./panels/createActions";
 import { panels } from "./panels/index";
+import { keepingFocus, watchFocus } from "./panels/focus";
 import { isGridSeen, watchLayout } from "./panels/layout";
 import { createReader } from "./panels/reading";
 import { onKey } from "./keyboard";
@@ -38,6 +39,8 @@ const SOUND = "alarm-sound";
 
 const canvas = document.querySelector<HTMLCanvasElement>("#view")!;
 const place = document.querySelector<HTMLElement>("#panels")!;
+
+watchFocus(place);
 
 let state: State = initial(performance.now());
 if (localStorage.getItem(LOOK) === "day") state = update(state, { kind: "view", change: { night: false } });
@@ -122,7 +125,7 @@ function onFrame(now_ms: number): void {
     if (state.view.night !== shown?.view.night) dress(state.view.night);
     if (state.attention.soundOn !== shown?.attention.soundOn) localStorage.setItem(SOUND, state.attention.soundOn ? "on" : "off");
     signs.show(state);
-    render(panels(state, actions), place);
+    keepingFocus(place, () => render(panels(state, actions), place));
     if (shown === null) for (const each of place.querySelectorAll("[data-room], .room-low, .alarms")) roomChanges.observe(each);
     else if (frontOf(state) !== frontOf(shown)) fit();
     if (isAlarmsFromTop(state, shown)) place.querySelector(".alarms")!.scrollTop = 0;

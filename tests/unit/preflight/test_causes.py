@@ -91,7 +91,30 @@ def test_many_pairs_that_no_few_vehicles_explain_are_one_block() -> None:
     pairs = [near(f"a{row}", f"b{row}") for row in range(9)]
     own: dict[str, list[Check]] = {name: [] for row in range(9) for name in (f"a{row}", f"b{row}")}
     (cause,) = Fleet(own, pairs).causes()
-    assert len(cause.vehicles) == 9
+    assert len(cause.vehicles) == 18  # neither of a pair is blamed alone
+
+
+def test_a_vehicle_beside_others_is_named_and_not_they() -> None:
+    """It stays where it is when it is left out, and they cannot take off beside it."""
+    own = six()
+    pairs = [near("d1", "d4"), near("d2", "d4")]
+
+    def related(out: frozenset[str]) -> list[Finding]:
+        return [pair for pair in pairs if pair[0] not in out]
+
+    (cause,) = causes_of(own, related, lambda _name, _out: None, 40)
+    assert (cause.vehicles, cause.text) == (("d4",), "d4: d1 near d4")
+    assert cause.follows == ("distance to the next: d1, d2",)
+    assert cause.action is not None
+    assert cause.action.label == "Leave d4 out, with d1, d2 beside"
+    assert (cause.action.vehicles, cause.action.then) == (("d1", "d2", "d4"), READY)
+
+
+def test_of_a_pair_without_other_failures_both_are_named() -> None:
+    (cause,) = Fleet(six(), [near("d1", "d3")]).causes()
+    assert cause.vehicles == ("d1", "d3")
+    assert cause.action is not None
+    assert cause.action.label == "Leave d1, d3 out"
 
 
 def test_a_large_fleet_is_evaluated_seldom_and_hides_nothing() -> None:

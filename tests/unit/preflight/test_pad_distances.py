@@ -125,18 +125,19 @@ def test_refusal_names_pads_and_receiver_that_would_do() -> None:
     check = only(PLAIN, [(3, 0.9, 1.78), (6, 0.02, 0.04)])
     assert check.state is State.FAIL
     assert check.problem == "stands 5.0 m from d2, at least 8.4 m is needed with a 3D fix of 0.9 m"
-    assert check.to_do == "move it 3.4 m away from d2, or use RTK (3.7 m)"
+    assert check.to_do == "move d1 and d2 3.4 m farther apart, or use RTK (3.7 m)"
 
 
 def test_rtk_that_reports_poor_accuracy_may_improve() -> None:
     check = only(PLAIN, [(6, 0.6, 0.5), (6, 0.02, 0.04)])
     assert check.problem.endswith("with an RTK fixed fix of 0.6 m")
-    assert check.to_do == "move it 1.0 m away from d2, or wait for a better accuracy (3.7 m at 0.05 m)"
+    better = "or wait for a better accuracy (3.7 m at 0.05 m)"
+    assert check.to_do == f"move d1 and d2 1.0 m farther apart, {better}"
 
 
 def test_pads_too_close_for_any_receiver_are_to_be_moved() -> None:
     check = only(PLAIN, [(6, 0.02, 0.04)] * 2, grid_m(2, 2.0))
-    assert check.to_do == "move it 0.8 m away from d2"
+    assert check.to_do == "move d1 and d2 0.8 m farther apart"
 
 
 @pytest.mark.parametrize(
@@ -145,7 +146,7 @@ def test_pads_too_close_for_any_receiver_are_to_be_moved() -> None:
 def test_advice_works_when_it_is_followed_literally(reported: Reported) -> None:
     apart_m = 2.5
     check = only(PLAIN, [reported] * 2, grid_m(2, apart_m))
-    found = re.search(r"move it ([\d.]+) m away", check.to_do)
+    found = re.search(r"([\d.]+) m farther apart", check.to_do)
     assert found is not None
     moved_m = apart_m + float(found[1])
     assert refused(standing(PLAIN, [reported] * 2, grid_m(2, max(moved_m, 3.7)))) == []

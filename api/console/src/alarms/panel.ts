@@ -201,9 +201,9 @@ export function alarms(state: State, actions: PanelActions): TemplateResult | ty
 /** In the top bar: the worst of all alarms in colour and in a word; a press goes to the list. */
 export function overall(state: State): TemplateResult {
   const all = alarmsOf(state.status);
-  const severity = worst(all);
+  const worstOf = worst(all);
+  const severity = worstOf === "normal" && !fresh(state) && !state.status?.replay ? "unknown" : worstOf; // old data is no green light
   const open = all.filter(isOpen).length;
-  const text = state.status === null ? "–" : t.overall[severity];
   return html`<button
     type="button"
     class="overall overall-${severity} ${open > 0 ? "open" : ""}"
@@ -212,10 +212,10 @@ export function overall(state: State): TemplateResult {
     title=${t.goTo}
     @click=${() => document.querySelector<HTMLElement>('[data-testid="alarms"]')?.focus()}
   >
-    ${icon(SEVERITY_ICON[severity])}
+    ${icon(severity === "unknown" ? "question" : SEVERITY_ICON[severity])}
     <span class="overall-words">
-      <strong data-testid="overall-word">${text}</strong>
-      <small>${all.length === 0 ? t.noAlarms : t.open(all.length, open)}</small>
+      <strong data-testid="overall-word">${t.overall[severity]}</strong>
+      <small>${severity === "unknown" ? t.notFresh : all.length === 0 ? t.noAlarms : t.open(all.length, open)}</small>
     </span>
   </button>`;
 }

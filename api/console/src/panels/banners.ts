@@ -28,7 +28,7 @@ export function banner(state: State): TemplateResult | typeof nothing {
             : texts.connection.lostNever;
   const hints = [
     ...(now === "lost" ? [`${state.connection.reason}.`, texts.connection.again] : []),
-    ...(now === "connecting" ? [] : [texts.connection.commands]),
+    ...(now === "connecting" ? [] : [now === "dead" ? texts.connection.deadWhat : texts.connection.commands]),
   ];
   return html`<div class="banner banner-${now}" role="alert" data-testid="banner">
     ${icon(now === "connecting" ? "events" : "warning")}

@@ -23,11 +23,6 @@ const DRAWING_MAX_BYTES = 32 * 1024 * 1024;
 const DRAWING = /\.(skyc|zip|csv)$/i;
 const SHOW_NAME = /^[A-Za-z0-9][A-Za-z0-9_-]{0,59}$/;
 
-/** Where the focus goes back to when a sheet is closed. */
-function focusOn(testId: string): void {
-  document.querySelector<HTMLElement>(`[data-testid="${testId}"]`)?.focus();
-}
-
 export function createDeskActions(
   service: Actions,
   dispatch: (message: Message) => void,
@@ -239,9 +234,7 @@ export function createDeskActions(
       if (selection.length > 0 && right !== "fleet") openPanel("vehicle");
     },
     sheet(sheet) {
-      const open = state().panels.sheet;
-      set({ sheet: sheet === open ? null : sheet, sure: "" });
-      if (open !== null && (sheet === null || sheet === open)) focusOn(open);
+      set({ sheet: sheet === state().panels.sheet ? null : sheet, sure: "" });
     },
     openPanel,
     togglePanel(name) {

@@ -130,7 +130,7 @@ function panel(state: State, actions: PanelActions, side: "left" | "right"): Tem
         press: () => actions.togglePanel(name),
       })}
     </header>
-    <div class="panel-body" tabindex=${name === "fleet" ? nothing : "0"} role="group" aria-label=${title}>${PANELS[name].view(state, actions)}</div>
+    <div class="panel-body" tabindex=${name === "fleet" ? nothing : "0"} role=${name === "fleet" ? nothing : "region"} aria-label=${name === "fleet" ? nothing : title}>${PANELS[name].view(state, actions)}</div>
   </aside>`;
 }
 

@@ -143,7 +143,8 @@ function excluding(state: State, actions: PanelActions, id: string): TemplateRes
   </form>`;
 }
 
-function vehicle(state: State, actions: PanelActions, one: Vehicle): TemplateResult {
+/** `blamed`: it has a cause, or is one; what else it fails follows from others, and leaving it out mends nothing. */
+function vehicle(state: State, actions: PanelActions, one: Vehicle, blamed: boolean): TemplateResult {
   const { allChecks, excluding: who } = state.panels;
   const failing = one.checks.filter((each) => each.state !== "pass").length;
   const good = one.flies && failing === 0;
@@ -152,9 +153,11 @@ function vehicle(state: State, actions: PanelActions, one: Vehicle): TemplateRes
       ${icon(!one.flies ? "offline" : good ? "check" : "cross")}
       <h4><button type="button" class="link" @click=${() => actions.select(one.id)}>${one.id}</button></h4>
       <span class="summary">
-        ${one.flies ? (good ? t.allPass(one.checks.length) : t.fails(failing)) : html`${t.excluded}: ${one.reason}`}
+        ${one.flies ? (good ? t.allPass(one.checks.length) : blamed ? t.fails(failing) : t.followsOnly) : html`${t.excluded}: ${one.reason}`}
       </span>
-      ${one.flies
+      ${one.flies && !good && !blamed
+        ? nothing
+        : one.flies
         ? button(actions, {
             id: `exclude-${one.id}`,
             label: t.exclude,
@@ -180,8 +183,8 @@ function vehicle(state: State, actions: PanelActions, one: Vehicle): TemplateRes
 
 const VEHICLES_MAX = 60;
 
-function vehicleList(state: State, actions: PanelActions, list: readonly Vehicle[]): TemplateResult {
-  return html`${list.slice(0, VEHICLES_MAX).map((one) => vehicle(state, actions, one))}
+function vehicleList(state: State, actions: PanelActions, list: readonly Vehicle[], blamed: ReadonlySet<string>): TemplateResult {
+  return html`${list.slice(0, VEHICLES_MAX).map((one) => vehicle(state, actions, one, blamed.has(one.id)))}
   ${list.length > VEHICLES_MAX ? html`<p class="dim">${t.moreVehicles(list.length - VEHICLES_MAX)}</p>` : nothing}`;
 }
 
@@ -200,7 +203,7 @@ function passing(state: State, actions: PanelActions, vehicles: readonly Vehicle
       press: () => actions.set({ allChecks: !allChecks }),
     })}
     ${allChecks
-      ? html`${vehicleList(state, actions, vehicles)}
+      ? html`${vehicleList(state, actions, vehicles, new Set())}
           <ul class="checks">
             ${checks.map((each) => checkView(each))}
           </ul>`
@@ -212,7 +215,9 @@ function passing(state: State, actions: PanelActions, vehicles: readonly Vehicle
 export function details(state: State, actions: PanelActions, found: PreflightReport): TemplateResult {
   const isGood = (one: Vehicle): boolean => one.flies && one.checks.every((each) => each.state === "pass");
   const rest = found.vehicles.filter((one) => !isGood(one));
-  const open = [...rest.filter((one) => one.flies), ...rest.filter((one) => !one.flies)];
+  const blamed = new Set(found.causes.flatMap((each) => each.vehicles));
+  const place = (one: Vehicle): number => (!one.flies ? 1 : blamed.has(one.id) ? 0 : 2); // innocent ones last
+  const open = [...rest].sort((a, b) => place(a) - place(b));
   return html`${found.causes.length
       ? html`<section data-testid="preflight-todo">
           <h3>${t.todo}</h3>
@@ -224,7 +229,7 @@ export function details(state: State, actions: PanelActions, found: PreflightRep
     ${open.length
       ? html`<section data-testid="preflight-open">
           <h3>${t.vehicles}</h3>
-          ${vehicleList(state, actions, open)}
+          ${vehicleList(state, actions, open, blamed)}
         </section>`
       : nothing}
     ${passing(state, actions, found.vehicles.filter(isGood), found.fleet.filter((each) => each.state === "pass"))}

@@ -153,8 +153,14 @@ export function shows(state: State, actions: PanelActions): TemplateResult {
   const chosen = (event: Event): void => {
     const input = event.target as HTMLInputElement;
     const file = input.files?.[0];
-    if (file) actions.upload(file);
+    if (file && uploading === "") actions.upload(file);
     input.value = "";
+  };
+  /** Without fresh data for a moment a disabled one would lose the focus. */
+  const asked = (event: Event): void => {
+    if (why === "") return;
+    event.preventDefault();
+    actions.refuse(t.upload, why);
   };
   return html`<div class="shows" data-testid="shows">
     ${state.panels.showsProblem ? html`<p class="problem" role="alert" data-testid="shows-problem">${state.panels.showsProblem}</p>` : nothing}
@@ -168,7 +174,7 @@ export function shows(state: State, actions: PanelActions): TemplateResult {
       ? html`<p class="hint" data-testid="show-no-upload">${t.noUploads(noUploads)}</p>`
       : html`<label class="button upload ${why ? "denied" : ""}" title=${why || nothing}>
       ${icon("up")}<span>${uploading ? t.uploading(uploading) : t.upload}</span>
-      <input type="file" accept=".yaml,.yml,.skyc,.zip,.csv" data-testid="show-upload" aria-label=${t.upload} ?disabled=${why !== "" || uploading !== ""} @change=${chosen} />
+      <input type="file" accept=".yaml,.yml,.skyc,.zip,.csv" data-testid="show-upload" aria-label=${t.upload} aria-disabled=${why === "" ? nothing : "true"} @click=${asked} @change=${chosen} />
         </label>`}
     ${why && !noUploads ? html`<p class="hint">${why}</p>` : nothing}
   </div>`;

@@ -341,10 +341,7 @@ export interface components {
         };
         /** @description The volume that no vehicle may leave, and the ellipsoid around a vehicle that no other may enter. */
         FlightEnvelope: {
-            /**
-             * @description Of the selected drawing's fence; empty: only height and distance count.
-             * @default []
-             */
+            /** @description Of the selected drawing's fence; empty: only height and distance count. */
             areas: components["schemas"]["FenceArea"][];
             /** @description Horizontal distance from the show's origin. */
             distance_max_m: number;
@@ -2099,10 +2096,7 @@ export interface components {
             vehicles: number;
             /** @description Pairs whose columns overlap at some time of the show. */
             vertical_overlaps: number;
-            /**
-             * @description What an operator should know of a show that is good to fly.
-             * @default []
-             */
+            /** @description What an operator should know of a show that is good to fly. */
             warnings: string[];
         };
         /** @description The show frame: its origin, and the heading of its x axis. Raises: InvalidError when a number is not finite or out of its range. */
@@ -2225,10 +2219,7 @@ export interface components {
             /** @description Of all that is flown; a start names it. null: not checked as it is. */
             hash: string | null;
             name: string;
-            /**
-             * @description This upload replaced a show of that name.
-             * @default false
-             */
+            /** @description This upload replaced a show of that name. */
             replaced: boolean;
             size_bytes: number;
         };
@@ -2245,7 +2236,6 @@ export interface components {
         };
         /** @description A target of the configuration. */
         TargetName: {
-            /** @example boat */
             name: string;
         };
         /** @description Where a target is, in WGS84; what is absent is not known. */
@@ -2254,9 +2244,7 @@ export interface components {
             /** @description Standard deviation along each axis. */
             deviation_m?: number | null;
             east_m_s?: number | null;
-            /** @example 47.3977 */
             latitude_deg: number;
-            /** @example 8.5456 */
             longitude_deg: number;
             north_m_s?: number | null;
             /** @description When it was there, by the sender's clock: s since 1970, or from any begin. */
@@ -2283,10 +2271,7 @@ export interface components {
             refused: number;
             /** @description Reports that were believed, of all its sources. */
             reports: number;
-            /**
-             * @description Kind of the source that counts.
-             * @example nmea
-             */
+            /** @description Kind of the source that counts. */
             source: string;
             /**
              * @description How well it is known. coasting: on its last motion. lost: the formation holds.
