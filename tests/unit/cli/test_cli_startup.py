@@ -100,7 +100,7 @@ def test_transports_of_the_demo_are_the_options() -> None:
         ("phase --foo", "usage: gcs phase ", "unrecognized arguments: --foo"),
         ("target set 1", "usage: gcs target set ", "Y_M"),
         ("kil", "usage: gcs COMMAND", "there is no command 'kil'; did you mean kill?"),
-        ("target shw", "usage: gcs target COMMAND", "did you mean show?"),
+        ("orbit shw", "usage: gcs orbit COMMAND", "did you mean show?"),
         ("show", "usage: gcs show ", "required: action"),
     ],
 )

@@ -14,6 +14,7 @@ import pytest
 from gcs.model.errors import GcsError, InvalidError, LinkError, Problem, RefusedError, ShowError, UnknownError
 from gcs.model.interrupted_flight import Offer
 from gcs.model.plan import Direction, Formation, LawName, Obstacle, Orbit, Target, Yaw, YawPolicy
+from gcs.model.target_fix import TargetFix
 from gcs.service import CALLER, Call, FleetView, ShowAction, VehicleAction
 from gcs.service.remote import RemoteService
 from gcs.service.remote.messages import METHODS, REQUEST_MAX_BYTES, framed
@@ -24,6 +25,8 @@ T = TypeVar("T")
 
 BOX = Obstacle("tower", 1.0, -2.5, 3.0, 4.0, 5.0, 0.5, -0.25, 77.125)
 
+FIX = TargetFix(12345.5, 47.3977, 8.5456, 488.0, 1.25, -0.5, 0.0, 1.0, 2.0, 0.1, 1.8e9, "A1")
+
 CALLS: dict[str, dict[str, Any]] = {
     "audit.call": {"call": Call("crew", "POST", "/api/v1/show/start", '{"a": "ä\u2028"}', 202)},
     "audit.kept": {},
@@ -31,6 +34,9 @@ CALLS: dict[str, dict[str, Any]] = {
     "plan.set_formation": {"formation": Formation(10.5, 20.0, -0.125, LawName.ARTICLE)},
     "plan.set_orbit": {"orbit": Orbit(3.0, 1.5, Direction.CLOCKWISE)},
     "plan.set_target": {"target": Target(1.0, 2.0, 0.1, 0.2, 12345.678901234567)},
+    "plan.select_target": {"name": "boat"},
+    "plan.hold_target": {},
+    "plan.report_target": {"name": "boat", "fix": FIX},
     "plan.set_yaw": {"yaw": Yaw(YawPolicy.FIXED, 1.25)},
     "plan.add_obstacle": {"obstacle": BOX},
     "plan.change_obstacle": {"obstacle": BOX},
