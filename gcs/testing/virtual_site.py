@@ -5,7 +5,7 @@ import atexit
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import closing
 from functools import partial
-from typing import Any, Final, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -47,16 +47,11 @@ LOOKS_S = 0.2
 """Interval at which a story looks for what it waits for: each look makes the views of all stations."""
 
 NAMES = ("north", "south", "west", "east")
-FEW: Final = 8
 
 
 def site_config(stations: int, each: int, **sections: Any) -> Config:
-    """A site of some stations with `each` vehicles: n1, n2 ... s1 ...; `sections` replace others.
-
-    Up to eight vehicles form a small sphere: climbs and landings take most of a flight's time.
-    """
+    """A site of some stations with `each` vehicles: n1, n2 ... s1 ...; `sections` replace others."""
     names = NAMES[:stations]
-    few = stations * each <= FEW
     field_m = PAD_SPACING_M * np.sqrt(stations * each)
     raw: dict[str, Any] = {
         "show_frame": ORIGIN,
@@ -78,7 +73,7 @@ def site_config(stations: int, each: int, **sections: Any) -> Config:
             }
             for at, name in enumerate(names)
         ],
-        "formation": {"radius_m": 8.0 if few else 12.0, "height_m": 14.0 if few else 20.0},
+        "formation": {"radius_m": 12.0, "height_m": 20.0},
         "target": {"x_m": field_m / 2.0, "y_m": field_m / 2.0},
         "operation": {
             "takeoff_height_m": 5.0,

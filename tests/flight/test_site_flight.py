@@ -5,6 +5,7 @@ import functools
 import numpy as np
 import pytest
 
+from gcs.config.schema import Config
 from gcs.formation.repulsion import energy
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import Phase, ShowPhase
@@ -15,13 +16,16 @@ from gcs.simulation.reference_shapes import best
 from gcs.testing.virtual_site import SiteShow, fly_assembled, fly_site, site_config
 
 BUS = {"delay_s": 0.02, "spread_s": 0.01, "loss": 0.01}
-SMALL, LARGE = (3, 2), (4, 4)
-"""Sites: stations, and vehicles of each."""
+LARGE = site_config(4, 4)
+SMALL = site_config(3, 2, formation={"radius_m": 8.0, "height_m": 14.0})
+"""A low sphere as well: climbs and landings take most of a flight's time."""
+
+SITES = pytest.mark.parametrize("site", [SMALL, pytest.param(LARGE, marks=pytest.mark.soak)])
 
 
-@pytest.mark.parametrize(("stations", "each"), [SMALL, pytest.param(*LARGE, marks=pytest.mark.soak)])
-def test_stations_fly_one_formation_and_bring_it_home(stations: int, each: int) -> None:
-    count = stations * each
+@SITES
+def test_stations_fly_one_formation_and_bring_it_home(site: Config) -> None:
+    count = len(site.ids)
 
     async def story(show: SiteShow) -> None:
         with pytest.raises(RefusedError, match="a start needs every station: station south"):
@@ -45,7 +49,7 @@ def test_stations_fly_one_formation_and_bring_it_home(stations: int, each: int) 
         assert not show.armed.any()
         assert show.violations == 0
 
-    fly_site(story, site_config(stations, each), **BUS)
+    fly_site(story, site, **BUS)
 
 
 def settled_again(show: SiteShow, names: list[str]) -> bool:
@@ -62,7 +66,7 @@ def settled_again(show: SiteShow, names: list[str]) -> bool:
         pytest.param(LARGE, "east", 0.4, marks=pytest.mark.soak),
     ],
 )
-def test_killed_station_ends_no_show(site: tuple[int, int], victim: str, after_s: float) -> None:
+def test_killed_station_ends_no_show(site: Config, victim: str, after_s: float) -> None:
     async def story(show: SiteShow) -> None:
         show["north"].service.plan.set_orbit(Orbit(10.0, 2.0))
         await show.wait(after_s)
@@ -88,10 +92,10 @@ def test_killed_station_ends_no_show(site: tuple[int, int], victim: str, after_s
         outcomes = {name[0]: one.outcome for name, one in record.outcomes.items()}
         assert {outcomes.pop(victim[0]), *outcomes.values()} == {Outcome.FAILED, Outcome.PENDING}
         landed = functools.partial(show.in_phase, phase=Phase.STANDBY)
-        await show.until(lambda: min(map(landed, rest)) == site[1], 120.0)
+        await show.until(lambda: min(map(landed, rest)) == len(site.ids) // len(site.stations), 120.0)
         assert show.violations == 0
 
-    fly_assembled(story, site_config(*site), **BUS)
+    fly_assembled(story, site, **BUS)
 
 
 @pytest.mark.soak
@@ -126,8 +130,8 @@ def test_pads_closed_on_the_way_home_are_left_for_open_places(
     fly_site(story, site_config(2, 4, formation={"radius_m": 8.0, "height_m": 16.0}), **BUS)
 
 
-@pytest.mark.parametrize("site", [SMALL, pytest.param(LARGE, marks=pytest.mark.soak)])
-def test_cut_bus_holds_both_halves_until_it_heals(site: tuple[int, int]) -> None:
+@SITES
+def test_cut_bus_holds_both_halves_until_it_heals(site: Config) -> None:
     async def story(show: SiteShow) -> None:
         show["south"].service.plan.set_orbit(Orbit(10.0, 2.0))
         await show.wait(6.0)
@@ -141,7 +145,7 @@ def test_cut_bus_holds_both_halves_until_it_heals(site: tuple[int, int]) -> None
         assert sum(show.in_phase(name, Phase.FORMATION) for name in show.stations) == len(show.config.ids)
         assert show.violations == 0
 
-    fly_assembled(story, site_config(*site), **BUS)
+    fly_assembled(story, site, **BUS)
 
 
 @pytest.mark.soak
