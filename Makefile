@@ -52,11 +52,12 @@ soak: ready compiled  ## what a week needs: all variants, twenty kills, long flo
 	$(BIN)/pytest -m "realtime and soak" -n 0 --timeout 1800 tests
 	$(BIN)/pytest -m hypothesis --hypothesis-profile=soak -n 0 --timeout 1800 tests
 
-quick: .venv/ready compiled  ## between edits: linters, types, contracts, units, properties, two files of virtual flights
+quick: .venv/ready compiled  ## between edits, in 90 s: linters, types, contracts, short units, properties, two files of flights
 	@$(MAKE) --no-print-directory -j2 --output-sync=target check units
 
 units: .venv/ready
-	$(BIN)/pytest $(COMPUTING) $(addprefix tests/,unit properties flight/test_show_flight.py flight/test_group_commands.py)
+	$(BIN)/pytest $(COMPUTING) -m "not soak and not long" --hypothesis-profile=quick \
+	  $(addprefix tests/,unit properties flight/test_show_flight.py flight/test_group_commands.py)
 
 console: api/console/dist/index.html  ## the operator's page, built by Node from a wheel of its own
 

@@ -3,6 +3,7 @@
 import json
 import sys
 from collections.abc import Sequence
+from functools import cache
 from http import HTTPStatus
 from pathlib import Path
 from typing import Final
@@ -12,6 +13,7 @@ from fastapi.exceptions import RequestValidationError
 from starlette.exceptions import HTTPException
 from starlette.requests import Request
 from starlette.responses import Response
+from starlette.routing import BaseRoute
 
 from gcs.api import console_files as page
 from gcs.api import metrics
@@ -70,6 +72,15 @@ def create_app(
 def routed(*, demands_tokens: bool = True) -> FastAPI:
     """Create an app with every route for its OpenAPI document, without a service: no route can be called."""
     app = DescribedApp(demands_tokens)
+    app.routes.extend(_routes())
+    return app
+
+
+@cache
+def _routes() -> Sequence[BaseRoute]:
+    """All but the console's, shared by all apps: FastAPI builds their models with the first request."""
+    app = DescribedApp(demands_tokens=True)
+    of_the_document = len(app.routes)
     app.include_router(fleet.health)
     app.include_router(metrics.router)
     routers = (
@@ -84,7 +95,7 @@ def routed(*, demands_tokens: bool = True) -> FastAPI:
     )
     for router in routers:
         app.include_router(router, prefix="/api/v1")
-    return app
+    return app.routes[of_the_document:]
 
 
 async def _on_gcs_error(_request: Request, error: Exception) -> Response:

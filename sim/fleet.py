@@ -88,6 +88,7 @@ class Fleet:
         for row in range(count):
             self._boot(row, start_s)
         self.sensors = self._sense()
+        self._reported_now: Sensors | None = None
 
     @property
     def bodies(self) -> Bodies:
@@ -133,6 +134,7 @@ class Fleet:
     def take_frames(self, *, streams: bool = True) -> Sent:
         """Frames that each vehicle (by row) sends now: answers and texts, and with `streams` the streams."""
         sent: Sent = {}
+        self._reported_now = None
         for row, item in self._outbox.take(self.time_s):
             if isinstance(item, int):
                 self._report(item, np.array([row]), sent)
@@ -199,7 +201,12 @@ class Fleet:
         )
 
     def _reported(self) -> Sensors:
-        """What messages say of the estimates: the same, but for faults of the reports alone."""
+        """What messages say of the estimates, once for all of one call of `take_frames`."""
+        self._reported_now = self._reported_now or self._with_faults()
+        return self._reported_now
+
+    def _with_faults(self) -> Sensors:
+        """The estimates, but for faults of the reports alone."""
         state, sensors = self.state, self.sensors
         repeats = ~np.isnan(state.repeated_m[:, 0])
         if not repeats.any() and (state.velocity_times == 1.0).all():

@@ -40,7 +40,8 @@ class Settings:
     `rates_hz` are those that PX4 sends without a request. `version` is one of sim.vehicle.versions, as
     "1.16", of a mixed fleet "1.16,4.5"; "" is as recorded. Parameters begin as in the autopilot's
     simulator, or `as_delivered` in its firmware. `clock_rate` is the rate of ArduPilot's clocks, which are
-    its simulator's, over the wall clock.
+    its simulator's, over the wall clock. Streams of vehicles with PX4 have random phases, or with
+    `together` the same ones, which takes less time.
     """
 
     autopilot: Autopilot = "px4"
@@ -66,6 +67,7 @@ class Settings:
     parameters: Mapping[str, Value | Sequence[Value]] = field(default_factory=dict)
     quirks: Quirks = Quirks()
     rates_hz: Mapping[int, float] = field(default_factory=lambda: RECORDED_HZ)
+    together: bool = False
 
     def parameters_of(self, index: int) -> dict[str, Value]:
         """Those that are given for vehicle `index`, counted from 0."""

@@ -21,8 +21,8 @@ from tests.support.machine import restrict_at_usual_priority
 gc.disable()  # until collection ends: a quarter of its time
 
 # The same examples in every run, and no clock that a busy machine would fail.
-# `make soak` takes ten times as many.
-for profile, examples in (("machine", 100), ("soak", 1000)):
+# `make soak` takes ten times as many, `make quick` a fifth.
+for profile, examples in (("quick", 20), ("machine", 100), ("soak", 1000)):
     settings.register_profile(
         profile,
         max_examples=examples,
@@ -67,6 +67,7 @@ def pytest_configure(config: pytest.Config) -> None:
         "markers",
         "keeps(*names): all but these tests or combinations of parameters are run by `make soak` only",
     )
+    config.addinivalue_line("markers", "long: a unit test of more than a second, and no part of `make quick`")
     config.addinivalue_line("markers", "computes: not a real-time test, whatever its folder")
     config.addinivalue_line(
         "markers",

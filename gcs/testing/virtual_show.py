@@ -379,8 +379,8 @@ class VirtualFlight:
         autopilot = kinds[0] if len(kinds) == 1 else "mixed"  # in turn
         self._step_s = step_s or (TICK_STEP_S if kinds == [DEFAULT.name] else FLEET_STEP_S)
         soon = SOON_DISARMED if DEFAULT.name in kinds else {}
-        usual = {"grid_columns": 2, "rates_hz": STREAMS_HZ, "quirks": READY_AT_ONCE, "autopilot": autopilot}
-        self._settings = {"count": len(plan.ids), **usual, **fleet_settings}
+        usual = {"grid_columns": 2, "rates_hz": STREAMS_HZ, "together": True, "quirks": READY_AT_ONCE}
+        self._settings = {"count": len(plan.ids), "autopilot": autopilot, **usual, **fleet_settings}
         self._settings["parameters"] = {**soon, **proper, **fleet_settings.get("parameters", {})}
         self._loop = VirtualLoop()
         self._show, self._services = self._loop.play(self._begin(plan, failures, record, heart))

@@ -151,6 +151,7 @@ class VirtualStation:
             namespace_size=count,
             seed=7,
             rates_hz=STREAMS_HZ,
+            together=True,
             quirks=READY_AT_ONCE,
             parameters={**SOON_DISARMED, **settings_of(site)},
             **placed,

@@ -46,7 +46,7 @@ class Px4:
         drag_per_s = Response().drag_per_s if settings.drag_per_s is None else settings.drag_per_s
         self.bodies = PointMasses(position_m, step_s, Response(drag_per_s=drag_per_s))
         self.state = State(settings.count, math.remainder(math.radians(settings.heading_deg), math.tau))
-        self.schedule = Schedule(settings.count, settings.rates_hz)
+        self.schedule = Schedule(settings.count, settings.rates_hz, together=settings.together)
         shared = Shared(
             self.state,
             self.schedule,
@@ -86,7 +86,7 @@ class Px4:
         self._estimator.boot(row, random)
 
     def start_streams(self, row: int, now_s: float, random: np.random.Generator) -> None:
-        """All of PX4's streams, each at a random phase of its own."""
+        """All of PX4's streams, each at a random phase."""
         self.schedule.start(row, now_s, random)
 
     def step(self, sensors: Sensors, awake: Mask, disturbance: Disturbance, step_s: float) -> None:

@@ -86,15 +86,17 @@ class Receiver:
             if setpoints is None:
                 return set()
         messages, sender, good = setpoints
-        counts = [len(batch[place][1]) // frames.SETPOINT_FRAME for place in places]
-        owner = np.repeat(np.arange(len(places)), counts)
-        plain = good & (messages["target_system"] != BROADCAST)
-        fit = np.ones(len(places), dtype=np.bool_)
-        fit[owner[~plain]] = False
-        circle = np.array([batch[place][0] for place in places])[owner]
-        row = self._row_of[circle, messages["target_system"]].astype(np.intp)
-        component = messages["target_component"]
-        meant = fit[owner] & (row != NO_ROW)
+        system, component = messages["target_system"], messages["target_component"]
+        circle = np.array([batch[place][0] for place in places])
+        meant = fit = good & (system != BROADCAST)
+        if len(messages) > len(places):  # some datagrams have several
+            counts = [len(batch[place][1]) // frames.SETPOINT_FRAME for place in places]
+            owner = np.repeat(np.arange(len(places)), counts)
+            fit = np.ones(len(places), dtype=np.bool_)
+            fit[owner[~meant]] = False
+            circle, meant = circle[owner], fit[owner]
+        row = self._row_of[circle, system].astype(np.intp)
+        meant = meant & (row != NO_ROW)
         if not self._any_component:
             meant &= (component == BROADCAST) | (component == AUTOPILOT_COMPONENT)
         itself = (sender[:, 0] == self._state.system_id[row]) & (sender[:, 1] == AUTOPILOT_COMPONENT)

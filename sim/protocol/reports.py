@@ -45,6 +45,15 @@ THROTTLE_HOVER = 0.5
 NAN = math.nan
 
 
+def _diagonal(*values: float) -> list[float]:
+    """The upper triangle of a 6 x 6 covariance of which only the diagonal is known."""
+    return [values[row] if row == column else NAN for row in range(6) for column in range(row, 6)]
+
+
+POSE_COVARIANCE = _diagonal(0.0403, 0.0404, 0.0769, 3.5e-4, 3.6e-4, 0.0155)
+VELOCITY_COVARIANCE = _diagonal(0.0084, 0.0084, 0.0045, NAN, NAN, NAN)
+
+
 def heartbeat(s: Snapshot) -> Fields:
     state, rows = s.state, s.rows
     mode, armed = state.mode[rows], state.armed[rows]
@@ -197,8 +206,8 @@ def odometry(s: Snapshot) -> Fields:
         "q": _quaternion(*s.tilt_rad, s.yaw_rad),
         **_split(("x", "y", "z"), s.position_m),
         **_split(("vx", "vy", "vz"), s.velocity_m_s),
-        "pose_covariance": _diagonal(0.0403, 0.0404, 0.0769, 3.5e-4, 3.6e-4, 0.0155),
-        "velocity_covariance": _diagonal(0.0084, 0.0084, 0.0045, NAN, NAN, NAN),
+        "pose_covariance": POSE_COVARIANCE,
+        "velocity_covariance": VELOCITY_COVARIANCE,
         "reset_counter": s.state.reset_counter[s.rows],
         "estimator_type": 8,
     }
@@ -302,8 +311,3 @@ def _quaternion(roll_rad: Array, pitch_rad: Array, yaw_rad: Array) -> Array:
         cr * cp * sy - sr * sp * cy,
     )
     return np.stack(parts, axis=1)
-
-
-def _diagonal(*values: float) -> list[float]:
-    """The upper triangle of a 6 x 6 covariance of which only the diagonal is known."""
-    return [values[row] if row == column else NAN for row in range(6) for column in range(row, 6)]

@@ -8,8 +8,11 @@ from gcs.sim.vehicle.state import Rows, State
 
 LOCAL_NED, BODY_NED = 1, 8  # MAV_FRAME
 IGNORE_YAW, IGNORE_YAW_RATE = 0x400, 0x800
-AXES = 9  # of position, velocity and acceleration: the lowest bits of the mask, in the order of the payload
-FIRST_AXIS_AT = 4
+NUMBERS_AT, NUMBERS = 4, 11
+"""Of the payload: nine axes of position, velocity and acceleration, yaw and yaw rate."""
+
+IGNORE_BIT = np.array((*range(9), 10, 11), dtype=np.uint16)
+"""Bit of the mask with which each of the numbers is ignored."""
 
 
 def store_setpoints(state: State, rows: Rows, messages: NDArray[np.void]) -> Rows:
@@ -25,10 +28,10 @@ def store_setpoints(state: State, rows: Rows, messages: NDArray[np.void]) -> Row
     supported = (frame == LOCAL_NED) | (frame == BODY_NED)
     if not supported.all():
         rows, messages, frame = rows[supported], messages[supported], frame[supported]
-    messages_si = axes_given(messages)
+    numbers = numbers_given(messages)
+    messages_si = np.ascontiguousarray(numbers[:, :9].reshape(-1, 3, 3).transpose(1, 0, 2))
     position_m, velocity_m_s, acceleration_m_s2 = messages_si
-    mask = messages["type_mask"]
-    yaw_rad: Array = np.where(mask & IGNORE_YAW, np.nan, finite(messages["yaw"]))
+    yaw_rad, rate_rad_s = numbers[:, 9], numbers[:, 10]
     body = frame == BODY_NED
     if body.any():
         heading_rad = state.yaw_rad[rows[body]]
@@ -37,30 +40,30 @@ def store_setpoints(state: State, rows: Rows, messages: NDArray[np.void]) -> Row
         acceleration_m_s2[body] = turned(acceleration_m_s2[body], heading_rad)
         yaw_rad[body] += heading_rad
     given: Mask = ~np.isnan(messages_si)
-    says: Mask = np.any(given, axis=(0, 2))
-    pairs: Mask = np.equal(given[:, :, 0], given[:, :, 1])  # north and east come together
-    flyable: Mask = np.all(pairs, axis=0) & np.all(np.any(given, axis=0), axis=1)
-    received = rows if says.all() else rows[says]
-    state.setpoint_s[received] = state.now_s
-    state.setpoint_seen[received] = True
-    state.setpoint_position_m[received] = position_m[says]
-    state.setpoint_velocity_m_s[received] = velocity_m_s[says]
-    state.setpoint_flyable[received] = flyable[says]
-    state.setpoint_yaw_rad[received] = yaw_rad[says]
-    rate_rad_s = np.where(mask & IGNORE_YAW_RATE, np.nan, finite(messages["yaw_rate"]))
-    state.setpoint_yaw_rate_rad_s[received] = rate_rad_s[says]
-    return rows[~says]
+    axes: Mask = np.any(given, axis=0)
+    says: Mask = np.any(axes, axis=1)
+    pairs: Mask = given[:, :, 0] == given[:, :, 1]  # north and east come together
+    flyable: Mask = np.all(pairs, axis=0) & np.all(axes, axis=1)
+    silent = rows[~says]
+    if len(silent):
+        rows, position_m, velocity_m_s = rows[says], position_m[says], velocity_m_s[says]
+        flyable, yaw_rad, rate_rad_s = flyable[says], yaw_rad[says], rate_rad_s[says]
+    state.setpoint_s[rows] = state.now_s
+    state.setpoint_seen[rows] = True
+    state.setpoint_position_m[rows] = position_m
+    state.setpoint_velocity_m_s[rows] = velocity_m_s
+    state.setpoint_flyable[rows] = flyable
+    state.setpoint_yaw_rad[rows] = yaw_rad
+    state.setpoint_yaw_rate_rad_s[rows] = rate_rad_s
+    return silent
 
 
-def axes_given(messages: NDArray[np.void]) -> Array:
-    """(3, m, 3): positions, velocities and accelerations, NaN where an axis is ignored or not a number."""
-    raw = messages.view(np.uint8).reshape(len(messages), messages.itemsize)[
-        :, FIRST_AXIS_AT : FIRST_AXIS_AT + 4 * AXES
-    ]
-    values = finite(np.ascontiguousarray(raw).view("<f4"))
-    ignored = messages["type_mask"][:, np.newaxis] >> np.arange(AXES, dtype=np.uint16) & 1
-    values[ignored != 0] = np.nan
-    return np.ascontiguousarray(values.reshape(-1, 3, 3).transpose(1, 0, 2))
+def numbers_given(messages: NDArray[np.void]) -> Array:
+    """(m, 11): axes, yaw and yaw rate, NaN where one is ignored or not a number."""
+    raw = messages.view(np.uint8).reshape(len(messages), messages.itemsize)
+    values = np.ascontiguousarray(raw[:, NUMBERS_AT : NUMBERS_AT + 4 * NUMBERS]).view("<f4")
+    ignored = messages["type_mask"][:, np.newaxis] >> IGNORE_BIT & 1
+    return np.where((ignored != 0) | ~np.isfinite(values), np.nan, values.astype(np.float64))
 
 
 def finite(values: NDArray[np.float32]) -> Array:

@@ -64,7 +64,12 @@ class Schedule:
     """The due times of a fleet's messages."""
 
     def __init__(
-        self, count: int, rates_hz: Mapping[int, float], ids: Iterable[int] = tuple(RECORDED_HZ)
+        self,
+        count: int,
+        rates_hz: Mapping[int, float],
+        ids: Iterable[int] = tuple(RECORDED_HZ),
+        *,
+        together: bool = False,
     ) -> None:
         """Nothing is due before start.
 
@@ -72,6 +77,7 @@ class Schedule:
             count: of vehicles.
             rates_hz: of what each vehicle sends without a request.
             ids: of the messages that can be sent as streams.
+            together: all vehicles have the phases of the one that starts first.
         """
         self.default_s = {message_id: 1.0 / rate_hz for message_id, rate_hz in rates_hz.items()}
         self._ids = tuple(ids)
@@ -79,12 +85,16 @@ class Schedule:
         self._interval_s = np.full((len(self._ids), count), np.inf)
         self._due_s = np.full((len(self._ids), count), np.inf)
         self._next_s = math.inf  # none is due earlier
+        self._together = together
+        self._phases: dict[int, float] = {}
 
     def start(self, row: int, now_s: float, random: np.random.Generator) -> None:
-        """Start a vehicle's streams as after booting, each at a random phase of its own."""
+        """Start a vehicle's streams as after booting, each at a random phase."""
         self._interval_s[:, row] = self._due_s[:, row] = np.inf
         for message_id, place in self._places.items():
             phase = random.random()
+            if self._together:
+                phase = self._phases.setdefault(message_id, phase)
             interval_s = self.default_s.get(message_id)
             if interval_s is not None:
                 self._interval_s[place, row] = interval_s

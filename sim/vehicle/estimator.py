@@ -49,9 +49,10 @@ class Estimator:
         """
         state = self.state
         if self.resets:
-            waits_s = np.where(state.mode == Mode.TAKEOFF.number, TAKEOFF_ALIGNED_S, ALIGNED_S)
             due = state.powered & ~state.heading_aligned & (height_m >= ALIGNED_ABOVE_M)
-            due &= state.now_s - state.airborne_since_s >= waits_s
+            if due.any():
+                waits_s = np.where(state.mode == Mode.TAKEOFF.number, TAKEOFF_ALIGNED_S, ALIGNED_S)
+                due &= state.now_s - state.airborne_since_s >= waits_s
             if due.any():
                 state.heading_aligned |= due
                 state.reset_counter += due.astype(np.uint8)

@@ -19,11 +19,11 @@ from tests.integration.test_link_corrections import (
     LINKS,
     SECOND,
     Supplied,
-    fake_fleet,
     supply,
     whole_share,
 )
 from tests.support.machine import free_ports
+from tests.support.processes import vehicles
 
 WHOLE_MIN: Final = 0.99
 RATE_MIN: Final = 0.99
@@ -34,7 +34,7 @@ def supplied(second: list[bytes]) -> tuple[Supplied, float]:
     """Supply 100 vehicles. Returns: what left, and the share of the messages that arrived whole."""
     with tempfile.TemporaryDirectory(prefix="gcs-corrections-") as folder:
         truth = Path(folder) / "truth.jsonl"
-        with fake_fleet(port := free_ports(LINKS * EACH), truth):
+        with vehicles(LINKS * EACH, port := free_ports(LINKS * EACH), Path(folder)):
             found = asyncio.run(supply(port, free_ports(), second))
             time.sleep(0.3)  # the file is written 20 times a second
         return found, whole_share(truth, found.messages) if found.messages else 1.0

@@ -45,6 +45,7 @@ def test_without_lights_the_page_says_why_nothing_blinks(chrome: Browser, tmp_pa
         )
 
 
+@pytest.mark.soak
 def test_corrections_are_shown_and_missed(chrome: Browser, tmp_path: Path) -> None:
     port = free_ports()
     rtk = {"source": f"udp://127.0.0.1:{port}", "age_max_s": 3.0}

@@ -69,6 +69,7 @@ def test_every_operation_is_shown_without_another_origin(docs: Docs, ground: Sta
     assert docs.wrong == []  # no policy was violated, no script failed
 
 
+@pytest.mark.soak
 def test_operation_can_be_tried_and_no_page_frames_the_docs(docs: Docs, ground: Station) -> None:
     block = docs.page.locator("#operations-fleet-list_vehicles")
     block.locator(".opblock-summary-control").click()

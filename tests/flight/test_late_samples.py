@@ -56,7 +56,7 @@ def config(count: int) -> Config:
     )
 
 
-@pytest.mark.parametrize(("count", "seconds"), [(6, 60.0), pytest.param(20, 600.0, marks=pytest.mark.soak)])
+@pytest.mark.parametrize(("count", "seconds"), [(6, 30.0), pytest.param(20, 600.0, marks=pytest.mark.soak)])
 def test_late_datagrams_take_no_vehicle_out(count: int, seconds: float) -> None:
     flown = fly(lambda show: flown_late(show, seconds), config(count), after=running)
     assert set(map(tuple, flown.phases.values())) == {(Phase.FORMATION,)}

@@ -105,14 +105,14 @@ CASES = [
         turn,
         PHASES[turn % len(PHASES)],
         STALLS_S[turn % len(STALLS_S)],
-        marks=() if turn == 3 else pytest.mark.soak,
         id=f"{turn}-{PHASES[turn % len(PHASES)].__name__}-{STALLS_S[turn % len(STALLS_S)]:g}s",
     )
     for turn in range(MOMENTS)
 ]
-"""`make soak` flies all of them: each phase with each length."""
+"""Each phase with each length."""
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(("turn", "into", "stalled_s"), CASES)
 def test_stall_of_a_mixed_fleet_keeps_the_floor(turn: int, into: Into, stalled_s: float) -> None:
     """During the stall, and until one command has brought all home."""

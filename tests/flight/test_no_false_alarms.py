@@ -64,7 +64,7 @@ def alarms_of(
     return fly(story, config(kinds, law, delay_s), **wide)
 
 
-@pytest.mark.keeps("px4")
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("kinds", "law", "delay_s"),
     [

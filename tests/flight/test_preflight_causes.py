@@ -4,6 +4,8 @@ import random
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple, TypeAlias
 
+import pytest
+
 from gcs.estimation.pad_places import SETTLES_S
 from gcs.model.plan import Formation, Obstacle
 from gcs.model.preflight_report import READY, PreflightAction, PreflightReport, Remedy
@@ -20,6 +22,7 @@ MENDED_MAX_S: Final = 35.0
 """What was mended is good by then: a position that jumped back must be steady for 10 s."""
 
 TRIPLES: Final = 30
+"""In `make soak`; six in `make test`."""
 
 Befall: TypeAlias = Callable[[VirtualShow, VehicleId], object]
 
@@ -128,7 +131,8 @@ def described(found: PreflightReport) -> list[str]:
     ]
 
 
-def test_whoever_follows_the_actions_gets_ready() -> None:
+@pytest.mark.parametrize("count", [6, pytest.param(TRIPLES, marks=pytest.mark.soak)])
+def test_whoever_follows_the_actions_gets_ready(count: int) -> None:
     config = show_config(COUNT, formation={"radius_m": RADIUS_M, "height_m": HEIGHT_M}).model_copy(
         update={"tick_rate_hz": 10.0}
     )
@@ -153,7 +157,7 @@ def test_whoever_follows_the_actions_gets_ready() -> None:
         await show.wait(SETTLES_S + 1.0)
         for name in CAUSES:
             singles[name] = await tried(show, [name], [chance.choice(show.config.ids)])
-        for _ in range(TRIPLES):
+        for _ in range(count):
             names = tuple(chance.sample(list(CAUSES), 3))
             triples.append((names, await tried(show, names, chance.sample(show.config.ids, 3))))
 

@@ -114,14 +114,14 @@ def test_named_vehicles_of_all_stations_have_parts_of_their_own(tmp_path: Path) 
         await show.wait(4.0)
         command = show["south"].service.commands.command_show
         with pytest.raises(RefusedError, match="with a vehicle of the leading station north"):
-            command(ShowAction.START, ["s1", "e1"], show_hash=show_hash)
-        command(ShowAction.START, ["e1", "s1", "n1"], show_hash=show_hash)
-        await show.reach(ShowPhase.RUNNING, "north", "south", "east")
+            command(ShowAction.START, ["s1", "s2"], show_hash=show_hash)
+        command(ShowAction.START, ["s2", "s1", "n1"], show_hash=show_hash)
+        await show.reach(ShowPhase.RUNNING)
         await show.wait(1.0)
         for each in show.stations.values():
             run = each.service.player.show.run
             assert run is not None
-            assert run.parts == {"n1": 0, "s1": 1, "e1": 2}
+            assert run.parts == {"n1": 0, "s1": 1, "s2": 2}
         assert show.violations == 0
 
-    fly_site(story, config(tmp_path, 4, 1), **BUS)
+    fly_site(story, config(tmp_path, 2, 2), **BUS)

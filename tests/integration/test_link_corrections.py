@@ -3,13 +3,11 @@
 import asyncio
 import os
 import socket
-import subprocess
-import sys
 import time
 import tty
 from base64 import b64encode
-from collections.abc import Callable, Iterator
-from contextlib import AsyncExitStack, contextmanager, suppress
+from collections.abc import Callable
+from contextlib import AsyncExitStack, suppress
 from pathlib import Path
 from typing import NamedTuple
 
@@ -27,23 +25,12 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.service.features import CorrectionsView
 from tests.support.link_bench import Ticks, running, until
 from tests.support.machine import free_ports
-from tests.support.processes import last_truths
+from tests.support.processes import last_truths, vehicles
 from tests.support.rtcm import BASE, base_message, rtcm
 
 LINKS, EACH, LASTS_S = 4, 25, 10.0
 SECOND = [base_message(), rtcm(1074, 420), rtcm(1084, 180), rtcm(1094, 290), rtcm(1230, 85)]
 """What a base sends in one second: 1000 bytes."""
-
-
-@contextmanager
-def fake_fleet(port: int, truth: Path) -> Iterator[None]:
-    count = LINKS * EACH
-    words = ("--port-base", str(port), "--count", str(count), "--truth", str(truth))
-    with subprocess.Popen([sys.executable, "-m", "gcs.sim", *words], stdout=subprocess.PIPE) as process:
-        assert process.stdout is not None
-        process.stdout.readline()
-        yield
-        process.terminate()
 
 
 def a_link(number: int, port: int) -> NativeLink:
@@ -116,7 +103,7 @@ def whole_share(truth: Path, messages: int) -> float:
 
 def test_hundred_vehicles_on_four_links_get_whole_messages(tmp_path: Path) -> None:
     truth = tmp_path / "truth.jsonl"
-    with fake_fleet(port := free_ports(LINKS * EACH), truth):
+    with vehicles(LINKS * EACH, port := free_ports(LINKS * EACH), tmp_path):
         supplied = asyncio.run(supply(port, free_ports(), SECOND))
         time.sleep(0.3)  # the file is written 20 times a second
     view = supplied.view

@@ -1,11 +1,7 @@
 """Colours over real UDP: the fake vehicles write what they received into their truth file."""
 
 import asyncio
-import subprocess
-import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -20,20 +16,9 @@ from gcs.mavlink.lights import LightDriver
 from gcs.model.frames import ShowFrame
 from tests.support.link_bench import AnyLink, Ticks, ready, running
 from tests.support.machine import free_ports
-from tests.support.processes import last_truths
+from tests.support.processes import last_truths, vehicles
 
 COUNT, RATE_HZ, LASTS_S = 12, 4.0, 5.0
-
-
-@contextmanager
-def fake_fleet(port: int, truth: Path) -> Iterator[None]:
-    words = ("--port-base", str(port), "--count", str(COUNT), "--truth", str(truth))
-    command = [sys.executable, "-m", "gcs.sim", *words]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        process.stdout.readline()
-        yield
-        process.terminate()
 
 
 def a_link(kind: type[AnyLink], port: int) -> AnyLink:
@@ -64,11 +49,10 @@ async def shine(link: AnyLink, driver: LightDriver) -> tuple[int, list[int]]:
 def test_fake_vehicles_show_the_colours_sent(
     kind: type[AnyLink], driver: LightDriver, tmp_path: Path
 ) -> None:
-    truth = tmp_path / "truth.jsonl"
-    with fake_fleet(port := free_ports(COUNT), truth):
+    with vehicles(COUNT, port := free_ports(COUNT), tmp_path):
         sent, last = asyncio.run(shine(a_link(kind, port), driver))
-    vehicles = last_truths(truth)
-    received = sum(int(str(each["lights_received"])) for each in vehicles)
+    truths = last_truths(tmp_path / "truth.jsonl")
+    received = sum(int(str(each["lights_received"])) for each in truths)
     print(f"{kind.__name__} {driver}: {received} of {sent} received, {sent / COUNT / LASTS_S:.2f} Hz")  # noqa: T201
     assert received >= 0.95 * sent
-    assert [int(str(each["light"])[1:], 16) for each in vehicles] == last
+    assert [int(str(each["light"])[1:], 16) for each in truths] == last

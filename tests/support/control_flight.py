@@ -2,20 +2,20 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 from itertools import pairwise
 
 import numpy as np
 
 from gcs.control import ControlSettings, Memory, Task, Tasks, Tick, tick
 from gcs.flight.commands.commander import STOPS_WITHIN_S
-from gcs.formation.repulsion import best_configuration, energy, nearest_m
+from gcs.formation.repulsion import energy, nearest_m
 from gcs.model.plan import Formation, Plan
 from gcs.model.state import Array, FleetState, Mask, Traits
 from gcs.planning.return_paths.paths import is_above, may_hand_over
 from gcs.safety.floor import minimum_separation
 from gcs.sim.vehicle.dynamics import PointMasses, Response
 from gcs.sim.vehicle.sensors import draw_errors, step_errors
+from gcs.simulation.reference_shapes import best
 from gcs.simulation.simulated_flight import HANDOVER_HEIGHT_M
 from gcs.simulation.world import TOUCHDOWN_M_S
 
@@ -194,12 +194,6 @@ def closest_m_and_violations(history: list[Sample]) -> tuple[float, int]:
     return min(distance_m for distance_m, _ in seen), sum(inside for _, inside in seen)
 
 
-@cache
-def best_shape(count: int) -> Array:
-    """The best known configuration, computed once."""
-    return best_configuration(count)
-
-
 def shape(history: list[Sample]) -> tuple[float, float, float]:
     """Energy and nearest ratio of the mean positions about the centre; largest mean radius error in m."""
     offset_m = np.array([sample.position_m - sample.center_m for sample in history])
@@ -207,10 +201,10 @@ def shape(history: list[Sample]) -> tuple[float, float, float]:
     error_m = np.abs(np.linalg.norm(offset_m, axis=2) - radius_m[:, None]).mean(axis=0).max()
     mean_m = offset_m.mean(axis=0)
     direction = mean_m / np.linalg.norm(mean_m, axis=1, keepdims=True)
-    best = best_shape(len(direction))
+    ideal = best(len(direction))
     return (
-        energy(direction) / energy(best),
-        nearest_m(direction) / nearest_m(best),
+        energy(direction) / energy(ideal),
+        nearest_m(direction) / nearest_m(ideal),
         float(error_m),
     )
 

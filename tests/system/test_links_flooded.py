@@ -7,6 +7,8 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
+import pytest
+
 from gcs.links.batch_link import Link
 from gcs.service.alarms import AlarmCause
 from tests.support.flooded_flight import FloodedFlight, assert_setpoints_went_on, in_formation
@@ -55,6 +57,7 @@ async def fly_and_flood(
         return flight.links, began_s, time.monotonic()
 
 
+@pytest.mark.soak
 def test_links_flooded(tmp_path: Path) -> None:
     ticks = TickTimes()
     with Pauses() as machine:

@@ -93,6 +93,7 @@ async def fly_and_stop(folder: Path, stop: Stop) -> tuple[MavsdkLink, float, lis
     return link, last_tick_s, phases
 
 
+@pytest.mark.keeps("block_the_loop")
 @pytest.mark.parametrize("stop", [block_the_loop, end_the_tick])
 def test_setpoints_stop_with_control_and_the_failsafe_begins(tmp_path: Path, stop: Stop) -> None:
     with Pauses() as machine:

@@ -103,9 +103,9 @@ def test_a_tree_that_looks_like_px4s_passes(tmp_path: Path, transport: str) -> N
     assert 0.0 < figures["simulated_per_wall_s"] < 1.1
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
-    ("version", "story", "count", "landed"),
-    [("4.0", "short", 2, 2), pytest.param("4.7", "whole", 4, 3, marks=pytest.mark.soak)],
+    ("version", "story", "count", "landed"), [("4.0", "short", 2, 2), ("4.7", "whole", 4, 3)]
 )
 def test_a_tree_that_looks_like_ardupilots_passes(
     tmp_path: Path, version: str, story: str, count: int, landed: int

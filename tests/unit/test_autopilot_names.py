@@ -64,6 +64,7 @@ def places(source: str) -> list[str]:
     ]
 
 
+@pytest.mark.long
 def test_only_profiles_know_which_autopilot_a_vehicle_has() -> None:
     files = [
         path

@@ -77,6 +77,7 @@ def found() -> dict[str, str]:
     return sources(ROOT)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("feature", FEATURES)
 def test_few_files_beside_its_own_name_a_feature(feature: str, found: dict[str, str]) -> None:
     words, own, own_max, others_max = FEATURES[feature]

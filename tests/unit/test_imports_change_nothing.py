@@ -5,9 +5,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 
 
+@pytest.mark.long
 def test_no_import_changes_another_package_or_the_process() -> None:
     command = [sys.executable, "-m", "tests.support.every_module"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)

@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[2]
 SECTION = "### Modules that a position passes to become a setpoint"
 UNSEEN = ("endpoint", "send over MAVSDK")
@@ -20,6 +22,7 @@ def rows(head: str) -> list[list[str]]:
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
 
 
+@pytest.mark.long
 def test_the_page_has_the_modules_that_a_tick_enters() -> None:
     words = [sys.executable, "-W", "ignore", "-m", "tests.bench.tick_modules"]
     entered = subprocess.run(words, cwd=ROOT, capture_output=True, text=True, check=True).stdout.split()

@@ -6,12 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from gcs.formation.repulsion import best_configuration, energy, nearest_m
+from gcs.formation.repulsion import energy, nearest_m
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array, Mask
 from gcs.recording.trajectories import interpolated, read_true_states
 from gcs.safety.floor import Floor, minimum_separation, pairs_that_count, scaled_distance_m
+from gcs.simulation.reference_shapes import best
 
 SAMPLE_S = 0.02
 LARGE, LARGE_SAMPLE_S = 100, 0.05
@@ -89,10 +90,10 @@ def shape(truth: GroundTruth, commanded: Commanded) -> dict[str, float]:
     center_m = sphere_center_m(mean_m)
     direction = mean_m - center_m
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    best = best_configuration(len(direction))
+    ideal = best(len(direction))
     return {
-        "energy_ratio": energy(direction) / energy(best),
-        "nearest_ratio": nearest_m(direction) / nearest_m(best),
+        "energy_ratio": energy(direction) / energy(ideal),
+        "nearest_ratio": nearest_m(direction) / nearest_m(ideal),
         "radius_error_m": float(error_m),
         "center_error_m": float(np.linalg.norm(center_m)),
     }

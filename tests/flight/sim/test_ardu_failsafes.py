@@ -20,12 +20,8 @@ CRITICAL, ACTIVE = 5, 4
 pytestmark = pytest.mark.keeps(
     "test_heartbeat_loss_of_sysid_mygcs_acts_despite_setpoints[1-6]",
     "test_a_critical_battery_lands_and_blocks_arming_until_reboot",
-    "test_a_low_battery_returns_once_and_guided_is_kept",
-    "test_the_fence_bends_the_velocity_without_a_text[250.0]",
-    "test_a_breach_acts_without_a_text_where_nothing_avoids[1-6]",
     "test_lost_gps_holds_8_2_s_on_inertia_then_lands",
     "test_kill_stops_the_motors_and_landed_state_lies[how0]",
-    "test_a_lost_transmitter_returns_after_half_a_second",
 )
 """The other habits are for `make soak`."""
 

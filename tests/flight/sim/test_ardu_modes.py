@@ -22,7 +22,6 @@ pytestmark = pytest.mark.keeps(
     "test_setpoints_are_ignored_outside_guided",
     "test_each_mode_goes_on_so_far_and_takes_no_setpoints[9-2.4-3.2]",
     "test_land_from_ten_metres_takes_20_s_and_disarms",
-    "test_rtl_climbs_to_rtl_alt_flies_home_waits_and_lands",
     "test_unknown_commands_are_unsupported",
 )
 """The other habits are for `make soak`."""

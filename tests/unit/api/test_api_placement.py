@@ -1,6 +1,7 @@
 """The placement of a drawn show over REST: its pads beside the vehicles, fitted, moved, checked again."""
 
 from pathlib import Path
+from shutil import copytree
 
 import httpx
 import pytest
@@ -14,18 +15,25 @@ SHIPPED = (shipped_folder() / "shows" / "drawn-30.skyc").read_bytes()
 PLACEMENT = "/api/v1/shows/night/placement"
 
 
+@pytest.fixture(scope="module")
+def imported(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of shows after the import, which is a process of its own."""
+    folder = tmp_path_factory.mktemp("imported")
+    api = Api(FakeService(30, folder=folder))
+    answer = api("POST", "/api/v1/shows?name=night&format=skyc&origin=service", content=SHIPPED)
+    assert answer.status_code == 201, answer.text
+    return folder
+
+
 @pytest.fixture
-def service(tmp_path: Path) -> FakeService:
+def service(imported: Path, tmp_path: Path) -> FakeService:
     """Thirty vehicles on the ground, 5 m apart along y."""
-    return FakeService(30, folder=tmp_path / "shows")
+    return FakeService(30, folder=copytree(imported, tmp_path / "shows"))
 
 
 @pytest.fixture
 def api(service: FakeService) -> Api:
-    api = Api(service)
-    answer = api("POST", "/api/v1/shows?name=night&format=skyc&origin=service", content=SHIPPED)
-    assert answer.status_code == 201, answer.text
-    return api
+    return Api(service)
 
 
 def detail(answer: httpx.Response, status: int) -> str:

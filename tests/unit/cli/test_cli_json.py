@@ -5,7 +5,6 @@ import json
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -19,14 +18,10 @@ from tests.support.machine import free_ports
 NO_SERVICE = "http://127.0.0.1:9"
 
 
-def every_command() -> Iterator[tuple[str, Parser]]:
-    """The whole name and the parser of each command that takes no further one."""
-    for leaf in whole_parser().leaves():
-        yield leaf.prog.removeprefix("gcs "), leaf
+PARSERS: dict[str, Parser] = {leaf.prog.removeprefix("gcs "): leaf for leaf in whole_parser().leaves()}
+"""The parser of each command that takes no further one, by its whole name."""
 
-
-COMMAND_NAMES = [name for name, _ in every_command()]
-ASKING = [name for name, leaf in every_command() if "--url" in leaf.format_help()]
+ASKING = [name for name, leaf in PARSERS.items() if "--url" in leaf.format_help()]
 
 
 def error_of(captured: str) -> dict[str, object]:
@@ -65,25 +60,24 @@ def words_for(leaf: Parser) -> list[str]:
 
 
 def test_there_are_commands_to_look_at() -> None:
-    assert len(COMMAND_NAMES) > 75
+    assert len(PARSERS) > 75
     assert len(ASKING) > 55
-    assert {"show check", "token list", "sim", "playback set", "confirm-down"} <= set(COMMAND_NAMES)
+    assert {"show check", "token list", "sim", "playback set", "confirm-down"} <= set(PARSERS)
 
 
-@pytest.mark.parametrize("name", COMMAND_NAMES)
+@pytest.mark.parametrize("name", PARSERS)
 def test_every_command_reports_wrong_arguments_as_json(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     code, error = wrong(f"{name} --no-such-option --json", capsys)
     assert code == 2
     assert error["detail"]
-    (leaf,) = (each for other, each in every_command() if other == name)
-    assert JSON in leaf.format_help()
+    assert JSON in PARSERS[name].format_help()
 
 
 @pytest.mark.parametrize("name", ASKING)
 def test_every_remote_command_reports_no_service_as_json(
     name: str, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
-    (leaf,) = (each for other, each in every_command() if other == name)
+    leaf = PARSERS[name]
     words = words_for(leaf) or (["1"] if "VEHICLE" in leaf.format_usage() else [])
     upload = tmp_path / "show.yaml"
     upload.write_text("show: x\n")

@@ -16,12 +16,12 @@ from gcs.cli.demo.demo_report import (
     shape,
     summary,
 )
-from gcs.formation.repulsion import best_configuration
 from gcs.model.errors import GcsError
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array
 from gcs.safety.floor import Floor
+from gcs.simulation.reference_shapes import best
 
 FLOOR = Floor(horizontal_m=2.0, vertical_m=3.0, margin_m=1.0, uncertainty_m=0.0, pad_height_m=2.0)
 TIME_S = np.arange(0.0, 10.0, 0.02)
@@ -87,7 +87,7 @@ def test_initial_violation_counts_and_lasting_counts_once() -> None:
 
 def test_shape_is_of_mean_positions_without_noise() -> None:
     center = np.array([3.0, -2.0, -30.0])
-    places = center + 10.0 * best_configuration(8)
+    places = center + 10.0 * best(8)
     shaken = flight(*places) + np.random.default_rng(1).normal(scale=0.3, size=(len(TIME_S), 8, 3))
     figures = shape(truth(shaken), commanded(center, 10.0, np.zeros(2)))
     assert figures["energy_ratio"] == pytest.approx(1.0, abs=1e-3)
@@ -99,7 +99,7 @@ def test_shape_is_of_mean_positions_without_noise() -> None:
 def test_a_whole_formation_that_is_low_keeps_its_shape(count: int) -> None:
     """ArduCopter's barometer: every vehicle 4.7 % lower than reported."""
     center = np.array([3.0, -2.0, -25.0])
-    low = center + 10.0 * best_configuration(count) + (0.0, 0.0, 1.2)
+    low = center + 10.0 * best(count) + (0.0, 0.0, 1.2)
     figures = shape(truth(flight(*low)), commanded(center, 10.0, np.zeros(2)))
     assert figures["energy_ratio"] == pytest.approx(1.0, abs=1e-6)
     assert figures["nearest_ratio"] == pytest.approx(1.0, abs=1e-6)

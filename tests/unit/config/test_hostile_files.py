@@ -71,6 +71,7 @@ def test_command_line_refuses_a_yaml_bomb_in_one_line(
     assert "line 1: column 8" in capsys.readouterr().err
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -82,6 +82,7 @@ def test_vehicle_leaves_a_u_of_columns_and_arrives() -> None:
     assert least_m.min() > min(least_m[0], KEPT_M) - 0.3
 
 
+@pytest.mark.long
 def test_vehicle_climbs_out_of_a_ring_of_columns() -> None:
     ring = np.array([column(9.0 * np.cos(turn), 9.0 * np.sin(turn)) for turn in np.arange(0.0, 6.28, 0.4)])
     goal_m = np.array([[30.0, 0.0, -10.0]])

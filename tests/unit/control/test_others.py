@@ -8,9 +8,10 @@ import pytest
 from gcs.control import ControlSettings, Memory, Task, Tasks, tick
 from gcs.control.inputs import FormationState
 from gcs.control.others import Others
-from gcs.formation.repulsion import best_configuration, energy
+from gcs.formation.repulsion import energy
 from gcs.model.plan import Formation, Orbit, Plan
 from gcs.model.state import Array, FleetState, Traits
+from gcs.simulation.reference_shapes import best
 
 COUNT, OURS, RADIUS_M = 24, 10, 15.0
 PLAN = Plan(Formation(RADIUS_M, 30.0), Orbit(20.0, 1.0))
@@ -44,7 +45,7 @@ def others_of(ids: tuple[str, ...], position_m: Array, *, formed: bool = True) -
 
 
 def on_sphere() -> Array:
-    return CENTER_M + RADIUS_M * best_configuration(COUNT)
+    return CENTER_M + RADIUS_M * best(COUNT)
 
 
 def test_only_own_vehicles_get_setpoints() -> None:
@@ -69,7 +70,7 @@ def test_shape_of_all_is_the_best_for_all() -> None:
         others = others_of(IDS[OURS:], position_m[OURS:])
         memory = tick(ours, tasks, PLAN, traits, memory, SETTINGS, others=others).memory
         position_m = CENTER_M + RADIUS_M * np.where(np.isnan(memory.place), 0.0, memory.place)
-    assert energy(memory.place) <= 1.002 * energy(best_configuration(COUNT))
+    assert energy(memory.place) <= 1.002 * energy(best(COUNT))
 
 
 @pytest.mark.parametrize("task", [Task.FORMATION, Task.NONE])

@@ -6,6 +6,7 @@ from dataclasses import replace
 from multiprocessing import get_context
 
 import numpy as np
+import pytest
 
 from gcs.control import ControlSettings, Memory, Task, Tasks, tick, warm_up
 from gcs.formation.orbit import Center
@@ -109,6 +110,7 @@ def compiled_in_the_air() -> list[str]:
     return [name for name, many in signatures().items() if many != before.get(name, 0)]
 
 
+@pytest.mark.long
 def test_nothing_is_compiled_in_the_air() -> None:
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as fresh:  # other tests compile other types
         assert fresh.submit(compiled_in_the_air).result() == []

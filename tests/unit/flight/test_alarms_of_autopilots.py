@@ -12,7 +12,8 @@ from gcs.model.lifecycle import Event, Phase
 from gcs.model.state import Landed, Mode, Setpoints, StatusText
 from gcs.safety.floor import Floor
 from gcs.service.alarms import Alarm, AlarmSeverity
-from tests.unit.flight.test_assembled import CENTER_M, RADIUS_M, at, best, flight
+from gcs.simulation.reference_shapes import best
+from tests.unit.flight.test_assembled import CENTER_M, RADIUS_M, at, flight
 
 COUNT = 4
 LAND_NOW = "Compass needs calibration - Land now!"

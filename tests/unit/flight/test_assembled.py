@@ -2,7 +2,6 @@
 
 import tracemalloc
 from dataclasses import replace
-from functools import cache, partial
 
 import numpy as np
 import pytest
@@ -11,14 +10,13 @@ from gcs.config.schema import Config
 from gcs.control import Memory, Task
 from gcs.flight.state.flight import SETTLES_S, Flight, stands
 from gcs.formation.orbit import Center
-from gcs.formation.repulsion import best_configuration
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import LawName
 from gcs.model.state import Array, FleetState, Telemetry
+from gcs.simulation.reference_shapes import best
 from tests.support.silent_link import SilentLink
 
 CENTER_M, RADIUS_M = np.array([3.0, 1.0, -20.0]), 8.0
-best = cache(partial(best_configuration, starts=4))
 
 
 class Climbing(SilentLink):

@@ -7,11 +7,11 @@ import pytest
 
 from gcs.formation.article import ForceSettings, flown_velocity, scheduled, sphere_force
 from gcs.formation.orbit import orbit_velocity
-from gcs.formation.repulsion import best_configuration
 from gcs.formation.steering import LEFT, RIGHT, tangent
 from gcs.model.plan import Direction
 from gcs.model.state import Array
 from gcs.simulation.article_forces import formation_force
+from gcs.simulation.reference_shapes import best
 from tests.support.article import orbit_potential, side_of_table_2, sphere_potential
 
 SETTINGS = ForceSettings()
@@ -82,7 +82,7 @@ def test_table_2_takes_the_other_side_beyond_both_tangents() -> None:
 @pytest.mark.parametrize("count", [2, 8, 20, 50])
 def test_best_shape_is_at_rest_on_the_sphere_for_any_count(count: int) -> None:
     """The radial part of the printed repulsion moves the rest outside the sphere; the flown law does not."""
-    place = CENTER_M + RADIUS_M * best_configuration(count, starts=2)  # any minimum is at rest
+    place = CENTER_M + RADIUS_M * best(count)  # any minimum is at rest
     velocity, _ = flown(place)
     assert np.linalg.norm(velocity, axis=1).max() < 2e-3
     printed = formation_force(

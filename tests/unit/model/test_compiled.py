@@ -33,6 +33,7 @@ def answer(folder: Path) -> float:
     return float(done.stdout)
 
 
+@pytest.mark.long
 def test_change_in_a_called_kernel_recompiles_its_caller(tmp_path: Path) -> None:
     (tmp_path / "caller.py").write_text(CALLER)
     (tmp_path / "callee.py").write_text(CALLEE.format(factor=2.0))
@@ -58,6 +59,7 @@ def test_code_is_kept_beside_its_package(tmp_path: Path, monkeypatch: pytest.Mon
     assert kept_beside(tmp_path).is_relative_to(tmp_path)
 
 
+@pytest.mark.long
 def test_flight_needs_no_linear_algebra_of_scipy() -> None:
     script = (
         "import sys; from gcs.cli.service.memory import save_memory; save_memory();"
@@ -69,6 +71,7 @@ def test_flight_needs_no_linear_algebra_of_scipy() -> None:
     assert done.stdout.split() == ["False", "scipy.linalg.cython_blas"]
 
 
+@pytest.mark.long
 def test_loaded_kernel_can_be_called_by_a_new_one(tmp_path: Path) -> None:
     """Its LLVM module was dropped when it was loaded, and is made again."""
     (tmp_path / "callee.py").write_text(CALLEE.format(factor=2.0))

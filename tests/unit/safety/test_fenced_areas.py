@@ -33,6 +33,8 @@ def flown(area: FencedArea, start_m: Corner, velocity_m_s: Corner, seconds: floa
         )
         velocity = desired_m_s.copy()
         for _ in range(50):
+            if (found.normal @ velocity >= found.bound_m_s).all():
+                break
             for normal, bound_m_s in zip(found.normal, found.bound_m_s, strict=True):
                 velocity += max(bound_m_s - normal @ velocity, 0.0) * normal
         place_m = place_m + TICK_S * velocity

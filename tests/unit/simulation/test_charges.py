@@ -10,6 +10,7 @@ from gcs.simulation.reference_shapes import best, best_figures, energy_and_gradi
 UNLIKE = (1.0, 0.7, 1.4, 1.0, 0.7)
 
 
+@pytest.mark.long
 def test_pair_energy_is_charge_product_over_distance() -> None:
     opposite = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
     assert energy_and_nearest(opposite, np.array([2.0, 3.0])) == pytest.approx((3.0, 2.0))

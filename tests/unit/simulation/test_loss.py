@@ -56,6 +56,7 @@ def test_too_many_lost_vehicles_end_the_flight_as_in_reality() -> None:
     assert report(record)["failsafes"]
 
 
+@pytest.mark.long
 @pytest.mark.keeps("pause")
 @pytest.mark.parametrize("action", ["pause", "land"])
 def test_a_lost_vehicle_pauses_or_lands_the_others(action: str) -> None:

@@ -27,6 +27,7 @@ def flown(stations: int) -> dict[str, object]:
     )
 
 
+@pytest.mark.soak
 def test_four_stations_fly_the_shape_that_one_flies() -> None:
     one, four = flown(1), flown(4)
     for figures in (one, four):
