@@ -13,6 +13,21 @@ from tests.support.machine import free_ports
 
 
 @pytest.mark.soak
+@pytest.mark.parametrize("kind", ["nmea", "gpsd", "cot", "mavlink"])
+def test_demo_follows_a_target_that_reports_itself(kind: str) -> None:
+    command = [sys.executable, "-m", "gcs", "demo", "--target", kind, "--vehicles", "4", "--seconds", "170"]
+    command += ["--json", "--api-port", "0", "--port-base", str(free_ports(4))]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=600, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    figures = json.loads(done.stdout.splitlines()[-1])
+    assert figures["landed"] == 4
+    assert figures["separation_violations"] == 0
+    assert figures["target_followed_s"] >= 30.0
+    assert figures["target_median_m"] < 0.8
+    assert figures["target_p95_m"] < 1.5
+
+
+@pytest.mark.soak
 def test_demo_flies_its_script_and_its_record_proves_it(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "gcs", "demo", "--vehicles", "8", "--seconds", "170", "--json"]
     command += ["--api-port", "0", "--port-base", str(free_ports(8)), "--record", str(tmp_path)]
