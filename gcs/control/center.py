@@ -68,7 +68,7 @@ def move_center(now: TickInputs, memory: Memory, shared: FormationState | None =
         center, radius_m = _begun(now), now.plan.formation.radius_m
     ahead = center.later(now.dt_s)  # at the step's end
     sphere_m = max(radius_m, now.plan.formation.radius_m)
-    limits = _limits(now, radius_m)
+    limits = _limits(now, center, radius_m)
     desired_m_s, sides, detour = _around_obstacles(now, center, ahead, radius_m, memory, limits)
     held_m_s = _inside_fence(now, ahead, sphere_m, desired_m_s, limits)
     moved = advance_center(center, held_m_s, now.dt_s, limits.acceleration_m_s2)
@@ -77,21 +77,24 @@ def move_center(now: TickInputs, memory: Memory, shared: FormationState | None =
     return Lead(moved, radius_m + wider_m, engaged_s, sides, detour)
 
 
-def _limits(now: TickInputs, radius_m: float) -> CenterLimits:
+def _limits(now: TickInputs, center: Center, radius_m: float) -> CenterLimits:
     """Limits of the centre: those of the law, or of what the vehicles can while a target is followed.
 
-    Among obstacles those of the law count: ways past them are planned with these.
+    Among obstacles those of the law count: ways past them are planned with these. A centre that is faster
+    when one becomes known brakes with what the vehicles can.
     """
     law = now.settings.law
     limits = CenterLimits(law.center_speed_max_m_s, law.center_acceleration_max_m_s2)
-    if not now.plan.target.followed or now.ellipses:
+    follows = now.plan.target.followed and not now.ellipses
+    too_fast = hypot(*center.velocity_m_s[:2]) > law.center_speed_max_m_s + STANDS_M_S
+    if not follows and not too_fast:
         return limits
+    hardest_m_s2 = max(limits.acceleration_m_s2, float(now.acceleration_max_m_s2[now.sphere].min()))
+    if not follows:
+        return CenterLimits(limits.speed_m_s, hardest_m_s2)
     fastest_m_s = np.minimum(now.settings.safety.limits.horizontal_m_s, now.traits.speed_max_m_s)
     fleet_m_s = SPEED_SHARE * fastest_m_s[now.sphere].min() - abs(now.plan.formation.spin_rad_s) * radius_m
-    return CenterLimits(
-        max(limits.speed_m_s, float(fleet_m_s)),
-        max(limits.acceleration_m_s2, float(now.acceleration_max_m_s2[now.sphere].min())),
-    )
+    return CenterLimits(max(limits.speed_m_s, float(fleet_m_s)), hardest_m_s2)
 
 
 @kernel

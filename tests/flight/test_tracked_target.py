@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gcs.model.errors import RefusedError, UnknownError
-from gcs.model.plan import Orbit
+from gcs.model.plan import Obstacle, Orbit
 from gcs.model.state import Array
 from gcs.model.target_fix import TargetFix
 from gcs.service.alarms import AlarmCause
@@ -51,6 +51,12 @@ async def report(
 
 def off_m(show: VirtualShow, place_m: Array) -> float:
     return float(np.hypot(*(show.true_m.mean(axis=0) - place_m)[:2]))
+
+
+def center_m_s(show: VirtualShow) -> float:
+    center = show.service.flight.newest.memory.center
+    assert center is not None
+    return float(np.hypot(*center.velocity_m_s[:2]))
 
 
 def alarms(show: VirtualShow) -> set[AlarmCause]:
@@ -163,3 +169,25 @@ def test_start_needs_the_selected_target() -> None:
 def test_two_targets_need_two_names() -> None:
     with pytest.raises(Exception, match="boat is there twice"):
         show_config(4, targets=[TARGETS["targets"][0]] * 2)
+
+
+def test_fast_formation_brakes_where_an_obstacle_becomes_known() -> None:
+    """It follows at more than the 4 m/s with which ways past obstacles are planned."""
+
+    async def story(show: VirtualShow) -> tuple[float, float, int]:
+        await show.start()
+        show.service.plan.set_orbit(Orbit(0.0, 4.0))
+        show.service.plan.select_target("boat")
+        await report(show, 14.0, lambda seconds: 2.0 * along_m(seconds))
+        fast_m_s = center_m_s(show)
+        x_m, y_m = show.true_m.mean(axis=0)[:2].tolist()
+        show.service.plan.add_obstacle(Obstacle("tower", x_m + 60.0, y_m, 3.0, 3.0, 60.0))
+        await report(show, 3.0, lambda seconds: 2.0 * along_m(seconds), begin_s=14.0)
+        slower_m_s = center_m_s(show)
+        await report(show, 25.0, lambda seconds: 2.0 * along_m(seconds), begin_s=17.0)
+        return fast_m_s, slower_m_s, show.floor_violations()
+
+    fast_m_s, slower_m_s, violations = fly(story, show_config(4, **TARGETS))
+    assert fast_m_s > 5.0
+    assert slower_m_s < 4.3
+    assert violations == 0
