@@ -58,6 +58,7 @@ class AlarmCause(StrEnum):
     TARGET_STALE = "target-stale"
     TARGET_LOST = "target-lost"
     TARGET_OUTRUNS = "target-outruns"
+    TARGET_BEYOND = "target-beyond"
     TARGET_SOURCES = "target-sources"
     OBSTACLE_NEAR = "obstacle-near"
     OBSTACLE_WAITS = "obstacle-waits"
@@ -262,6 +263,13 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "Let it slow down, or select another one; the formation follows at its own limit.",
         on_after_s=1.0,
         past="Target {about} was faster than the formation",
+    ),
+    AlarmCause.TARGET_BEYOND: CauseRow(
+        C,
+        "Target {about} out of reach",
+        "The formation follows along the fence. Select another target, or hold.",
+        on_after_s=0.3,
+        past="Target {about} was out of reach",
     ),
     AlarmCause.TARGET_SOURCES: CauseRow(
         C,

@@ -138,6 +138,21 @@ def test_operator_holds_and_takes_the_target_back() -> None:
     assert fly(story, show_config(4, **TARGETS)) < 3.0
 
 
+def test_target_beyond_the_fence_is_followed_along_it() -> None:
+    async def story(show: VirtualShow) -> tuple[float, float]:
+        await show.start()
+        show.service.plan.set_orbit(Orbit(0.0, 4.0))
+        show.service.plan.select_target("boat")
+        fence_m = show.config.control.safety.fence.distance_max_m
+        await report(show, 3.0, lambda _: np.array([0.0, fence_m + 50.0, 0.0]))
+        assert AlarmCause.TARGET_BEYOND in alarms(show)
+        await report(show, 90.0, lambda _: np.array([0.0, fence_m + 50.0, 0.0]))
+        return float(np.hypot(*show.true_m[:, :2].T).max()), fence_m
+
+    farthest_m, fence_m = fly(story, show_config(4, **TARGETS))
+    assert 0.8 * fence_m < farthest_m < fence_m
+
+
 def test_refusals_name_the_targets() -> None:
     async def story(show: VirtualShow) -> None:
         await show.standby()

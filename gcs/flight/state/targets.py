@@ -14,6 +14,7 @@ from gcs.estimation.targets.target import TargetEstimate
 from gcs.estimation.targets.tracker import TargetReport, Tracker, TrackState
 from gcs.flight.state.feature import Feature, Instant
 from gcs.flight.state.flight import Flight
+from gcs.formation.orbit import target_reach_m
 from gcs.links.intake import Intake
 from gcs.links.targets.receive import intake_of, keep_receiving
 from gcs.links.targets.settings import TargetSettings
@@ -164,9 +165,21 @@ class Targets(Feature):
             yield Condition(AlarmCause.TARGET_LOST, why, about=name, consequence=consequence)
         if apart_m := tracked.estimate.apart_m(at.time_s):
             yield Condition(AlarmCause.TARGET_SOURCES, f"they differ by {apart_m:.0f} m", about=name)
-        outruns_m = self._outruns_m(tracked, at.time_s)
-        if outruns_m > 0.0:
+        beyond_m, outruns_m = self._beyond_m(tracked, at.time_s), self._outruns_m(tracked, at.time_s)
+        if beyond_m > 0.0:
+            because = f"{beyond_m:.0f} m farther than fence, orbit and sphere allow"
+            yield Condition(AlarmCause.TARGET_BEYOND, because, about=name)
+        elif outruns_m > 0.0:
             yield Condition(AlarmCause.TARGET_OUTRUNS, f"it is {outruns_m:.0f} m ahead", about=name)
+
+    def _beyond_m(self, tracked: Tracked, now_s: float) -> float:
+        """How far a target is beyond where it can be followed."""
+        motion, plan = tracked.estimate.motion(now_s), self._flight.in_force.plan
+        if motion is None:
+            return 0.0
+        fence_m = self._flight.in_force.control.safety.fence.distance_max_m
+        reach_m = target_reach_m(fence_m, plan.orbit.radius_m, plan.formation.radius_m)
+        return float(np.hypot(*motion.position_m)) - reach_m
 
     def _outruns_m(self, tracked: Tracked, now_s: float) -> float:
         """How far the centre is behind a target that is faster than it; else 0."""
