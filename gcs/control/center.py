@@ -179,6 +179,7 @@ def _following(now: TickInputs, ahead: Center, reach_m: float, pace: float, limi
         target_m_s2 = target_m_s2 + (field(off_m + now.dt_s * relative_m_s) - relative_m_s) / now.dt_s
     return following_velocity(
         ahead.velocity_m_s[:2],
+        ahead.acceleration_m_s2[:2],
         target_m_s,
         target_m_s2,
         relative_m_s,

@@ -29,6 +29,10 @@ BRAKING_SHARE: Final = 0.9
 """Share of the acceleration with which the distance is closed; the rest corrects."""
 
 
+JERK_M_S3: Final = 12.0
+"""The centre's acceleration changes no faster: it is in every setpoint, and none is to jump."""
+
+
 @dataclass(frozen=True, slots=True)
 class CenterLimits:
     """The fastest that the centre flies over the ground, and its greatest acceleration."""
@@ -49,6 +53,7 @@ def closing_velocity(off_m: Array, acceleration_m_s2: float) -> Array:
 
 def following_velocity(
     velocity_m_s: Array,
+    acceleration_m_s2: Array,
     target_m_s: Array,
     target_m_s2: Array,
     relative_m_s: Array,
@@ -61,6 +66,7 @@ def following_velocity(
 
     Args:
         velocity_m_s: (2,) of the centre now.
+        acceleration_m_s2: (2,) of the centre until now.
         target_m_s: (2,) of the target.
         target_m_s2: (2,) its acceleration.
         relative_m_s: (2,) desired relative to it: towards it (`closing_velocity`), or along its orbit.
@@ -73,5 +79,7 @@ def following_velocity(
     answer_per_s = max(ANSWER_PER_S / max(deviation_m_s / KNOWN_M_S, 1.0), ANSWER_LEAST_PER_S)
     asked_m_s2 = target_m_s2 + answer_per_s * (desired_m_s - velocity_m_s)
     asked_m_s2 = asked_m_s2 * min(1.0, limits.acceleration_m_s2 / max(hypot(*asked_m_s2), 1e-9))
+    change_m_s2 = asked_m_s2 - acceleration_m_s2
+    asked_m_s2 = acceleration_m_s2 + change_m_s2 * min(1.0, JERK_M_S3 * dt_s / max(hypot(*change_m_s2), 1e-9))
     reached: Array = np.asarray(velocity_m_s + dt_s * asked_m_s2)
     return reached

@@ -215,7 +215,7 @@ def test_true_separation_keeps_the_floor_during_changes(flight: Flight) -> None:
         ("too high", InvalidError, "at most 92.0 m"),
         ("orbit too fast", InvalidError, "at most the centre's 4 m/s"),
         ("orbit too tight", InvalidError, "at least 9.0 m"),
-        ("target too fast", InvalidError, "at most 4 m/s"),
+        ("target too fast", InvalidError, "at most 6.4 m/s"),
         ("target too far", InvalidError, "within"),
         ("taken id", RefusedError, "there is an obstacle mast already"),
         ("no such obstacle", UnknownError, "there are mast"),
