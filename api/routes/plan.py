@@ -73,8 +73,8 @@ async def hold_target(context: ContextDep) -> schemas.Target:
     return await get_target(context)
 
 
-@router.put(
-    "/targets/{name}",
+@router.post(
+    "/targets/{name}/report",
     tags=["target"],
     summary="Report where a target is",
     **command(HTTPStatus.NOT_FOUND, status=HTTPStatus.NO_CONTENT),

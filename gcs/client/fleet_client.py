@@ -461,7 +461,7 @@ class Client(Calls):
     def hold_target(self) -> schemas.Target:
         """Follow none of them: the target stands where it is now."""
 
-    @calls("PUT", "/api/v1/targets/{name}")
+    @calls("POST", "/api/v1/targets/{name}/report")
     def report_target(
         self,
         name: str,

@@ -256,7 +256,8 @@ NOT_ON_THE_PAGE: Final[dict[Command, str]] = {
     (
         "POST",
         "stations/{name}/take-over",
-    ): "an operator gives it at the terminal of the standby (gcs station take-over)"
+    ): "an operator gives it at the terminal of the standby (gcs station take-over)",
+    ("POST", "targets/{name}/report"): "a program gives it, several times a second",
 }
 
 

@@ -100,7 +100,7 @@ class PathSource(Settings):
 
 
 class RestSource(Settings):
-    """Reports by `PUT /api/v1/targets/NAME` and its WebSocket."""
+    """Reports by `POST /api/v1/targets/NAME/report`."""
 
     kind: Literal["rest"]
     """`rest`"""

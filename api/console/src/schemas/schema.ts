@@ -1490,8 +1490,8 @@ export interface components {
                     };
                 };
             };
-            "/api/v1/targets/{name}": {
-                put: {
+            "/api/v1/targets/{name}/report": {
+                post: {
                     parameters: {
                         path: {
                             name: string;
