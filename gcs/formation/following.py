@@ -29,7 +29,7 @@ BRAKING_SHARE: Final = 0.9
 """Share of the acceleration with which the distance is closed; the rest corrects."""
 
 
-JERK_M_S3: Final = 12.0
+JERK_M_S3: Final = 16.0
 """The centre's acceleration changes no faster: it is in every setpoint, and none is to jump."""
 
 
