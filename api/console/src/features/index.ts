@@ -5,9 +5,10 @@ import type { State, Status } from "../state";
 import { corrections } from "./corrections";
 import type { Feature, FeaturePanel } from "./feature";
 import { lights } from "./lights";
+import { targets } from "./targets";
 import { timecode } from "./timecode";
 
-export const features: readonly Feature[] = [timecode, corrections, lights];
+export const features: readonly Feature[] = [timecode, corrections, targets, lights];
 
 /** Panels of those that are configured. */
 export const panelsOf = (status: Status | null): readonly FeaturePanel[] =>
