@@ -325,14 +325,14 @@ def station(
     silence_s: float = 5.0,
     noise: float = 1.0,
     failsafes: dict[str, dict[str, Any]] | None = None,
-    sections: dict[str, dict[str, Any]] | None = None,
+    sections: dict[str, Any] | None = None,
     **formation: Any,
 ) -> Iterator[Station]:
     """Run the service over fake vehicles that take off to `takeoff_m`; `ground` is the section `map`.
 
     The vehicles receive faults on UDP port `control`; None: they receive none. Of `sections` each replaces
-    those keys of the configuration. `noise` scales the errors of the vehicles' positions. Their true states
-    are in `folder`/truth.jsonl.
+    those keys of the configuration, or a whole list. `noise` scales the errors of the vehicles' positions.
+    Their true states are in `folder`/truth.jsonl.
     """
     port = free_ports(count)
     raw = flying_config(count, port, silence_s=silence_s, takeoff_height_m=takeoff_m).model_dump()
@@ -347,7 +347,7 @@ def station(
     for cause, settings in (failsafes or {}).items():
         raw["failsafes"][cause] |= settings
     for name, section in (sections or {}).items():
-        raw[name] = {**(raw.get(name) or {}), **section}
+        raw[name] = section if isinstance(section, list) else {**(raw.get(name) or {}), **section}
     config = configuration.Config.model_validate(raw)
     faults = () if control is None else ("--control", str(control))
     with (

@@ -45,6 +45,13 @@ FEATURES: Final = {
         19,
         5,
     ),
+    "targets": Named(  # those that are tracked; "target" alone is also where the plan has the formation
+        r"Targets?View|TargetFix|TargetEstimate|TargetReport|TargetSettings|\bTracker\b|features\??\.targets"
+        r"|(?:state|estimation|links|sim) \. targets\b|\./targets",
+        r"targets?|tracker",
+        16,
+        14,
+    ),
 }
 
 

@@ -92,6 +92,10 @@ const scene = createScene(
   {
     preview: (preview) => byHand({ kind: "preview", preview }), shape: (id, change) => actions.shapeObstacle(id, change),
     place: (place) => byHand({ kind: "placed-at", place }), choose: (choice) => actions.chooseInScene(choice),
+    ask({ panel, sure }) {
+      actions.openPanel(panel);
+      actions.set({ sure });
+    },
   },
   createTiles(token),
 );

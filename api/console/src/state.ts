@@ -88,6 +88,8 @@ export interface State {
   placing: Placing | null;
   /** What features report, as read last; null: as the status has it. */
   features: Features | null;
+  /** The service's clock then. */
+  featuresRead_s: number;
   kill: Kill | null;
   attention: Attention;
   /** State of the panels alone. */
@@ -133,6 +135,7 @@ export function initial(now_ms: number): State {
     drawn: null,
     placing: null,
     features: null,
+    featuresRead_s: NaN,
     kill: null,
     attention: initialAttention(true),
     panels: initialDesk(),

@@ -67,7 +67,7 @@ function updateShared(state: State, message: Message): State {
     case "placing-busy":
       return { ...state, placing: updatePlacing(state.placing, message, state.page_ms) };
     case "features":
-      return { ...state, features: message.features };
+      return { ...state, features: message.features, featuresRead_s: state.frame?.time_s ?? NaN };
     case "kill-armed":
       return { ...state, kill: { armed: message.armed, until_ms: state.page_ms + 1000 * message.armed.valid_s } };
     case "kill-over":

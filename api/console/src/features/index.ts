@@ -3,11 +3,16 @@
 import type { VehicleCommand } from "../actions";
 import type { State, Status } from "../state";
 import { corrections } from "./corrections";
-import type { Feature } from "./feature";
+import type { Feature, FeaturePanel } from "./feature";
 import { lights } from "./lights";
+import { targets } from "./targets";
 import { timecode } from "./timecode";
 
-export const features: readonly Feature[] = [timecode, corrections, lights];
+export const features: readonly Feature[] = [timecode, corrections, targets, lights];
+
+/** Panels of those that are configured. */
+export const panelsOf = (status: Status | null): readonly FeaturePanel[] =>
+  features.flatMap(({ panel, isRead }) => (panel && status && isRead?.(status) ? [panel] : []));
 
 const first = (status: Status | null, word: (feature: Feature, status: Status) => string | undefined): string =>
   status === null ? "" : (features.map((each) => word(each, status)).find((found) => found) ?? "");

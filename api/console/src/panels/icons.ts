@@ -30,6 +30,7 @@ const PATHS = {
   preflight: "M5 4h14v16H5zM8 9l1.5 1.5L12 8M8 15l1.5 1.5L12 14M14 9.5h3M14 15.5h3",
   show: "M4 6h16M4 12h10M4 18h16M17 9.5v5l4-2.5z",
   shape: "M12 3a9 9 0 1 0 0 18 9 9 0 0 0 0-18M12 12h9M3.5 9.5c4 2.5 13 2.5 17 0",
+  target: "M12 5a7 7 0 1 0 0 14 7 7 0 0 0 0-14M12 1v7M12 16v7M1 12h7M16 12h7",
   obstacle: "M5 9l7-4 7 4v8l-7 4-7-4zM5 9l7 4 7-4M12 13v8",
   grid: "M4 5h4v4H4zM10 5h4v4h-4zM16 5h4v4h-4zM4 11h4v4H4zM10 11h4v4h-4zM16 11h4v4h-4zM4 17h4v2H4zM10 17h4v2h-4zM16 17h4v2h-4z",
   fleet: "M4 6h16M4 12h16M4 18h16M8 4v16",

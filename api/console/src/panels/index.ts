@@ -1,7 +1,7 @@
 /** The panels around the scene: a pure function of the state. */
 
 import { html, nothing, type TemplateResult } from "lit-html";
-import { features } from "../features";
+import { features, panelsOf } from "../features";
 import { flightReport } from "../replay/report";
 import { drawnBar } from "../drawn/bar";
 import { placingBar } from "../placing/panel";
@@ -33,7 +33,7 @@ import { failures, preflight, preflightNow } from "./preflight";
 import { shape } from "./shape";
 import { shows } from "./shows";
 import { start } from "./start";
-import type { LeftPanel, RightPanel, Sheet } from "./state";
+import type { FeaturePanelName, LeftPanel, RightPanel, Sheet } from "./state";
 import { isSite, missing, stations } from "./stations";
 import { whyNot } from "./rights";
 import { timeline } from "../timeline/strip";
@@ -47,10 +47,10 @@ const LEFT: readonly LeftPanel[] = ["preflight", "shows", "shape", "obstacles"];
 const RIGHT: readonly RightPanel[] = ["fleet", "vehicle", "events", "plots"];
 
 function rightTabs(status: Status | null): readonly RightPanel[] {
-  return [...RIGHT, ...(isSite(status) ? (["stations"] as const) : []), ...(status?.replay ? (["report"] as const) : [])];
+  return [...RIGHT, ...(isSite(status) ? (["stations"] as const) : []), ...panelsOf(status).map((each) => each.name), ...(status?.replay ? (["report"] as const) : [])];
 }
 
-const PANELS: Record<PanelName, { view: View; icon: IconName }> = {
+const PANELS: Record<Exclude<PanelName, FeaturePanelName>, { view: View; icon: IconName }> = {
   preflight: { view: preflight, icon: "preflight" },
   shows: { view: shows, icon: "show" },
   shape: { view: shape, icon: "shape" },
@@ -62,6 +62,14 @@ const PANELS: Record<PanelName, { view: View; icon: IconName }> = {
   stations: { view: stations, icon: "station" },
   report: { view: flightReport, icon: "check" },
 };
+
+/** Of the page, or of a feature. */
+function panelNamed(name: PanelName): { title: string; view: View; icon: IconName } {
+  const panel = features.find((each) => each.panel?.name === name)?.panel;
+  if (panel !== undefined) return { ...panel, view: (state, actions) => panel.view(state, actions, whyNot(state, "feature")) };
+  const own = name as keyof typeof PANELS;
+  return { ...PANELS[own], title: texts.shell.tabs[own] };
+}
 
 const SHEETS: Record<Sheet, { view: View; title: string }> = {
   start: { view: start, title: texts.start.title },
@@ -86,16 +94,17 @@ function rail(state: State, actions: PanelActions, side: "left" | "right", names
     ${names.map((name) => {
       const key = keys.find(([, panel]) => panel === name)?.[0];
       const number = count(state, name);
+      const { title, icon: sign } = panelNamed(name);
       return html`<button
         type="button"
         class="tab"
         data-testid="tab-${name}"
         aria-expanded=${String(open === name)}
         aria-keyshortcuts=${key ?? nothing}
-        title=${key ? `${texts.shell.tabs[name]} (${key})` : nothing}
+        title=${key ? `${title} (${key})` : nothing}
         @click=${() => actions.togglePanel(name)}
       >
-        ${icon(PANELS[name].icon)}<span>${texts.shell.tabs[name]}</span>
+        ${icon(sign)}<span>${title}</span>
         ${number > 0 ? html`<b class="badge ${name === "obstacles" ? "" : "bad"}">${number}</b>` : nothing}
       </button>`;
     })}
@@ -106,7 +115,7 @@ function panel(state: State, actions: PanelActions, side: "left" | "right"): Tem
   const name = shownPanels(state.panels)[side];
   if (name === null) return nothing;
   const { layout, tall } = state.panels;
-  const title = texts.shell.tabs[name];
+  const { title, view } = panelNamed(name);
   return html`<aside class="panel panel-${side} panel-${name}" aria-label=${title} data-testid="panel-${name}">
     <header>
       <h2>${title}</h2>
@@ -130,7 +139,7 @@ function panel(state: State, actions: PanelActions, side: "left" | "right"): Tem
         press: () => actions.togglePanel(name),
       })}
     </header>
-    <div class="panel-body" tabindex=${name === "fleet" ? nothing : "0"} role=${name === "fleet" ? nothing : "region"} aria-label=${name === "fleet" ? nothing : title}>${PANELS[name].view(state, actions)}</div>
+    <div class="panel-body" tabindex=${name === "fleet" ? nothing : "0"} role=${name === "fleet" ? nothing : "region"} aria-label=${name === "fleet" ? nothing : title}>${view(state, actions)}</div>
   </aside>`;
 }
 

@@ -13,7 +13,9 @@ export type PanelSide = "left" | "right";
 /** What is changed together, by one button. */
 export type Group = "formation" | "orbit" | "target" | "yaw";
 export type LeftPanel = "preflight" | "shows" | "shape" | "obstacles";
-export type RightPanel = "fleet" | "vehicle" | "events" | "plots" | "stations" | "report";
+/** Of a feature beside the formation. */
+export type FeaturePanelName = `feature-${string}`;
+export type RightPanel = "fleet" | "vehicle" | "events" | "plots" | "stations" | "report" | FeaturePanelName;
 export type Sheet = "start" | "begin" | "kill" | "help";
 
 /** Something that the service, or the page, refused. */

@@ -32,8 +32,8 @@ export function whyNotLead(state: State): string {
 }
 
 function condition(station: Station): TemplateResult {
-  if (station.received) return html`<span class="station-state good">${icon("check")} ${station.own ? t.own : t.received}</span>`;
-  return html`<strong class="station-state bad" data-testid="station-missing-${station.name}">
+  if (station.received) return html`<span class="card-state good">${icon("check")} ${station.own ? t.own : t.received}</span>`;
+  return html`<strong class="card-state bad" data-testid="station-missing-${station.name}">
     ${icon("warning")} ${t.missing}, ${station.silent_s === null ? t.never : t.silent(seconds(station.silent_s))}
   </strong>`;
 }
@@ -50,7 +50,7 @@ function card(actions: PanelActions, station: Station): TemplateResult {
       ${station.leads ? html`<span class="tag" data-testid="leads-${name}">${t.leads}</span>` : nothing}
       ${condition(station)}
     </header>
-    <div class="station-row">
+    <div class="card-facts">
       <dl class="value">
         ${fact("show", received ? texts.phases[station.show] : UNKNOWN)} ${fact("vehicles", String(station.vehicles))}
         ${own ? nothing : fact("delay", delay_s !== null && received ? withUnit(1000 * delay_s, "ms", 0) : UNKNOWN)}

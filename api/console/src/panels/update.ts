@@ -1,5 +1,6 @@
 /** The panels' part of the one update: their state follows from the same messages. Pure. */
 
+import { panelsOf } from "../features";
 import { nearest_m } from "../formation";
 import { PHASES, type State } from "../state";
 import type { Message } from "../messages";
@@ -75,8 +76,10 @@ function withRefusal(
 /** What is open and is gone, or has no use any more, is closed. */
 function settled(before: State): State {
   const isLeading = before.panels.sure === "lead" && before.status?.stations.some((each) => each.own && each.leads);
-  const isGoneSite = before.panels.right === "stations" && !isSite(before.status);
-  const state = changed(before, { ...steppedBack(before), ...(isGoneSite ? { right: "fleet" as const } : {}), ...(isLeading ? { sure: "" } : {}) });
+  const { right } = before.panels;
+  const isFeature = right?.startsWith("feature-") && !panelsOf(before.status).some((each) => each.name === right);
+  const isGonePanel = isFeature || (right === "stations" && !isSite(before.status));
+  const state = changed(before, { ...steppedBack(before), ...(isGonePanel ? { right: "fleet" as const } : {}), ...(isLeading ? { sure: "" } : {}) });
   const { editing, drafts } = state.panels;
   const isGone = editing !== null && editing !== "" && !state.status?.obstacles.some((each) => each.id === editing);
   return isGone ? changed(state, { editing: null, drafts: without(drafts, "obstacle") }) : state;

@@ -2,6 +2,7 @@
 
 import { Camera, Vector2, Vector3 } from "three";
 
+import { minus, type Vec3 } from "./axes";
 import type { Palette, Rgb } from "./palette";
 import { middleOf, perPixel, type Screen } from "./picking";
 import { basisOf, distance_m, type Basis, type Pose } from "./rig";
@@ -61,6 +62,11 @@ export class Eye {
     this.camera.projectionMatrixInverse.copy(this.camera.projectionMatrix).invert();
     this.shared.uSize.value.set(screen.width, screen.height);
     this.shared.uPerPixel.value = perPixel(pose, screen);
+  }
+
+  /** What one CSS pixel shows there, in m. */
+  pixelAt_m(place: Vec3): number {
+    return Math.hypot(...minus(place, this.basis.eye)) * this.shared.uPerPixel.value;
   }
 
   dress(palette: Palette): void {

@@ -131,7 +131,7 @@ export class DynamicLayer {
     const style = dashed(palette, eye);
     const [from, to] = [toScene(...frame.target_m, 0), toScene(preview.x_m, preview.y_m, 0)];
     const moved_m = Math.hypot(to[0] - from[0], to[2] - from[2]);
-    this.#spots.put(to, palette.preview, 1, Math.max(1.4, 15 * pixelAt(to, eye)), DECAL.target);
+    this.#spots.put(to, palette.preview, 1, Math.max(1.4, 15 * eye.pixelAt_m(to)), DECAL.target);
     this.#previewLines.line(from, to, style);
     const up = toScene(preview.x_m, preview.y_m, formation.height_m);
     this.#previewLines.line(to, up, { ...style, alpha: 0.5 });
@@ -176,11 +176,6 @@ export class DynamicLayer {
       each.dispose();
     }
   }
-}
-
-function pixelAt(place: Vec3, eye: Eye): number {
-  const { eye: from } = eye.basis;
-  return Math.hypot(place[0] - from[0], place[1] - from[1], place[2] - from[2]) * eye.shared.uPerPixel.value;
 }
 
 function dashed(palette: Palette, eye: Eye): Style {

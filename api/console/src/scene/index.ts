@@ -4,6 +4,8 @@ import "../styles/scene.css";
 
 import { Color, Group, Scene as Root, SRGBColorSpace } from "three";
 
+import { features } from "../features";
+import type { Question } from "../features/feature";
 import { isUnplaced, type Box } from "../obstacle";
 import { tail } from "../panels/format";
 import { isGridSeen } from "../panels/layout";
@@ -54,6 +56,8 @@ export interface SceneEvents {
   /** Likewise, of a drawn show that is being placed. */
   place(place: Placement): void;
   choose(choice: Choice): void;
+  /** A click on what a feature has drawn. */
+  ask(question: Question): void;
 }
 
 const HELD_MOST_MS = 250;
@@ -85,6 +89,7 @@ class LiveScene implements Scene {
   readonly #dynamicLayer;
   readonly #drawn;
   readonly #pads;
+  readonly #layers;
   readonly #overlay;
   readonly #box;
   readonly #controls;
@@ -124,6 +129,7 @@ class LiveScene implements Scene {
     this.#dynamicLayer = new DynamicLayer(shared, all);
     this.#drawn = new DrawnLayer(shared, all);
     this.#pads = new PadsLayer(shared, all);
+    this.#layers = features.flatMap((each) => each.layer?.(shared, all) ?? []);
     all.add(
       this.#backdrop.mesh, this.#ground.group, this.#grid.mesh, this.#vehicles.mesh, this.#billboards.mesh, this.#trails.mesh, this.#shell.group,
     );
@@ -178,7 +184,7 @@ class LiveScene implements Scene {
     this.#observer.disconnect();
     for (const each of [
       this.#controls, this.#overlay, this.#box, this.#ground, this.#grid, this.#vehicles, this.#billboards, this.#trails, this.#shell, this.#scenery, this.#dynamicLayer,
-      this.#drawn, this.#pads, this.#backdrop, this.#fitted.renderer,
+      this.#drawn, this.#pads, ...this.#layers, this.#backdrop, this.#fitted.renderer,
     ]) {
       each.dispose();
     }
@@ -188,7 +194,7 @@ class LiveScene implements Scene {
     const last = this.#state;
     return (
       last === null || state.status !== last.status || state.frame !== last.frame || state.preview !== last.preview ||
-      state.view !== last.view || state.access !== last.access || state.drawn !== last.drawn ||
+      state.view !== last.view || state.features !== last.features || state.access !== last.access || state.drawn !== last.drawn ||
       state.placing !== last.placing || state.panels.editing !== last.panels.editing || state.panels.drafts !== last.panels.drafts || (state.drawn?.since_ms ?? null) !== null
     );
   }
@@ -240,6 +246,7 @@ class LiveScene implements Scene {
     const pairs = this.#pairsOf(frame, floor);
     const picture: Picture = { state, frame, poses: this.#poses, pairs, floor, tints, selected, palette, eye: this.#eye };
     this.#dynamicLayer.draw(picture, this.#overlay);
+    for (const each of this.#layers) each.draw(state, this.#poses.time_s, palette, this.#eye, this.#overlay);
     if (state.drawn === null) this.#names(state, frame, selected);
   }
 
@@ -324,6 +331,10 @@ class LiveScene implements Scene {
     return nearestPlace(basis, pose, screen, this.#poses.place, this.#poses.n, px, py, PICK_PX);
   }
 
+  #questionAt(px: number, py: number): Question | undefined {
+    return this.#layers.flatMap((each) => each.questionAt(px, py, this.#eye) ?? [])[0];
+  }
+
   #hands() {
     return {
       grab: (px: number, py: number): boolean => {
@@ -353,6 +364,8 @@ class LiveScene implements Scene {
         if (id !== undefined) {
           this.#on.choose(isMore ? { how: "toggle", id } : { how: "only", ids: [id] });
         } else if (!isMore) {
+          const question = this.#questionAt(px, py);
+          if (question !== undefined) return this.#on.ask(question);
           this.#on.choose({ how: "only", ids: [] }); // beside every vehicle: a missed shift-click loses nothing
         }
       },
@@ -373,7 +386,7 @@ class LiveScene implements Scene {
         const ray = this.#ray(px, py);
         const isPad = padGripAt(this.#state, this.#eye, ray, px, py) !== null;
         const isGrip = isPad || (i < 0 && gripAt(this.#state, this.#eye, ray, px, py) !== null);
-        this.#canvas.style.cursor = isUnplaced(this.#state) ? "crosshair" : isGrip ? "grab" : i >= 0 ? "pointer" : "";
+        this.#canvas.style.cursor = isUnplaced(this.#state) ? "crosshair" : isGrip ? "grab" : i >= 0 || this.#questionAt(px, py) !== undefined ? "pointer" : "";
       },
       leave: (): void => {
         this.#hovered = -1;

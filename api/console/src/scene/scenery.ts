@@ -60,8 +60,7 @@ export class Scenery {
 
   draw(status: Status, frame: Frame, time_s: number, palette: Palette, eye: Eye): void {
     const [x_m, y_m] = frame.target_m;
-    const pixel_m = Math.hypot(...toScene(x_m, y_m, 0).map((at, k) => at - eye.basis.eye[k]!)) * eye.shared.uPerPixel.value;
-    const size_m = Math.max(TARGET_M, TARGET_PX * pixel_m);
+    const size_m = Math.max(TARGET_M, TARGET_PX * eye.pixelAt_m(toScene(x_m, y_m, 0)));
     const isMoving = status.obstacles.some((each) => each.velocity_x_m_s !== 0 || each.velocity_y_m_s !== 0);
     this.#fenceNearness = Math.round(10 * fenceNearness(frame, status.flight_envelope)) / 10;
     const key = [this.#fenceNearness, x_m.toFixed(2), y_m.toFixed(2), size_m.toFixed(2), isMoving ? time_s.toFixed(2) : ""].join();
