@@ -248,6 +248,10 @@ COMMANDS: Final[dict[Command, ByKeys]] = {
         ),
         states.nothing,
     ),
+    ("POST", "targets/select"): ByKeys(
+        (">tab-feature-targets", ">target-follow-walker", ">target-follow-walker"), states.targets
+    ),
+    ("POST", "targets/hold"): ByKeys((">tab-feature-targets", ">target-hold"), states.targets),
     ("POST", "stations/lead"): ByKeys(("!9", ">lead-take", ">lead-take"), states.station_lost, states.SITE),
     ("POST", "replay"): ByKeys(("!Space",), states.replayed, life="Replay", is_lost=True),
 }

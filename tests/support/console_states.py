@@ -34,7 +34,14 @@ from gcs.service import (
 from gcs.service.access import Role
 from gcs.service.alarms import CAUSES, AlarmCause, AlarmSeverity, Condition
 from gcs.service.event_log import Severity
-from gcs.service.features import CorrectionsView, Features, LightsView, TimecodeView
+from gcs.service.features import (
+    CorrectionsView,
+    Features,
+    LightsView,
+    TargetsView,
+    TargetView,
+    TimecodeView,
+)
 from gcs.shows.formats import write_drawing
 from tests.support.api_background import Ticking, in_background
 from tests.support.api_fake_service import FakeService
@@ -150,6 +157,20 @@ def timecode(*, frozen: bool) -> Prepare:
         )  # fmt: skip
 
     return prepare
+
+
+def targets(service: FakeService) -> None:
+    """Two targets, one of which is followed."""
+    running(service)
+    service.features = Features(
+        targets=TargetsView(
+            "boat",
+            (
+                TargetView("boat", "nmea", "tracked", "", 0.2, 5.0, 12.0, 4.0, 1.2, -0.4, 0.3, 300, 2),
+                TargetView("walker", "cot", "tracked", "", 0.4, 1.0, -8.0, 9.0, 0.5, 0.5, 1.5, 60, 0),
+            ),
+        )
+    )
 
 
 def corrections(problem: str) -> Prepare:
