@@ -93,7 +93,7 @@ class FakePlan:
         self.current = replace(self.current, target=replace(target, time_s=time.monotonic()))
 
     def select_target(self, name: str) -> None:
-        if name not in {"", "boat"}:
+        if name not in {"", "boat", "walker"}:
             raise UnknownError(f"there is no target {name!r}")
 
     def hold_target(self) -> None:
