@@ -31,6 +31,9 @@ SOURCES: Final[dict[str, dict[str, object]]] = {
 FOUND_S, JOINED_S, FOLLOWED_S = 30.0, 20.0, 30.0
 """Until the target is tracked; until the formation is over it; least time for which it is followed."""
 
+ENDS_S: Final = 0.5
+"""So much earlier what is judged ends: on the way home there is no centre."""
+
 P95_MAX_M: Final = 2.0
 """Of the distance from the true target, with which a demonstration counts as passed."""
 
@@ -73,7 +76,7 @@ class TargetScript(DemoScript):
         begin_s = self._now_s()
         self._sleep(max(FOLLOWED_S, self._left_s() - self._scale.home_s - SETTLE_S))
         self._need_running()
-        self.marks.before = self.followed = (begin_s, self._now_s())
+        self.marks.before = self.followed = (begin_s, self._now_s() - ENDS_S)
         if not self._is_tracked():
             raise CommandError(f"the target did not last: {self._client.targets().targets[0].why}")
         self._client.hold_target()
