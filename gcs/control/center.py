@@ -166,7 +166,7 @@ def _following(now: TickInputs, ahead: Center, reach_m: float, pace: float, limi
         target_m_s2 = np.zeros(2)  # it is followed along the fence
     off_m = ahead.position_m[:2] - target_m
     if orbit.radius_m == 0.0:
-        relative_m_s = closing_velocity(-off_m, limits.acceleration_m_s2)
+        relative_m_s = closing_velocity(-off_m, limits.acceleration_m_s2, target.deviation_m_s)
     else:
         field = partial(
             orbit_velocity,

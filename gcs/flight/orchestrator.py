@@ -10,6 +10,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from copy import copy
 from functools import cache, partial
+from math import nan
 from typing import Final, Protocol
 
 from gcs.config.schema import Config
@@ -149,7 +150,14 @@ class Orchestrator:
         self._group = asyncio.TaskGroup()  # the control group, entered by `run`
         newest, vehicles, show, in_force = flight.newest, flight.vehicles, flight.show, flight.in_force
         self._estimating = Estimating(newest, vehicles, show, in_force, config, flight.slow_from_m)
-        targets = Targets(config.targets, flight, config.frame)
+        targets = Targets(
+            config.targets,
+            config.frame,
+            newest,
+            in_force,
+            lambda: nan if clock_problem() else unix_s() - loop.time(),
+            lambda: flight.elsewhere.shows.leads,
+        )
         flight.features = features_of(flight, targets)
         if record is not None:
             configured = vehicles.keys()

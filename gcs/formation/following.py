@@ -16,13 +16,13 @@ from gcs.model.state import Array
 SPEED_SHARE: Final = 0.8
 """Share of its vehicles' speed with which the formation follows; the rest keeps the shape."""
 
-CLOSING_PER_S: Final = 1.0
-"""Rate at which a small distance from the target decays."""
-
 ANSWER_PER_S, ANSWER_LEAST_PER_S = 4.0, 1.0
 """Rate at which the centre takes on a velocity that is known well, and one that is known badly."""
 
-KNOWN_M_S: Final = 0.3
+DAMPED: Final = 4.0
+"""A small distance decays with the rate of the answer divided by this: the two together do not swing."""
+
+KNOWN_M_S: Final = 0.5
 """A velocity with a smaller standard deviation than this is known well."""
 
 BRAKING_SHARE: Final = 0.9
@@ -41,12 +41,18 @@ class CenterLimits:
     acceleration_m_s2: float
 
 
-def closing_velocity(off_m: Array, acceleration_m_s2: float) -> Array:
+def answer_per_s(deviation_m_s: float) -> float:
+    """Rate at which the centre takes on a velocity with this standard deviation along an axis."""
+    return max(ANSWER_PER_S / max(deviation_m_s / KNOWN_M_S, 1.0), ANSWER_LEAST_PER_S)
+
+
+def closing_velocity(off_m: Array, acceleration_m_s2: float, deviation_m_s: float) -> Array:
     """(2,) velocity relative to the target that closes the distance (2,) to it, and can still be braked."""
     away_m, braking_m_s2 = hypot(off_m[0], off_m[1]), BRAKING_SHARE * acceleration_m_s2
-    near_m = braking_m_s2 / CLOSING_PER_S**2
+    closing_per_s = answer_per_s(deviation_m_s) / DAMPED
+    near_m = braking_m_s2 / closing_per_s**2
     if away_m <= near_m:
-        return CLOSING_PER_S * off_m
+        return closing_per_s * off_m
     closing: Array = off_m / away_m * sqrt(2.0 * braking_m_s2 * (away_m - near_m / 2.0))
     return closing
 
@@ -76,8 +82,7 @@ def following_velocity(
     """
     desired_m_s = target_m_s + relative_m_s
     desired_m_s = desired_m_s * min(1.0, limits.speed_m_s / max(hypot(*desired_m_s), 1e-9))
-    answer_per_s = max(ANSWER_PER_S / max(deviation_m_s / KNOWN_M_S, 1.0), ANSWER_LEAST_PER_S)
-    asked_m_s2 = target_m_s2 + answer_per_s * (desired_m_s - velocity_m_s)
+    asked_m_s2 = target_m_s2 + answer_per_s(deviation_m_s) * (desired_m_s - velocity_m_s)
     asked_m_s2 = asked_m_s2 * min(1.0, limits.acceleration_m_s2 / max(hypot(*asked_m_s2), 1e-9))
     change_m_s2 = asked_m_s2 - acceleration_m_s2
     asked_m_s2 = acceleration_m_s2 + change_m_s2 * min(1.0, JERK_M_S3 * dt_s / max(hypot(*change_m_s2), 1e-9))

@@ -143,6 +143,10 @@ class Target(_Moving):
             deviation_m_s=self.deviation_m_s,
         )
 
+    def held(self, time_s: float) -> "Target":
+        """The target if it stands from `time_s` on."""
+        return Target(*self.position_m(time_s), time_s=time_s, followed=True)
+
 
 @dataclass(frozen=True, slots=True)
 class Obstacle(_Moving):

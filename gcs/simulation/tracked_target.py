@@ -47,14 +47,11 @@ class MovingTarget:
         while self._next.sent_s <= now_s:
             self._estimate.tracker.take(self._report(self._next), 0.0)
             self._next = next(self._sent)
-        motion_now, state = self._estimate.motion(now_s), self._estimate.state(now_s)
-        if motion_now is None:
+        motion = self._estimate.motion(now_s)
+        if motion is None:
             return was
-        if state is TrackState.LOST:
-            return Target(*was.position_m(now_s), time_s=now_s, followed=True)
-        (x_m, y_m), (x_m_s, y_m_s) = motion_now.position_m.tolist(), motion_now.velocity_m_s.tolist()
-        x_m_s2, y_m_s2 = motion_now.acceleration_m_s2.tolist()
-        return Target(x_m, y_m, x_m_s, y_m_s, now_s, True, x_m_s2, y_m_s2, motion_now.velocity_deviation_m_s)
+        is_lost = self._estimate.state(now_s) is TrackState.LOST
+        return was.held(now_s) if is_lost else motion.target(now_s)
 
     def _report(self, sent: Sent) -> TargetReport:
         degrees = (np.array([sent.latitude_deg]), np.array([sent.longitude_deg]))

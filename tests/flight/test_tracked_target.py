@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.plan import Obstacle, Orbit
@@ -182,7 +183,7 @@ def test_start_needs_the_selected_target() -> None:
 
 
 def test_two_targets_need_two_names() -> None:
-    with pytest.raises(Exception, match="boat is there twice"):
+    with pytest.raises(ValidationError, match="boat is there twice"):
         show_config(4, targets=[TARGETS["targets"][0]] * 2)
 
 

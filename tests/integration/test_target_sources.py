@@ -209,6 +209,7 @@ def test_two_programs_of_one_computer_share_a_group() -> None:
         with sender(port, GROUP) as send:
             async with receiving(**settings) as one, receiving(**settings) as other:
                 await until_sent(lambda _: send(cot()), lambda: bool(one.fixes and other.fixes))
+                assert one.fixes[0].latitude_deg == other.fixes[0].latitude_deg
 
     asyncio.run(main(free_ports()))
 
@@ -344,4 +345,7 @@ def test_settings_that_cannot_be_received_are_refused(settings: dict[str, object
 
 
 def test_a_source_of_the_api_receives_nothing_here() -> None:
-    asyncio.run(keep_receiving(source(kind="rest"), print, print, Intake("target", TARGETS)))
+    received: list[object] = []
+    take = received.append
+    asyncio.run(keep_receiving(source(kind="rest"), take, take, Intake("target", TARGETS)))
+    assert received == []

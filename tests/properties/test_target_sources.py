@@ -2,7 +2,6 @@
 
 import asyncio
 import struct
-from contextlib import suppress
 from itertools import pairwise
 from math import isfinite, isnan
 from pathlib import Path
@@ -92,12 +91,17 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def read(file: Path, content: bytes) -> None:
-    """Only LinkError is raised; what is read is in order and sound."""
+    """Only LinkError is raised, with the file's name; what is read is in order and sound."""
     file.write_bytes(content)
-    with suppress(LinkError):
-        track = asyncio.run(path._read(points(file), file))
-        assert all(is_sound(TargetFix(0.0, *point[1:])) for point in track)
-        assert all(after.time_s > before.time_s for before, after in pairwise(track))
+    track: tuple[Any, ...] = ()
+    refusal = ""
+    try:
+        track = tuple(asyncio.run(path._read(points(file), file)))
+    except LinkError as error:
+        refusal = str(error)
+    assert bool(track) != (file.name in refusal)
+    assert all(is_sound(TargetFix(0.0, *point[1:])) for point in track)
+    assert all(after.time_s > before.time_s for before, after in pairwise(track))
 
 
 @given(content=st.binary(max_size=2000), suffix=st.sampled_from([".csv", ".gpx", ".tlog"]))

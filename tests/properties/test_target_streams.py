@@ -2,19 +2,18 @@
 
 from collections.abc import Callable, Sequence
 from itertools import pairwise
-from math import isfinite, nan
+from math import isfinite
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gcs.links.targets import cot_writer
 from gcs.links.targets.cot import CotStream
 from gcs.links.targets.gpsd import GpsdStream
 from gcs.links.targets.nmea import NmeaStream
 from gcs.links.targets.numbers import utc_s, velocity, why_nowhere, within
 from gcs.links.targets.receive import TargetStream
-from gcs.model.errors import UNSEEN, cut
+from gcs.model.errors import UNSEEN
 from gcs.model.target_fix import TargetFix
 from tests.support.target_bytes import PLACE, cot, gga, gst, rmc, sentence, tpv
 
@@ -129,36 +128,3 @@ def test_any_value_is_a_number_within_its_bounds_or_none(value: object, other: o
 )
 def test_every_time_of_the_calendar_is_read(time: str, zone: str) -> None:
     assert isfinite(utc_s(time + zone))
-
-
-NUMBER = st.one_of(st.just(nan), st.floats(0.02, 500.0))
-SPEED = st.one_of(st.just(nan), st.floats(-300.0, 300.0))
-FIXES = st.builds(
-    TargetFix,
-    st.just(1.0),
-    st.floats(-90.0, 90.0),
-    st.floats(-180.0, 180.0),
-    NUMBER,
-    SPEED,
-    SPEED,
-    deviation_m=NUMBER,
-    height_deviation_m=NUMBER,
-    source_s=st.floats(0.0, 4e9),
-)
-
-
-@given(FIXES, st.text(max_size=30), st.text(max_size=30))
-def test_an_event_that_is_written_is_read_again(fix: TargetFix, uid: str, callsign: str) -> None:
-    written = cot_writer.event(fix, f"GCS-{uid}", callsign, geoid_m=47.0, stale_s=5.0)
-    (read,) = CotStream(cut(f"GCS-{uid}"), 47.0).take(written, 1.0)
-    assert (read.latitude_deg, read.longitude_deg) == pytest.approx(
-        (fix.latitude_deg, fix.longitude_deg), abs=1e-8
-    )
-    moving = isfinite(fix.north_m_s + fix.east_m_s)
-    velocity_m_s = (fix.north_m_s, fix.east_m_s) if moving else (nan, nan)
-    assert (read.north_m_s, read.east_m_s) == pytest.approx(velocity_m_s, abs=0.1, nan_ok=True)
-    heights = (fix.altitude_amsl_m, fix.deviation_m, fix.height_deviation_m)
-    assert (read.altitude_amsl_m, read.deviation_m, read.height_deviation_m) == pytest.approx(
-        heights, abs=0.006, nan_ok=True
-    )
-    assert read.source_s == pytest.approx(fix.source_s, abs=1e-5)

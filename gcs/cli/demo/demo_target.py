@@ -28,6 +28,9 @@ SOURCES: Final[dict[str, dict[str, object]]] = {
 }
 """What a demonstration follows, by the name of what is sent."""
 
+DELAY_S: Final = 0.3
+"""Of its reports. Where the clock is not synchronised, the service takes it from its configuration."""
+
 FOUND_S, JOINED_S, FOLLOWED_S = 30.0, 20.0, 30.0
 """Until the target is tracked; until the formation is over it; least time for which it is followed."""
 
@@ -40,7 +43,7 @@ P95_MAX_M: Final = 2.0
 
 def fit(raw: dict[str, Any], kind: str) -> None:
     """Have a configuration follow the target, which goes farther than the story does."""
-    raw["targets"] = [{"name": NAME, "sources": [SOURCES[kind]]}]
+    raw["targets"] = [{"name": NAME, "sources": [SOURCES[kind]], "delay_s": DELAY_S}]
     raw["control"]["safety"]["fence"]["distance_max_m"] = 1000.0
 
 
@@ -51,7 +54,7 @@ def fake_target(config: configuration.Config, kind: str, seed: int, truth: Path)
     command = [sys.executable, "-m", "gcs.sim", "--target", MOTION, "--send", kind]
     command += ["--origin", f"{frame.latitude_deg},{frame.longitude_deg},{frame.altitude_amsl_m}"]
     command += [f"--grid-at={-2.0 * PAD_SPACING_M:g},0", "--name", NAME, "--seed", str(seed)]
-    command += ["--noise", "1", "--delay", "0.3", "--truth", str(truth)]
+    command += ["--noise", "1", "--delay", f"{DELAY_S:g}", "--truth", str(truth)]
     child = subprocess.Popen(command, stdout=subprocess.DEVNULL, start_new_session=True)  # noqa: S603
     try:
         yield

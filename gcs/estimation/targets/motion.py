@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 
 from gcs.model.jit import kernel
+from gcs.model.plan import Target
 from gcs.model.state import Array
 
 STEADY, BRISK, TURN, MODELS, STATES = 0, 1, 2, 3, 5
@@ -55,6 +56,22 @@ class TargetMotion:
     velocity_m_s: Array  # (2,)
     acceleration_m_s2: Array  # (2,) of the turn
     covariance: Array  # (4, 4) of position and velocity
+
+    def target(self, time_s: float) -> Target:
+        """The target that the formation follows, if it moves like this at `time_s`."""
+        (x_m, y_m), (x_m_s, y_m_s) = self.position_m.tolist(), self.velocity_m_s.tolist()
+        x_m_s2, y_m_s2 = self.acceleration_m_s2.tolist()
+        return Target(
+            x_m,
+            y_m,
+            x_m_s,
+            y_m_s,
+            time_s,
+            followed=True,
+            acceleration_x_m_s2=x_m_s2,
+            acceleration_y_m_s2=y_m_s2,
+            deviation_m_s=self.velocity_deviation_m_s,
+        )
 
     @property
     def deviation_m(self) -> float:

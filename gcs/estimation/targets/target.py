@@ -1,4 +1,4 @@
-"""A target that several sources report: the best that is heard counts. Pure."""
+"""A target that several sources report: the first of those that are tracked is used. Pure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
@@ -12,46 +12,46 @@ from gcs.estimation.targets.tracker import Tracker, TrackState
 from gcs.model.state import Array
 
 BRIDGED_S: Final = 1.0
-"""After another source counts, the difference between both decays with this time constant."""
+"""After a change of the source the difference between both decays with this time constant."""
 
 DISAGREE: Final = 3.0
 """Sources that differ by more than so many standard deviations of both contradict each other."""
 
-BETTER: Final = (TrackState.TRACKED, TrackState.COASTING, TrackState.LOST)
+BEST_FIRST: Final = (TrackState.TRACKED, TrackState.COASTING, TrackState.LOST)
 
 
 @dataclass(slots=True, eq=False)
 class TargetEstimate:
-    """Where a target is, of the best source that is heard.
+    """Where a target is, by the source that is in use.
 
     Attributes:
         trackers: one for each source, the best first.
-        counts: place of the one that counts.
-        changes: how often another one came to count.
+        active: index of the one in use.
+        changes: how often that has changed.
     """
 
     trackers: Sequence[Tracker]
-    counts: int = 0
+    active: int = 0
     changes: int = 0
     _bridge_m: Array = field(default_factory=lambda: np.zeros(2), init=False)
     _bridged_s: float = field(default=0.0, init=False)
 
     @property
     def tracker(self) -> Tracker:
-        """The one that counts."""
-        return self.trackers[self.counts]
+        """The one in use."""
+        return self.trackers[self.active]
 
     def motion(self, now_s: float) -> TargetMotion | None:
         """How the target moves at `now_s`; None: nothing was received. Call it once a tick."""
         best = self._best(now_s)
         motion = self.trackers[best].motion(now_s)
-        if best != self.counts:
+        if best != self.active:
             before = self.tracker.motion(now_s)
             if before is not None and motion is not None:
                 self._bridge_m = before.position_m + self._bridge(now_s) - motion.position_m
                 self._bridged_s = now_s
                 self.changes += 1
-            self.counts = best
+            self.active = best
         return motion and replace(motion, position_m=motion.position_m + self._bridge(now_s))
 
     def state(self, now_s: float) -> TrackState:
@@ -64,14 +64,14 @@ class TargetEstimate:
         self._bridge_m = np.zeros(2)
 
     def apart_m(self, now_s: float) -> float:
-        """How far another tracked source is from the one that counts, if they contradict; else 0."""
+        """How far another tracked source is from the one in use, if they contradict each other; else 0."""
         motion = self.tracker.motion(now_s)
         if motion is None:
             return 0.0
         apart_m = 0.0
-        for place, tracker in enumerate(self.trackers):
+        for source, tracker in enumerate(self.trackers):
             other = tracker.motion(now_s)
-            if place == self.counts or other is None or tracker.state(now_s) is not TrackState.TRACKED:
+            if source == self.active or other is None or tracker.state(now_s) is not TrackState.TRACKED:
                 continue
             off_m = float(np.hypot(*(other.position_m - motion.position_m)))
             if off_m > DISAGREE * float(np.hypot(other.deviation_m, motion.deviation_m)):
@@ -79,14 +79,14 @@ class TargetEstimate:
         return apart_m
 
     def _best(self, now_s: float) -> int:
-        """The first that is tracked; else the one that counts while it coasts; else the newest."""
+        """Index of the first that is tracked; else of the one in use while it is no worse than others."""
         states = [tracker.state(now_s) for tracker in self.trackers]
-        for desired in BETTER:
-            if desired is not TrackState.TRACKED and states[self.counts] is desired:
-                return self.counts
-            if desired in states:
-                return states.index(desired)
-        return self.counts
+        for state in BEST_FIRST:
+            if state is not TrackState.TRACKED and states[self.active] is state:
+                return self.active
+            if state in states:
+                return states.index(state)
+        return self.active
 
     def _bridge(self, now_s: float) -> Array:
         bridge_m: Array = self._bridge_m * exp(-max(now_s - self._bridged_s, 0.0) / BRIDGED_S)

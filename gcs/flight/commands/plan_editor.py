@@ -93,10 +93,8 @@ class PlanEditor:
         self.targets.select(name)
 
     def hold_target(self) -> None:
-        now_s = self.now_s()
         self.targets.select("")
-        here_m = self.in_force.plan.target.position_m(now_s)
-        self.show_player.set_target(Target(*here_m, time_s=now_s, followed=True))
+        self.show_player.set_target(self.in_force.plan.target.held(self.now_s()))
 
     def report_target(self, name: str, fix: TargetFix) -> None:
         self.targets.report(name, fix)

@@ -129,7 +129,7 @@ def points(file: Path, system_id: int = 0) -> Work:
 
     Args:
         file: of one of the formats, by its suffix.
-        system_id: of a telemetry log: whose positions; 0: of the first with one.
+        system_id: in a telemetry log, of the target; 0: the first system with a position.
 
     Raises: OSError where it cannot be read; LinkError with the place of what is wrong.
     """

@@ -221,7 +221,7 @@ def test_better_source_counts_without_a_jump() -> None:
         if last_m is not None:
             jumps_m.append(float(np.hypot(*(motion.position_m - last_m))))
         last_m = motion.position_m
-        assert target.counts == (1 if 20.6 <= now_s < 40.0 else 0) or 20.0 <= now_s <= 20.6
+        assert target.active == (1 if 20.6 <= now_s < 40.0 else 0) or 20.0 <= now_s <= 20.6
     assert target.changes == 2
     assert max(jumps_m) < SPEED_M_S / 20.0 + 0.3
 
