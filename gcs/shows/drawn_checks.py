@@ -165,6 +165,35 @@ def _close(show: Show, drawing: DrawnShow, index: int, below: dict[tuple[int, in
     yield Flaw(("timeline", index, "trajectories"), f"trajectories: {text} (times of the drawing)")
 
 
+def drawn_within(timeline: Timeline, row: int, size_m: tuple[float, float], until_s: float) -> str:
+    """Name the vehicle that is drawn deepest in the ellipsoid about another by a time of the show, and when.
+
+    Args:
+        timeline: with its drawing.
+        row: of the other one, in the drawing.
+        size_m: semi-axes of the ellipsoid, sideways and up.
+        until_s: time of the show.
+
+    Returns: "" where none is drawn inside.
+    """
+    semi_m, deepest, named = np.array([size_m[0], size_m[0], size_m[1]]), 1.0, ""
+    for time_s in np.arange(0.0, until_s, SAMPLED_S).tolist():
+        motion, drawn_s = timeline.motion_at(time_s), timeline.drawn_s(time_s)
+        if timeline.drawing is None or motion is None or drawn_s is None:
+            continue
+        away_m = np.abs(motion.position_m - motion.position_m[row])
+        shares = np.linalg.norm(away_m / semi_m, axis=1)
+        shares[row] = np.inf
+        other, names = int(shares.argmin()), timeline.drawing.vehicles
+        if shares[other] < deepest:
+            deepest, apart_m = float(shares[other]), np.hypot(*away_m[other, :2])
+            named = (
+                f"{names[row]} and {names[other]} are drawn {apart_m:.2f} m apart sideways and"
+                f" {away_m[other, 2]:.2f} m in height at {drawn_s:.1f} s of the drawing"
+            )
+    return named
+
+
 def _motion(sampled: _Sampled) -> Array:
     """(5,) Greatest speed sideways, climb, sink, acceleration and height."""
     velocity_m_s = sampled.velocity_m_s

@@ -16,7 +16,7 @@ from gcs.planning.return_paths.within_areas import cross_edges
 from gcs.safety.fenced_areas import beyond_m
 from gcs.service.snapshots import CueFigures, ShowFigures, VerticalOverlap
 from gcs.shows import Flaw, Played
-from gcs.shows.drawn_checks import DrawnFigures, examine
+from gcs.shows.drawn_checks import DrawnFigures, drawn_within, examine
 from gcs.simulation.control_loss import ControlLoss, control_loss, described, sampled
 from gcs.simulation.metrics import rounded
 from gcs.simulation.record import penetrations_and_clearance_m
@@ -164,7 +164,7 @@ class _Judge:
         errors, drawn = self._flight.errors, examine(self._loaded.timeline)[0]
         return {
             "drawn": drawn,
-            "warnings": tuple(filter(None, (drawn.mid_air, self._leaving_paths()))),
+            "warnings": tuple(filter(None, (drawn.mid_air, self._leaving_paths(), self._far_off()))),
             "track_rms_m": round(errors.fleet_rms_m, 3),
             "track_max_m": _short(errors.max_m.max()),
             "lags": lags(self._flight),
@@ -266,19 +266,46 @@ class _Judge:
 
     def _fence(self) -> tuple[float, float]:
         """Least margins to the fence: horizontal during the whole flight, vertical while the show runs."""
-        fence = self._loaded.show.fence
+        fence, rows = self._loaded.show.fence, np.flatnonzero(~self._lost)
         inside = (self._time_s >= self._began_s) & (self._time_s < self._ended_s)
-        ours_m = self._position_m[:, ~self._lost]
-        margin_m = fence.distance_max_m - np.hypot(*ours_m[:, :, :2].transpose(2, 0, 1)).max(axis=1)
+        ours_m = self._position_m[:, rows]
         height_m = -ours_m[:, :, 2]
-        up_m = np.minimum(fence.height_max_m - height_m, height_m - fence.height_min_m)
-        up_m = np.where(self._joined[:, ~self._lost], up_m, np.inf).min(axis=1)
+        counts = inside[:, None] & self._joined[:, rows]
+        away_m = fence.distance_max_m - np.hypot(ours_m[:, :, 0], ours_m[:, :, 1])
+        above_m = np.where(counts, fence.height_max_m - height_m, np.inf)
+        below_m = np.where(counts, height_m - fence.height_min_m, np.inf)
         self._areas(ours_m)
-        for what, least_m in (("distance", margin_m), ("height", np.where(inside, up_m, np.inf))):
-            worst = int(least_m.argmin())
-            if least_m[worst] < 0.0:
-                self._note(worst, f"a vehicle is {-least_m[worst]:.2f} m beyond the fence ({what})")
-        return float(margin_m.min()), float(up_m[inside].min())
+        for where, room_m in (("beyond", away_m), ("above", above_m), ("below", below_m)):
+            tick, column = np.unravel_index(int(room_m.argmin()), room_m.shape)
+            if room_m[tick, column] < 0.0:
+                row = int(rows[column])
+                words = f"vehicle {row + 1} is {-room_m[tick, column]:.2f} m {where} the fence"
+                self._note(int(tick), words, self._held_off(row, int(tick)))
+        return float(away_m.min()), float(min(above_m.min(), below_m.min()))
+
+    def _held_off(self, row: int, tick: int) -> str:
+        """Say how far a vehicle is from its trajectory, and which one is drawn closer than the filter keeps.
+
+        Returns: "" where none is until then, or no drawn part runs.
+        """
+        flight, floor = self._flight, self._flight.floor
+        mine = int(flight.trajectory_of[row])
+        off_m = flight.off_m[tick][row] if tick < len(flight.off_m) else np.nan
+        if mine < 0 or not np.isfinite(off_m):
+            return ""
+        wide_m, tall_m = floor.kept_m(floor.worst_reserve_m(np.array(flight.traits.uncertainty_m)))
+        pair = drawn_within(self._loaded.timeline, mine, (wide_m, tall_m), float(self._show_s[tick]))
+        kept = f"inside of the {wide_m:.1f} m and {tall_m:.1f} m that the filter keeps"
+        return f"{off_m:.1f} m from its trajectory: {pair}, {kept}" if pair else ""
+
+    def _far_off(self) -> str:
+        """Name the vehicle that is farthest from its trajectory if it is late, and held off by another."""
+        off_m, named = np.nan_to_num(np.stack(self._flight.off_m)), self._loaded.show.drawing
+        tick, row = np.unravel_index(int(off_m.argmax()), off_m.shape)
+        if named is None or off_m[tick, row] <= named.waits_from_m:
+            return ""
+        why = self._held_off(int(row), int(tick))
+        return f"vehicle {row + 1} is at {self._show_s[tick]:.1f} s of the show {why}" if why else ""
 
     def _areas(self, ours_m: Array) -> None:
         """Check that no vehicle leaves the areas of the drawing's fence, on its way home either."""
@@ -357,11 +384,11 @@ class _Judge:
             closer = f"{pairs} pair{'s' if pairs > 1 else ''} closer than the floor of"
             self._note(worst, f"{closer} {self._record.floor_m:g} m: {self._closest_m[worst]:.2f} m")
 
-    def _note(self, tick: int, words: str) -> None:
+    def _note(self, tick: int, words: str, more: str = "") -> None:
         """Add a flaw at that tick, to its cue."""
         loc, where = self._place(tick)
         when = f"{self._show_s[tick]:.1f} s of the show ({where})"
-        self._found.append(Flaw(loc, f"{words} at {when}"))
+        self._found.append(Flaw(loc, ", ".join(filter(None, (f"{words} at {when}", more)))))
 
     def _place(self, tick: int) -> tuple[tuple[str | int, ...], str]:
         """Return the path of a tick's cue in the file, and its name."""

@@ -15,6 +15,7 @@ from gcs.simulation.rehearsal import Rehearsal, rehearse
 from gcs.simulation.scenario import Adversity, ScenarioBox, ScenarioLoss, World
 from gcs.simulation.verdict import judge, table
 from tests.support.drawn_shows import drawn_show
+from tests.support.imports_flown import PHYSICAL
 
 QUIET = World()
 WITH_SPHERE = [
@@ -177,3 +178,22 @@ def test_an_obstacle_on_a_vehicle_is_reported(rings: LoadedShow) -> None:
     wall = ScenarioBox(x_m=x_m, y_m=y_m, half_length_x_m=1.0, half_length_y_m=1.0, height_m=9.0)
     flight = Rehearsal(rings, QUIET, 1, adversity=Adversity(boxes=(wall,)))
     assert any("unknown box 1" in flaw.text for flaw in flight.flaws)
+
+
+def test_a_pair_drawn_too_close_is_named_where_it_leads_far_off(tmp_path: Path) -> None:
+    """Three layers, closer one above the other than the filter keeps, right below the fence."""
+    write_drawing(drawn_show(9, 25.0, 2.5, ("cube",), 183), tmp_path / "cube.skyc")
+    drawing, data = read_drawing(tmp_path / "cube.skyc")
+    raw = yaml.safe_load(show_text(drawing, "cube.skyc", sha256(data).hexdigest()))
+    top_m = float(-drawing.trajectories.hull_m()[0, 2])
+    raw["fence"] |= {"height_max_m": round(top_m + 0.1, 1)}
+    raw["drawing"] |= {"waits_from_m": 1.0}
+    (tmp_path / "cube.yaml").write_text(yaml.safe_dump(raw, sort_keys=False))
+    verdict = judge(rehearse(load(tmp_path / "cube.yaml")))
+    (problem,) = verdict.problems
+    assert verdict.fence_height_margin_m < 0.0
+    assert f"is {-verdict.fence_height_margin_m:.2f} m above the fence at" in problem.text
+    assert PHYSICAL.search(problem.text)
+    (far,) = (words for words in verdict.warnings if "from its trajectory" in words)
+    assert far.startswith(f"vehicle {verdict.lags[0].vehicle} is at ")
+    assert far.endswith("inside of the 4.0 m and 6.8 m that the filter keeps")

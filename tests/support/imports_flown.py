@@ -329,5 +329,6 @@ def _simulate(target: Path, outcome: Outcome) -> None:
 PHYSICAL = re.compile(
     r"drawn closer than the floor .* at [0-9.]+ s|[0-9.]+ m/s(\^2)? [a-z].*: vehicle [0-9]+ .* at [0-9.]+ s"
     r"|all vehicles are never .* at [0-9.]+ s of the drawing, .* is at"
+    r"|vehicle [0-9]+ is .* the fence at [0-9.]+ s .* and .* are drawn [0-9.]+ m apart .* at [0-9.]+ s"
 )
 """Refusals that say of a vehicle, or of pairs, when it cannot fly as drawn."""

@@ -1,5 +1,6 @@
 """The check of a drawing without a flight: what is refused, where, and what the file claims."""
 
+import re
 from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
@@ -11,7 +12,7 @@ from gcs.model.errors import ShowError
 from gcs.shows import Flaw, load
 from gcs.shows.drawn import Claims, DrawnShow, YawPrograms
 from gcs.shows.drawn.yaw_programs import YawProgram
-from gcs.shows.drawn_checks import DrawnFigures, examine
+from gcs.shows.drawn_checks import DrawnFigures, drawn_within, examine
 from gcs.shows.formats import parse_drawing, read_drawing, write_drawing
 from gcs.shows.importing import show_text
 from tests.support.drawing_files import flight, skyc, zipped
@@ -44,6 +45,21 @@ def test_spacing_below_the_floor_is_refused_with_pairs_and_times(tmp_path: Path)
     assert figures.pairs_below_floor > 0
     assert {flaw.loc[0] for flaw in flaws} == {"timeline"}
     assert "are drawn closer than the floor of 2 m: drone 1 and drone 5 1.53 m at 7.5 s" in flaws[0].text
+
+
+def test_the_pair_that_is_drawn_too_close_is_named(tmp_path: Path) -> None:
+    checked(tmp_path, drawn_show(9, 40.0, 3.0, ("cube",)))
+    timeline = load(tmp_path / "trial.yaml").timeline
+    assert drawn_within(timeline, 4, (2.9, 4.3), 40.0) == ""
+    named = drawn_within(timeline, 4, (4.0, 6.9), 40.0)
+    assert named.startswith("drone 5 and drone ")
+    assert drawn_within(timeline, 4, (4.0, 6.9), 0.0) == ""
+    apart_m, up_m, at_s = map(float, re.findall(r"[0-9]+\.[0-9]+", named))
+    assert np.hypot(apart_m, up_m / 1.5) == pytest.approx(3.0, abs=0.1)
+    motion = timeline.motion_at(at_s)
+    assert motion is not None
+    away_m = np.abs(motion.position_m - motion.position_m[4])
+    assert np.isclose(np.hypot(away_m[:, 0], away_m[:, 1]), apart_m, atol=0.006).any()
 
 
 def test_a_yaw_that_turns_too_fast_is_refused_where_flown(tmp_path: Path) -> None:
