@@ -275,6 +275,8 @@ def target(desired: plan.Target, position_m: tuple[float, float], frame: ShowFra
         longitude_deg=float(longitude_deg[0]),
         velocity_north_m_s=float(ned_m_s[0, 0]),
         velocity_east_m_s=float(ned_m_s[0, 1]),
+        height_m=desired.height_m,
+        clearance_m=desired.clearance_m,
     )
 
 
@@ -311,7 +313,8 @@ def target_desired(
         raise InvalidError(
             "latitude_deg, longitude_deg", f"{body.latitude_deg}, {body.longitude_deg}", allowed
         )
-    return plan.Target(x_m, y_m, float(velocity_m_s[0, 0]), float(velocity_m_s[0, 1]), now_s)
+    x_m_s, y_m_s, _ = velocity_m_s[0].tolist()
+    return plan.Target(x_m, y_m, x_m_s, y_m_s, now_s, height_m=body.height_m, clearance_m=body.clearance_m)
 
 
 def yaw_desired(body: requests.YawChange, current: plan.Yaw, frame: ShowFrame) -> plan.Yaw:

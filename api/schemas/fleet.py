@@ -195,6 +195,8 @@ class Target(Outward):
     longitude_deg: Measured
     velocity_north_m_s: float
     velocity_east_m_s: float
+    height_m: float
+    clearance_m: float
 
 
 class Yaw(Outward):

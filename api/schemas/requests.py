@@ -124,6 +124,14 @@ class YawChange(Change):
     heading_deg: Heading = Field(default=ABSENT)
 
 
+TargetHeight = Annotated[
+    float, Field(ge=-1000, le=10_000, description="Above the show's origin; the formation flies above that.")
+]
+TargetClearance = Annotated[
+    float, Field(ge=0, le=500, description="No vehicle comes nearer to the target; 0: vehicles may.")
+]
+
+
 class ShowTarget(Inward):
     """The target's position and velocity in the show frame."""
 
@@ -131,6 +139,8 @@ class ShowTarget(Inward):
     y_m: Coordinate
     velocity_x_m_s: Velocity = 0.0
     velocity_y_m_s: Velocity = 0.0
+    height_m: TargetHeight = 0.0
+    clearance_m: TargetClearance = 0.0
 
 
 class GeodeticTarget(Inward):
@@ -140,6 +150,8 @@ class GeodeticTarget(Inward):
     longitude_deg: Annotated[float, Field(ge=-180, le=180, examples=[8.5456])]
     velocity_north_m_s: Velocity = 0.0
     velocity_east_m_s: Velocity = 0.0
+    height_m: TargetHeight = 0.0
+    clearance_m: TargetClearance = 0.0
 
 
 TARGET_FRAMES: Final[dict[str, type[Inward]]] = {"show frame": ShowTarget, "geodetic": GeodeticTarget}
@@ -149,7 +161,9 @@ def _target_frame(value: object) -> str | None:
     """Return the tag of the frame whose fields are given; None: of neither, or of both."""
     if not isinstance(value, dict):
         return None
-    meant = [tag for tag, model in TARGET_FRAMES.items() if value.keys() & model.model_fields.keys()]
+    in_both = ShowTarget.model_fields.keys() & GeodeticTarget.model_fields.keys()
+    given = value.keys() - in_both
+    meant = [tag for tag, model in TARGET_FRAMES.items() if given & model.model_fields.keys()]
     return meant[0] if len(meant) == 1 else None
 
 

@@ -434,7 +434,14 @@ class Client(Calls):
 
     @calls("PUT", "/api/v1/target")
     def set_target(
-        self, x_m: float, y_m: float, *, velocity_x_m_s: float = 0.0, velocity_y_m_s: float = 0.0
+        self,
+        x_m: float,
+        y_m: float,
+        *,
+        velocity_x_m_s: float = 0.0,
+        velocity_y_m_s: float = 0.0,
+        height_m: float = 0.0,
+        clearance_m: float = 0.0,
     ) -> schemas.Target:
         """Set the target's position and velocity, in the show frame."""
 
@@ -446,6 +453,8 @@ class Client(Calls):
         *,
         velocity_north_m_s: float = 0.0,
         velocity_east_m_s: float = 0.0,
+        height_m: float = 0.0,
+        clearance_m: float = 0.0,
     ) -> schemas.Target:
         """Set the target's position (WGS84) and velocity."""
 

@@ -131,11 +131,18 @@ def _around_obstacles(
     fleet, plan, law, moves = now.fleet, now.plan, now.settings.law, now.tasks.center_moves
     fence_m, sphere_m = now.settings.safety.fence.distance_max_m, max(radius_m, plan.formation.radius_m)
     reach_m = target_reach_m(fence_m, plan.orbit.radius_m, sphere_m)
+    pace = min(memory.pace, now.pace)
     desired_m_s = desired_center_velocity(
-        ahead, plan, fleet.time_s + now.dt_s, law, reach_m=reach_m, pace=min(memory.pace, now.pace)
+        ahead,
+        plan,
+        fleet.time_s + now.dt_s,
+        law,
+        reach_m=reach_m,
+        pace=pace,
+        height_m=now.center_height_m(sphere_m),
     )
     if plan.target.followed and not now.ellipses:
-        desired_m_s[:2] = _following(now, ahead, reach_m, min(memory.pace, now.pace), limits)
+        desired_m_s[:2] = _following(now, ahead, reach_m, pace, limits)
     if not moves:
         desired_m_s[:2] = 0.0
     if not now.ellipses:

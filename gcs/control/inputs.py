@@ -15,6 +15,7 @@ from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array, FleetState, Mask, Traits, freeze
 from gcs.safety.constraints import stopping_speed_m_s
 from gcs.safety.filter import SafetySettings
+from gcs.safety.target_clearance import clear_height_m, kept_clear_m
 
 
 class Task(IntEnum):
@@ -195,6 +196,22 @@ class TickInputs:
                 x_m, y_m, wide_m, wide_m, tall_m - z_m, beside_slots=True
             )
         return ellipses
+
+    def center_height_m(self, sphere_m: float) -> float:
+        """Height at which the centre of a sphere of this radius is to fly: above its target, clear of it.
+
+        No higher than the fence lets the sphere: the filter then keeps the clearance without the law.
+        """
+        plan, fence, planned_m = self.plan, self.settings.safety.fence, self.plan.formation.height_m
+        later_m = plan.target.climb_m_s / self.settings.law.goal_rate_per_s  # it lags by so much
+        asked_m = least_m = planned_m + plan.target.height_m + later_m
+        if plan.target.clearance_m:
+            worst_m = np.array([self.traits.uncertainty_m[self.sphere].max(initial=0.0)])
+            kept_m = kept_clear_m(plan.target, self.settings.safety.floor, worst_m)[:, 0]
+            least_m = later_m + clear_height_m(plan.target, plan.orbit.radius_m, sphere_m, kept_m)
+        most_m = max(fence.height_max_m - sphere_m, planned_m)
+        lowest_m = min(fence.height_min_m + sphere_m, planned_m)
+        return max(min(max(asked_m, least_m), most_m), lowest_m)
 
     @property
     def acceleration_max_m_s2(self) -> Array:

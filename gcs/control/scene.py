@@ -42,7 +42,7 @@ class Scene:
     @property
     def plan_height_m(self) -> float:
         """At which the centre is to fly."""
-        return self.now.plan.formation.height_m
+        return self.now.center_height_m(self.sphere_m)
 
     @property
     def speed_m_s(self) -> float:

@@ -352,6 +352,8 @@ def _surroundings(
         now.traits.response,
         None if now.tasks.drawn is None else now.tasks.task == Task.DRAWN,
         shared_m_s,
+        now.plan.target,
+        now.fleet.time_s,
     )
 
 

@@ -167,12 +167,15 @@ class VehiclesLost(Settings):
 
 
 class TargetStale(Settings):
-    """The target of a show's live cue has not been updated."""
+    """The target of a show's live cue has not been updated, or the selected target is not received.
+
+    A selected target is followed on its last motion, and then held (`coast_s`), whatever is set here.
+    """
 
     action: Literal["ignore", "hold-target", "pause", "return"] = "hold-target"
     """What the show does."""
     after_s: Positive = 5.0
-    """Time since the last update of a live target, in s."""
+    """Time since the last update, in s."""
 
 
 class ServiceLate(Settings):

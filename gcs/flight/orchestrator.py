@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from copy import copy
 from functools import cache, partial
-from math import nan
+from math import isnan, nan
 from typing import Final, Protocol
 
 from gcs.config.schema import Config
@@ -235,6 +235,7 @@ class Orchestrator:
             maneuvers,
             come_back.fly,
         )
+        acts = config.failsafes.target_stale.action not in ("ignore", "hold-target")
         self._failsafe_monitor = FailsafeMonitor(
             newest,
             vehicles,
@@ -249,6 +250,9 @@ class Orchestrator:
             self._clock,
             self.commands,
             maneuvers.running,
+            lambda: (
+                targets.silent_s if acts and isnan(self.player.target_age_s) else self.player.target_age_s
+            ),
         )
         self._progress = ShowProgress(
             newest,

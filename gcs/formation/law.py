@@ -100,17 +100,25 @@ def begun(direction: Array, ids: Sequence[VehicleId], rows: NDArray[np.intp], se
 
 
 def desired_center_velocity(
-    center: Center, plan: Plan, time_s: float, settings: LawSettings, *, reach_m: float, pace: float
+    center: Center,
+    plan: Plan,
+    time_s: float,
+    settings: LawSettings,
+    *,
+    reach_m: float,
+    pace: float,
+    height_m: float,
 ) -> Array:
     """(3,) velocity that takes the centre to its orbit round the target, and to its height.
 
     Args:
         center: its present state.
-        plan: target, orbit and height.
+        plan: target and orbit.
         time_s: time of the target's position.
         settings: speeds and rates.
-        pace: share of the orbit's speed that the vehicles can keep up with.
         reach_m: the target is followed no farther than this from the show's origin (`gcs.formation.orbit`).
+        pace: share of the orbit's speed that the vehicles can keep up with.
+        height_m: at which it is to be.
 
     Source: article, section 3; the target's velocity is added (the printed law is relative to it), and the
         sum kept within the ground speed limit by shrinking the relative part.
@@ -126,7 +134,7 @@ def desired_center_velocity(
         braking_m_s2=settings.center_acceleration_max_m_s2 / 2,
     )
     level_m_s = within_ground_speed(target_velocity, pace * relative, settings.center_speed_max_m_s)
-    climb_m_s = settings.goal_rate_per_s * (-plan.formation.height_m - center.position_m[2])
+    climb_m_s = settings.goal_rate_per_s * (-height_m - center.position_m[2])
     bounded_m_s = min(max(climb_m_s, -settings.climb_max_m_s), settings.climb_max_m_s)
     return np.array([level_m_s[0], level_m_s[1], bounded_m_s])
 

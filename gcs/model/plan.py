@@ -6,7 +6,7 @@ fits the fleet and the moment (radius for N, height, limits) is checked in `gcs.
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from enum import StrEnum
 from math import hypot, isfinite
 from typing import Annotated, Any, Final
@@ -92,6 +92,9 @@ class Orbit:
         require_positive(speed_m_s=self.speed_m_s)
 
 
+MOTION: Final = ("x_m", "y_m", "velocity_x_m_s", "velocity_y_m_s", "time_s")
+
+
 class _Moving:
     """What moves over the ground with a constant velocity."""
 
@@ -104,8 +107,7 @@ class _Moving:
     time_s: float
 
     def require_finite_motion(self) -> None:
-        names = ("x_m", "y_m", "velocity_x_m_s", "velocity_y_m_s", "time_s")
-        require_finite(**{name: getattr(self, name) for name in names})
+        require_finite(**{name: getattr(self, name) for name in MOTION})
 
     def position_m(self, time_s: float) -> tuple[float, float]:
         """(x, y) at `time_s`, by dead reckoning."""
@@ -134,18 +136,31 @@ class Target(_Moving):
     acceleration_x_m_s2: float = 0.0  # now; it moves on without
     acceleration_y_m_s2: float = 0.0
     deviation_m_s: float = 0.0  # standard deviation of its velocity along an axis
+    deviation_m: float = 0.0  # of its position along an axis
+    height_m: float = 0.0  # above the show's origin; the formation flies above that
+    climb_m_s: float = 0.0
+    height_deviation_m: float = 0.0
+    clearance_m: float = 0.0  # no vehicle comes nearer; 0: vehicles may
 
     def __post_init__(self) -> None:
         self.require_finite_motion()
-        require_finite(
-            acceleration_x_m_s2=self.acceleration_x_m_s2,
-            acceleration_y_m_s2=self.acceleration_y_m_s2,
-            deviation_m_s=self.deviation_m_s,
-        )
+        rest = (field.name for field in fields(self) if field.name not in MOTION)
+        require_finite(**{name: getattr(self, name) for name in rest})
+        if self.clearance_m < 0.0:
+            raise InvalidError("clearance_m", self.clearance_m, "0 or more")
 
     def held(self, time_s: float) -> "Target":
         """The target if it stands from `time_s` on."""
-        return Target(*self.position_m(time_s), time_s=time_s, followed=True)
+        x_m, y_m = self.position_m(time_s)
+        return replace(
+            self,
+            x_m=x_m,
+            y_m=y_m,
+            **dict.fromkeys(("velocity_x_m_s", "velocity_y_m_s", "climb_m_s", "deviation_m_s"), 0.0),
+            **dict.fromkeys(("acceleration_x_m_s2", "acceleration_y_m_s2"), 0.0),
+            time_s=time_s,
+            followed=True,
+        )
 
 
 @dataclass(frozen=True, slots=True)

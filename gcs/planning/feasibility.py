@@ -1,6 +1,7 @@
 """Whether a change of the plan is feasible for the fleet now. Pure; refusals name a feasible value."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from math import ceil, floor, hypot, isfinite
 from typing import Literal
 
@@ -17,6 +18,7 @@ from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array, VehicleId
 from gcs.safety.constraints import Braking
 from gcs.safety.filter import SafetySettings
+from gcs.safety.target_clearance import clear_height_m, kept_clear_m
 from gcs.safety.walls import Fence, obstacle_constraints
 
 NEARLY_M = 1e-9
@@ -155,7 +157,7 @@ def check_target(
         control: speeds, and the fence.
         changed: what the caller changes, which the refusal names.
 
-    Raises: InvalidError when the target is too fast, or following it would cross the fence.
+    Raises: InvalidError when the target is too fast, or the fence leaves no room round it.
     """
     law, safety = control.law, control.safety
     fastest_m_s = law.center_speed_max_m_s
@@ -163,6 +165,10 @@ def check_target(
         fastest_m_s = max(fastest_m_s, SPEED_SHARE * safety.limits.horizontal_m_s)
     if changed == "target" and target.speed_m_s > fastest_m_s:
         raise InvalidError("velocity", f"{target.speed_m_s:.2f} m/s", f"at most {fastest_m_s:g} m/s")
+    if (too_low_m := without_room_m(target, orbit, formation, safety)) > NEARLY_M:
+        least_m = _up(safety.fence.height_max_m + too_low_m)
+        allowed = f"less, or `fence.height_max_m` of {least_m:.1f} m, so that the sphere stays clear of it"
+        raise InvalidError("clearance_m", target.clearance_m, allowed)
     fence_m, away_m = safety.fence.distance_max_m, hypot(target.x_m, target.y_m)
     if orbit.radius_m + formation.radius_m + away_m + CLEAR_OF_FENCE_M <= fence_m + NEARLY_M:
         return
@@ -179,6 +185,34 @@ def check_target(
     raise InvalidError("radius_m", radius_m, f"at most {_down(most_m):.1f} m {from_origin}, {inside}")
 
 
+def without_room_m(target: Target, orbit: Orbit, formation: Formation, safety: SafetySettings) -> float:
+    """By how much the fence is too low for a sphere that keeps its target's clearance; 0: there is room."""
+    if not target.clearance_m:
+        return 0.0
+    kept_m = kept_clear_m(target, safety.floor, np.array([safety.floor.uncertainty_m]))[:, 0]
+    least_m = clear_height_m(target, orbit.radius_m, formation.radius_m, kept_m)
+    return max(least_m + formation.radius_m - safety.fence.height_max_m, 0.0)
+
+
+def check_clearance(target: Target, pads_m: Mapping[VehicleId, Array]) -> None:
+    """Check that no pad is nearer to the target than its clearance. Raises: RefusedError naming vehicles.
+
+    Args:
+        target: at its `x_m` and `y_m`.
+        pads_m: (3,) where each vehicle stands.
+    """
+    near = [
+        name
+        for name, pad_m in pads_m.items()
+        if hypot(pad_m[0] - target.x_m, pad_m[1] - target.y_m) < target.clearance_m
+    ]
+    if near:
+        raise RefusedError(
+            f"the target is nearer than its clearance of {target.clearance_m:g} m to the"
+            f" {'pad' if len(near) == 1 else 'pads'} of {', '.join(near)}; let it go away"
+        )
+
+
 def followed(plan: Plan, time_s: float, fence: Fence) -> Target:
     """The target as followed at `time_s`: at its position then, or the nearest that can be followed.
 
@@ -189,8 +223,8 @@ def followed(plan: Plan, time_s: float, fence: Fence) -> Target:
     place_m, velocity_m_s = followed_target(
         np.array(plan.target.position_m(time_s)), np.array(plan.target.velocity_m_s), reach_m
     )
-    (x_m, y_m), (velocity_x_m_s, velocity_y_m_s) = place_m.tolist(), velocity_m_s.tolist()
-    return Target(x_m, y_m, velocity_x_m_s, velocity_y_m_s, time_s)
+    (x_m, y_m), (x_m_s, y_m_s) = place_m.tolist(), velocity_m_s.tolist()
+    return replace(plan.target, x_m=x_m, y_m=y_m, velocity_x_m_s=x_m_s, velocity_y_m_s=y_m_s, time_s=time_s)
 
 
 def check_obstacle(

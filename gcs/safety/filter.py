@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from gcs.formation.obstacles import Ellipse
 from gcs.model.jit import kernel
+from gcs.model.plan import Target
 from gcs.model.response import FleetResponse
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import TINY, Array, Mask
@@ -20,6 +21,7 @@ from gcs.safety.constraints import NO_ROW, Braking, Constraints, any_broken, nea
 from gcs.safety.floor import Floor, minimum_separation
 from gcs.safety.neighbours import FEW, Rows, near_pairs
 from gcs.safety.separation import Pairs, separation_constraints
+from gcs.safety.target_clearance import clearance_constraints
 from gcs.safety.traffic import Traffic
 from gcs.safety.walls import OWNERS_MOST, Fence, fence_constraints, keepout_constraints, obstacle_constraints
 
@@ -92,6 +94,8 @@ class Surroundings:
     response: FleetResponse | None = None  # (n,) in what their stops differ from `braking`; None: in nothing
     drawn: Mask | None = None  # (n,) on trajectories that were drawn for the fleet; None: none of them
     shared_m_s: Array | None = None  # (n, 3) what other stations' filters allowed last; NaN, None: not shared
+    target: Target = Target()  # with the clearance that is kept from it
+    time_s: float = 0.0  # of all these
 
     def over_link(self, delay_s: float) -> "Surroundings":
         """The same when stops begin a round trip of 2 `delay_s` later."""
@@ -246,7 +250,7 @@ def _joined(walls: Constraints, pairs: Pairs) -> Joined:
 
 
 def _walls(position_m: Array, here: Surroundings, settings: SafetySettings, braking: Braking) -> Constraints:
-    """All constraints on single vehicles: paths of lost vehicles, the fence, obstacles."""
+    """All constraints on single vehicles: paths of lost ones, the fence, obstacles, the target."""
     fastest_m_s, keepout = settings.limits.fastest_m_s, Constraints.none()
     if len(here.segments_m):
         keepout = keepout_constraints(
@@ -282,7 +286,19 @@ def _walls(position_m: Array, here: Surroundings, settings: SafetySettings, brak
         response=here.response,
         fastest_m_s=fastest_m_s,
     )
-    return Constraints.joined(keepout, fence, obstacles)
+    clear_of_target = clearance_constraints(
+        position_m,
+        here.velocity_m_s,
+        here.commanded,
+        here.target,
+        here.time_s + settings.link_delay_s,
+        floor=settings.floor,
+        braking=braking,
+        uncertainty_m=here.uncertainty_m,
+        response=here.response,
+        fastest_m_s=fastest_m_s,
+    )
+    return Constraints.joined(keepout, fence, obstacles, clear_of_target)
 
 
 def _reach(here: Surroundings, walls: Constraints, settings: SafetySettings) -> Constraints:

@@ -337,7 +337,7 @@ def keepout_constraints(
     if passage is not None:
         kept_m -= floor.margin_m * passage[row]
     each = braking.of_each(len(position_m), response)[:, row]
-    normal, bound_m_s = _true_bound(apart * floor.scale, distance_m - kept_m, each)
+    normal, bound_m_s = true_bound(apart * floor.scale, distance_m - kept_m, each)
     scaled_m = position_m[rows] * floor.scale
     own_kept_m = np.full((len(rows), len(segments_m)), -np.inf)
     own_kept_m[which, piece] = kept_m
@@ -562,7 +562,7 @@ def from_path_m(place_m: Array, segment_m: Array, off_m: Array) -> float:
     return away_m
 
 
-def _true_bound(slope: Array, scaled_gap_m: Array, each: Array) -> tuple[Array, Array]:
+def true_bound(slope: Array, scaled_gap_m: Array, each: Array) -> tuple[Array, Array]:
     """Unit normals (k, 3) and bounds (k,) in true metres a second.
 
     `slope` (k, 3) is the gradient of the scaled distance; the gap in true metres along it is the scaled

@@ -60,6 +60,8 @@ class AlarmCause(StrEnum):
     TARGET_OUTRUNS = "target-outruns"
     TARGET_BEYOND = "target-beyond"
     TARGET_SOURCES = "target-sources"
+    TARGET_NEAR = "target-near"
+    TARGET_NO_ROOM = "target-no-room"
     OBSTACLE_NEAR = "obstacle-near"
     OBSTACLE_WAITS = "obstacle-waits"
     NO_HEADWAY = "no-headway"
@@ -277,6 +279,21 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "Check which one is right, and switch the other off.",
         on_after_s=2.0,
         past="Sources of target {about} contradicted each other",
+    ),
+    AlarmCause.TARGET_NEAR: CauseRow(
+        W,
+        "{vehicles} too near the target",
+        "Let the target stand, or go away from [the vehicle|the vehicles]; pause, or bring all home, if [it"
+        " stays|they stay] there.",
+        on_after_s=0.3,
+        past="{vehicles} was too near the target",
+    ),
+    AlarmCause.TARGET_NO_ROOM: CauseRow(
+        C,
+        "No room above the target",
+        "Make the sphere smaller, or the orbit wider.",
+        on_after_s=1.0,
+        past="There was no room above the target",
     ),
     AlarmCause.OBSTACLE_NEAR: CauseRow(
         W,

@@ -322,7 +322,10 @@ def _behind_target(record: FlightRecord, flight: FormationFlight, from_s: float)
     """Errors of the true centroid from its place at the true target, and how hard the centre turns."""
     ticks = np.flatnonzero(np.array(record.time_s) >= from_s)
     path_m, center_m = np.array(record.position_m)[ticks], np.array(record.center_m)[ticks, :2]
-    off_m = np.linalg.norm(path_m[:, :, :2].mean(axis=1) - np.array(record.target_m)[ticks], axis=1)
+    target_m = np.array(record.target_m)[ticks]
+    off_m = np.linalg.norm(path_m[:, :, :2].mean(axis=1) - target_m, axis=1)
+    on_ground_m = np.column_stack([target_m, np.zeros(len(target_m))])
+    nearest_m = np.linalg.norm(path_m - on_ground_m[:, None], axis=2).min()
     off_m = np.abs(off_m - flight.orbit.radius_m)
     center_m_s2 = np.linalg.norm(np.diff(center_m, 2, axis=0), axis=1) * record.scenario.world.tick_rate_hz**2
     median_m, p95_m = np.percentile(off_m, [50, 95]).tolist()
@@ -330,6 +333,7 @@ def _behind_target(record: FlightRecord, flight: FormationFlight, from_s: float)
         "target_median_m": rounded(median_m),
         "target_p95_m": rounded(p95_m),
         "target_worst_m": rounded(float(off_m.max())),
+        "target_nearest_m": rounded(float(nearest_m)),
         "center_rms_m_s2": rounded(float(np.sqrt((center_m_s2**2).mean()))),
     }
 

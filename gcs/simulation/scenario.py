@@ -112,6 +112,7 @@ class TrackedTarget(Settings):
     freeze: tuple[NotNegative, NotNegative] = (1e9, 0.0)  # from when on it repeats one place, and how long
     doubled: Share = 0.0  # of the reports
     coast_s: Positive = 5.0
+    clearance_m: NotNegative = 0.0
     from_s: NotNegative = 20.0  # errors count from then on
 
     @field_validator("motion")

@@ -51,7 +51,7 @@ class MovingTarget:
         if motion is None:
             return was
         is_lost = self._estimate.state(now_s) is TrackState.LOST
-        return was.held(now_s) if is_lost else motion.target(now_s)
+        return was.held(now_s) if is_lost else motion.target(now_s, self._settings.clearance_m)
 
     def _report(self, sent: Sent) -> TargetReport:
         degrees = (np.array([sent.latitude_deg]), np.array([sent.longitude_deg]))

@@ -138,6 +138,19 @@ def _hairpin(speed_m_s: float, _random: Random) -> Iterator[Leg]:
         yield Leg((speed_m_s - slow_m_s) / 2.0, 2.0)
 
 
+def _random(speed_m_s: float, random: Random) -> Iterator[Leg]:
+    """Goes, stops and turns as it likes, with up to 2 m/s^2 ahead and aside; never backwards."""
+    now_m_s = speed_m_s
+    while True:
+        then_m_s = random.choice((0.0, random.uniform(0.0, speed_m_s), speed_m_s))
+        changing_s = max(abs(then_m_s - now_m_s) / 2.0, 0.1)
+        yield Leg(changing_s, (then_m_s - now_m_s) / changing_s)
+        most_rad_s = min(2.0 / max(then_m_s, 0.1), 1.5)
+        turn_rad_s = random.choice((0.0, random.uniform(-most_rad_s, most_rad_s)))
+        yield Leg(random.uniform(1.0, 6.0), 0.0, turn_rad_s)
+        now_m_s = then_m_s
+
+
 def _boat(_speed_m_s: float, _random: Random) -> Iterator[Leg]:
     yield Leg(10.0, 0.0, 0.06)
     while True:
@@ -159,6 +172,7 @@ KINDS = {
     "roundabout": _Kind(5.0, _roundabout),
     "hairpin": _Kind(8.0, _hairpin),
     "boat": _Kind(2.5, _boat),
+    "random": _Kind(3.0, _random),
 }
 """Motions by name, with their usual speeds."""
 

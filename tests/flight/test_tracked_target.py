@@ -207,3 +207,90 @@ def test_fast_formation_brakes_where_an_obstacle_becomes_known() -> None:
     assert fast_m_s > 5.0
     assert slower_m_s < 4.3
     assert violations == 0
+
+
+PERSON = {
+    "targets": [{"name": "boat", "sources": [{"kind": "rest"}], "deviation_m": 0.5, "clearance_m": 12.0}]
+}
+FAR_M = np.array([60.0, 5.0, 0.0])
+
+
+def test_formation_flies_clear_of_a_person() -> None:
+    """The sphere rises above them. A vehicle stands too near to their first place: the start is refused."""
+
+    async def story(show: VirtualShow) -> tuple[float, float]:
+        await show.standby()
+        show.service.plan.select_target("boat")
+        await report(show, 2.0, lambda _: np.zeros(3))
+        check = {each.name: each for each in show.service.preflight.report().fleet}["target"]
+        assert "clearance of 12 m" in check.problem
+        await report(show, 2.0, lambda _: FAR_M)
+        show.service.plan.select_target("boat")
+        await report(show, 2.0, lambda _: FAR_M)
+        await show.start()
+        await report(show, 40.0, lambda _: FAR_M)
+        nearest_m = np.inf
+        for _ in range(20):
+            await report(show, 1.0, lambda _: FAR_M)
+            nearest_m = min(nearest_m, float(np.linalg.norm(show.true_m - FAR_M, axis=1).min()))
+        assert AlarmCause.TARGET_NEAR not in alarms(show)
+        return nearest_m, off_m(show, FAR_M)
+
+    nearest_m, off = fly(story, show_config(4, **PERSON))
+    assert nearest_m > 12.0
+    assert off < 1.0
+
+
+def test_person_under_a_low_fence_is_kept_clear_of_and_said() -> None:
+    """The fence leaves no room for the sphere above them: the filter keeps the distance, not the shape."""
+    low = {"control": {"safety": {"fence": {"height_max_m": 24.0}}}}
+
+    async def story(show: VirtualShow) -> tuple[float, set[AlarmCause]]:
+        await show.start()
+        show.service.plan.set_orbit(Orbit(0.0, 2.0))
+        await report(show, 2.0, lambda _: FAR_M)
+        show.service.plan.select_target("boat")
+        seen, nearest_m = set(), np.inf
+        for _ in range(60):
+            await report(show, 1.0, lambda _: FAR_M)
+            seen |= alarms(show)
+            nearest_m = min(nearest_m, float(np.linalg.norm(show.true_m - FAR_M, axis=1).min()))
+        return nearest_m, seen
+
+    nearest_m, seen = fly(story, show_config(4, **PERSON, **low))
+    assert AlarmCause.TARGET_NO_ROOM in seen
+    assert nearest_m > 12.0
+
+
+def test_vehicle_that_a_person_walks_under_is_an_alarm() -> None:
+    async def story(show: VirtualShow) -> set[AlarmCause]:
+        await show.start()
+        await show.wait(5.0)
+        show.service.plan.set_orbit(Orbit(0.0, 2.0))
+        under_m = show.true_m[0] * (1.0, 1.0, 0.0)
+        await report(show, 1.0, lambda _: under_m)
+        show.service.plan.select_target("boat")
+        await report(show, 2.0, lambda _: under_m)
+        seen = alarms(show)
+        await report(show, 30.0, lambda _: under_m)
+        assert AlarmCause.TARGET_NEAR not in alarms(show)
+        return seen
+
+    config = show_config(4, targets=[PERSON["targets"][0] | {"clearance_m": 25.0}])
+    assert AlarmCause.TARGET_NEAR in fly(story, config)
+
+
+def test_formation_comes_home_when_its_target_stays_lost() -> None:
+    async def story(show: VirtualShow) -> list[str]:
+        await show.start()
+        await report(show, 2.0)
+        show.service.plan.select_target("boat")
+        await report(show, 10.0, begin_s=2.0)
+        phases = [show.view.show]
+        for seconds in (9.0, 3.0):
+            await show.wait(seconds)
+            phases.append(show.view.show)
+        return [phase.value for phase in phases]
+
+    lost = {"failsafes": {"target_stale": {"action": "return", "after_s": 10.0}}}
+    assert fly(story, show_config(4, **TARGETS, **lost)) == ["running", "running", "returning"]

@@ -14,6 +14,7 @@ from typing import Final
 
 import numpy as np
 
+from gcs.estimation.targets.height import HeightBelief
 from gcs.model.jit import kernel
 from gcs.model.plan import Target
 from gcs.model.state import Array
@@ -56,9 +57,13 @@ class TargetMotion:
     velocity_m_s: Array  # (2,)
     acceleration_m_s2: Array  # (2,) of the turn
     covariance: Array  # (4, 4) of position and velocity
+    height: HeightBelief | None = None  # None: it is not reported, or does not count
 
-    def target(self, time_s: float) -> Target:
-        """The target that the formation follows, if it moves like this at `time_s`."""
+    def target(self, time_s: float, clearance_m: float = 0.0) -> Target:
+        """The target that the formation follows, if it moves like this at `time_s`; without a height: at 0 m.
+
+        No vehicle is to come nearer to it than `clearance_m`.
+        """
         (x_m, y_m), (x_m_s, y_m_s) = self.position_m.tolist(), self.velocity_m_s.tolist()
         x_m_s2, y_m_s2 = self.acceleration_m_s2.tolist()
         return Target(
@@ -71,6 +76,11 @@ class TargetMotion:
             acceleration_x_m_s2=x_m_s2,
             acceleration_y_m_s2=y_m_s2,
             deviation_m_s=self.velocity_deviation_m_s,
+            deviation_m=self.deviation_m,
+            height_m=self.height.height_m if self.height else 0.0,
+            climb_m_s=self.height.climb_m_s if self.height else 0.0,
+            height_deviation_m=self.height.deviation_m if self.height else 0.0,
+            clearance_m=clearance_m,
         )
 
     @property

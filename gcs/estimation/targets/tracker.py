@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from gcs.estimation.targets.height import HeightBelief
 from gcs.estimation.targets.motion import (
     TargetBelief,
     TargetMotion,
@@ -68,7 +69,12 @@ class TargetReport:
     deviation_m: float = nan
     velocity_deviation_m_s: float = nan
     source_s: float = nan
+    height_m: float = nan  # above the show's origin
+    height_deviation_m: float = nan
 
+
+UP_SHARE: Final = 2.0
+"""Standard deviation of a reported height for that of a place sideways, where the source does not say."""
 
 VELOCITY_DEVIATION_M_S: Final = 0.15
 """Of a reported velocity along each axis, where the source does not say."""
@@ -83,6 +89,7 @@ class Tracker:
         coast_s: how long the estimate is believed without reports.
         clock: of the source.
         belief: None: nothing was received.
+        height: None: no height was received.
         newest_s: when the newest believed report was true, loop clock.
         period_s: between reports, smoothed.
         why: why reports are not believed, in words; empty: they are.
@@ -93,6 +100,7 @@ class Tracker:
     coast_s: float
     clock: SourceClock
     belief: TargetBelief | None = None
+    height: HeightBelief | None = None
     newest_s: float = -inf
     period_s: float = 1.0
     why: str = ""
@@ -142,11 +150,15 @@ class Tracker:
 
     def motion(self, now_s: float) -> TargetMotion | None:
         """How the target moves at `now_s`; None: nothing was received."""
-        return None if self.belief is None else foreseen(self.belief, now_s)
+        if self.belief is None:
+            return None
+        return replace(
+            foreseen(self.belief, now_s), height=None if self.height is None else self.height.foreseen(now_s)
+        )
 
     def begin_again(self) -> None:
         """Forget the target: the next report is believed, wherever it is."""
-        self.belief, self.why, self.newest_s = None, "", -inf
+        self.belief, self.height, self.why, self.newest_s = None, None, "", -inf
         self._believed.clear()
         self._refused_s = self._since_s = nan
 
@@ -174,6 +186,7 @@ class Tracker:
         if before is None:
             if self.belief is None:
                 self._insert(was_s, reported, variance, None)
+                self._take_height(report, was_s)
                 self._late_s = report.arrived_s - was_s
             return  # older than all that are kept
         off_m = self._off_m(before, was_s, reported, variance)
@@ -185,7 +198,19 @@ class Tracker:
                 self.why = f"it is reported {off_m:.0f} m from where it was expected"
             return
         self._insert(was_s, reported, variance, before)
+        self._take_height(report, was_s)
         self._late_s = report.arrived_s - was_s
+
+    def _take_height(self, report: TargetReport, was_s: float) -> None:
+        """Believe the height of a report whose place is believed."""
+        if not isfinite(report.height_m):
+            return
+        deviation_m = report.height_deviation_m
+        if not isfinite(deviation_m):
+            sideways_m = report.deviation_m if isfinite(report.deviation_m) else self.deviation_m
+            deviation_m = UP_SHARE * sideways_m
+        believed = HeightBelief.begun if self.height is None else self.height.corrected
+        self.height = believed(was_s, report.height_m, deviation_m)
 
     def _off_m(self, before: TargetBelief, was_s: float, reported: Array, variance: Array) -> float:
         """How far a report is from where it is expected, if that is too far; else 0.

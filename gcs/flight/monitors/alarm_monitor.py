@@ -151,6 +151,7 @@ class AlarmMonitor:
             *self._of_vehicles(findings.failsafes),
             *self._space.of_distances(tick),
             *self._space.of_obstacles(),
+            *self._space.of_the_target(),
             *of_the_centre(tick),
             *of_routes(tick, self.flight.newest.state.ids + tick.elsewhere),
             *self._accuracy.of_positions(findings.failsafes),

@@ -72,6 +72,7 @@ class FailsafeMonitor:
     clock: TickClock
     commander: Commander
     is_busy: Callable[[Vehicle], bool]
+    target_age_s: Callable[[], float]  # since a target that moves was last received; NaN: it does not count
 
     def __post_init__(self) -> None:
         settings, count = self.settings, len(self.vehicles)
@@ -113,7 +114,7 @@ class FailsafeMonitor:
             self.newest.silent,
             self.table.reset_time_s,
             self.in_force.control.safety.fence,
-            self.show_player.target_age_s,
+            self.target_age_s(),
             self.clock.late_s,
             self.link_delay.late_s,
             self.link_quality.share,

@@ -12,8 +12,10 @@ from gcs.flight.state.vehicle import FlightVehicles
 from gcs.model.lifecycle import FLOWN
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array, Mask
+from gcs.planning.feasibility import without_room_m
 from gcs.safety.floor import Floor
 from gcs.safety.neighbours import near_pairs
+from gcs.safety.target_clearance import away_m
 from gcs.service.alarms import AlarmCause, Condition, Limit, beyond
 
 CLOSE: Final = Limit(on=1.0, off=1.05)
@@ -120,6 +122,23 @@ class SpaceAlarms:
         for at, which in np.argwhere(inside).tolist():
             ids, about = (steered[at].id,), boxes[which].id
             yield Condition(AlarmCause.OBSTACLE_NEAR, because, ids, consequence, about=about)
+
+    def of_the_target(self) -> Iterator[Condition]:
+        """Yield own vehicles that are nearer to the target than its clearance, and a fence too low for it."""
+        fleet, plan = self.newest.state, self.in_force.plan
+        if not plan.target.clearance_m:
+            return
+        kept = f"{plan.target.clearance_m:g} m are kept"
+        flying = [vehicle for vehicle in self.vehicles.in_phase(*FLOWN) if not vehicle.flags.handed_over]
+        apart_m = away_m(fleet.position_m[[each.row for each in flying]], plan.target, fleet.time_s)
+        for vehicle, each_m in zip(flying, apart_m.tolist(), strict=True):
+            if each_m < plan.target.clearance_m:
+                yield Condition(AlarmCause.TARGET_NEAR, f"{each_m:.1f} m from it, {kept}", (vehicle.id,))
+        too_low_m = without_room_m(plan.target, plan.orbit, plan.formation, self.in_force.control.safety)
+        if flying and too_low_m > 0.0:
+            because = f"the fence is {too_low_m:.0f} m too low for a sphere that keeps clear of it"
+            consequence = f"The safety filter keeps {plan.target.clearance_m:g} m, and the shape gives way."
+            yield Condition(AlarmCause.TARGET_NO_ROOM, because, consequence=consequence)
 
 
 def of_the_centre(tick: Tick) -> Iterator[Condition]:

@@ -31,6 +31,7 @@ from gcs.model.preflight_report import (
 )
 from gcs.model.state import Array, VehicleId
 from gcs.planning.feasibility import (
+    check_clearance,
     check_formation,
     check_obstacle,
     check_target,
@@ -416,7 +417,7 @@ class PreflightGate:
             return
         yield ("formation", "a sphere that has room for all vehicles", lambda: self._check_formations(chosen))
         if flight.show.run is None:
-            yield "target", "where the formation can follow it", self._check_target
+            yield "target", "where the formation can follow it", lambda: self._check_target(chosen)
         if operation.require_safe_setpoint_loss:
             alone = [flight.vehicles[name].without_setpoints for name in chosen]
             flies_on_s = np.array([each.flies_on_s for each in alone])
@@ -461,8 +462,8 @@ class PreflightGate:
                     raise InvalidError(error.field, error.value, error.allowed + whose) from None
                 raise RefusedError(f"at '{cue}': {error}{whose}") from None
 
-    def _check_target(self) -> None:
-        """Check that the target is where it can be followed: it has moved on since it was set."""
+    def _check_target(self, chosen: Sequence[VehicleId]) -> None:
+        """Check that the target can be followed where it has moved to, and that no pad is too near."""
         plan, now_s = self.flight.in_force.plan, self.flight.newest.state.time_s
         x_m, y_m = plan.target.position_m(now_s)
         target = replace(plan.target, x_m=x_m, y_m=y_m, time_s=now_s)
@@ -470,6 +471,8 @@ class PreflightGate:
             check_target(target, plan.orbit, plan.formation, self.flight.in_force.control)
         except InvalidError as error:
             raise RefusedError(f"the target has moved out of reach: {error}") from None
+        pads_m = {name: self.flight.newest.position_m(self.flight.vehicles[name]) for name in chosen}
+        check_clearance(target, pads_m)
 
     def _least_certain(self, chosen: Sequence[VehicleId]) -> str:
         """Which vehicle's receiver decides the least radius, in words."""

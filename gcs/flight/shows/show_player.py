@@ -386,7 +386,7 @@ class ShowPlayer:
             return
         now_s, live = self.newest.state.time_s, show_run.live
         self._reported_s = live.time_s
-        self._held = show_run.live = Target(*live.position_m(now_s), time_s=now_s)
+        self._held = show_run.live = live.held(now_s)
 
     def set_target(self, target: Target) -> None:
         """Set a target, without a show or for a live cue. Raises: RefusedError, InvalidError."""

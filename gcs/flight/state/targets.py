@@ -101,6 +101,8 @@ class Targets(Feature):
         """Take a report of one of a target's sources, by its index."""
         degrees = (np.array([fix.latitude_deg]), np.array([fix.longitude_deg]))
         x_m, y_m, _ = self._frame.position_m(*degrees, np.array([self._frame.altitude_amsl_m]))[0].tolist()
+        target = self._targets[name]
+        counts = target.settings.height == "reported"
         x_m_s, y_m_s, _ = self._frame.from_ned(np.array([fix.north_m_s, fix.east_m_s, 0.0])).tolist()
         report = TargetReport(
             fix.arrived_s,
@@ -109,8 +111,9 @@ class Targets(Feature):
             fix.deviation_m,
             fix.velocity_deviation_m_s,
             fix.source_s,
+            fix.altitude_amsl_m - self._frame.altitude_amsl_m if counts else nan,
+            fix.height_deviation_m,
         )
-        target = self._targets[name]
         target.estimate.trackers[source].take(report, self._unix_minus_loop_s())
         target.problems[source] = ""
 
@@ -144,15 +147,25 @@ class Targets(Feature):
         run, plan = at.show_run, self._in_force.plan
         if not self._selected or not self._leads() or (run is not None and not run.is_live(at.time_s)):
             return
-        estimate = self._targets[self._selected].estimate
+        selected = self._targets[self._selected]
+        estimate, clearance_m = selected.estimate, selected.settings.clearance_m
         motion, is_lost = estimate.motion(at.time_s), estimate.state(at.time_s) is TrackState.LOST
         if motion is None or (self._holds and is_lost):
             return
         self._holds = is_lost
-        target = plan.target.held(at.time_s) if is_lost else motion.target(at.time_s)
+        target = plan.target.held(at.time_s) if is_lost else motion.target(at.time_s, clearance_m)
         if run is not None:
             run.live = target
         self._in_force.plan = replace(plan, target=target)
+
+    @property
+    def silent_s(self) -> float:
+        """How long nothing believed of the selected target has been received; NaN: it is, or none is."""
+        if not self._selected or not self._leads():
+            return nan
+        now_s, estimate = self._newest.state.time_s, self._targets[self._selected].estimate
+        is_silent = estimate.state(now_s) in (TrackState.COASTING, TrackState.LOST)
+        return now_s - estimate.tracker.newest_s if is_silent else nan
 
     def checks(self, at: Instant) -> Iterator[Check]:
         """Whether the selected target is known."""

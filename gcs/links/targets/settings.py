@@ -125,3 +125,7 @@ class TargetSettings(Settings):
     """How late reports arrive where their source has no clock that can be used, in s."""
     coast_s: Positive = 5.0
     """Without reports the estimate is followed for so long, in s; then the formation holds."""
+    clearance_m: NotNegative = 0.0
+    """No vehicle comes nearer to it, sideways and in height, in m; 0: vehicles may."""
+    height: Literal["ground", "reported"] = "ground"
+    """Whether it is on the ground, at the origin's height, or as high as its sources report."""

@@ -268,6 +268,16 @@ def test_target_by_latitude_equals_the_target_in_the_frame(api: Api) -> None:
     assert again["velocity_y_m_s"] == pytest.approx(2.0)
 
 
+def test_clearance_of_a_target_is_kept_in_both_frames(api: Api) -> None:
+    kept = {"height_m": 4.0, "clearance_m": 12.0}
+    reported = api("PUT", "/api/v1/target", json={"x_m": 9.0, "y_m": 0.0, **kept}).json()
+    assert kept.items() <= reported.items()
+    globe = {name: reported[name] for name in ("latitude_deg", "longitude_deg")}
+    assert kept.items() <= api("PUT", "/api/v1/target", json={**globe, **kept}).json().items()
+    assert api("PUT", "/api/v1/target", json=globe).json()["clearance_m"] == 0.0
+    assert "one frame" in api("PUT", "/api/v1/target", json=kept).json()["detail"]
+
+
 def test_moving_target_continues(api: Api) -> None:
     api("PUT", "/api/v1/target", json={"x_m": 0.0, "y_m": 0.0, "velocity_x_m_s": 900.0})
     first = api("GET", "/api/v1/target").json()["x_m"]

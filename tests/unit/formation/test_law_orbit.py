@@ -113,10 +113,10 @@ def test_a_small_change_of_the_centre_is_made_at_once() -> None:
 def test_the_centre_climbs_to_its_height_no_faster_than_allowed() -> None:
     plan = Plan(Formation(5.0, 30.0), Orbit(0.0, 2.0), Target(10.0, 0.0))
     low = desired_center_velocity(
-        Center.at_rest(np.array([10.0, 0.0, -10.0])), plan, 0.0, LAW, reach_m=200.0, pace=1.0
+        Center.at_rest(np.array([10.0, 0.0, -10.0])), plan, 0.0, LAW, reach_m=200.0, pace=1.0, height_m=30.0
     )
     near = desired_center_velocity(
-        Center.at_rest(np.array([10.0, 0.0, -30.5])), plan, 0.0, LAW, reach_m=200.0, pace=1.0
+        Center.at_rest(np.array([10.0, 0.0, -30.5])), plan, 0.0, LAW, reach_m=200.0, pace=1.0, height_m=30.0
     )
     assert low == pytest.approx(np.array([0.0, 0.0, -LAW.climb_max_m_s]))
     assert near == pytest.approx(np.array([0.0, 0.0, 0.5 * LAW.goal_rate_per_s]))
@@ -125,7 +125,7 @@ def test_the_centre_climbs_to_its_height_no_faster_than_allowed() -> None:
 def test_moving_target_is_orbited_at_its_current_position() -> None:
     plan = Plan(Formation(5.0, 30.0), Orbit(10.0, 2.0), Target(0.0, 0.0, 1.0, 0.0, time_s=100.0))
     center = Center.at_rest(np.array([20.0, 10.0, -30.0]))  # at 120 s right beside the target, on the circle
-    desired = desired_center_velocity(center, plan, 120.0, LAW, reach_m=200.0, pace=1.0)
+    desired = desired_center_velocity(center, plan, 120.0, LAW, reach_m=200.0, pace=1.0, height_m=30.0)
     assert desired == pytest.approx(np.array([1.0 + 2.0, 0.0, 0.0]))
 
 
@@ -188,5 +188,5 @@ def test_orbit_slows_down_for_a_vehicle_left_behind() -> None:
 def test_the_targets_own_velocity_is_not_slowed_down() -> None:
     plan = Plan(Formation(5.0, 30.0), Orbit(10.0, 2.0), Target(0.0, 0.0, 1.0, 0.0))
     center = Center.at_rest(np.array([0.0, 10.0, -30.0]))
-    desired = desired_center_velocity(center, plan, 0.0, LAW, reach_m=200.0, pace=0.5)
+    desired = desired_center_velocity(center, plan, 0.0, LAW, reach_m=200.0, pace=0.5, height_m=30.0)
     assert desired == pytest.approx(np.array([1.0 + 1.0, 0.0, 0.0]))

@@ -52,7 +52,7 @@ export interface components {
          * @description Cause of an alarm.
          * @enum {string}
          */
-        AlarmCause: "killed" | "terminated" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "land-now" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "target-lost" | "target-outruns" | "target-beyond" | "target-sources" | "obstacle-near" | "obstacle-waits" | "no-headway" | "no-way" | "radius-small" | "uncertain-position" | "little-authority" | "slow-vehicle" | "slow-answers" | "height-differs" | "corrections-stopped" | "timecode" | "clock-doubtful" | "silent" | "poor-link" | "no-heartbeat" | "input-flooded" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
+        AlarmCause: "killed" | "terminated" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "land-now" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "target-lost" | "target-outruns" | "target-beyond" | "target-sources" | "target-near" | "target-no-room" | "obstacle-near" | "obstacle-waits" | "no-headway" | "no-way" | "radius-small" | "uncertain-position" | "little-authority" | "slow-vehicle" | "slow-answers" | "height-differs" | "corrections-stopped" | "timecode" | "clock-doubtful" | "silent" | "poor-link" | "no-heartbeat" | "input-flooded" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
         /** @description All alarms, and the overall severity. */
         AlarmList: {
             /** @description Lasting alarms before ended ones; the most severe first, of one severity the newest. */
@@ -400,6 +400,10 @@ export interface components {
         };
         /** @description The target's position and velocity in WGS84. */
         GeodeticTarget: {
+            /** @description No vehicle comes nearer to the target; 0: vehicles may. */
+            clearance_m: number;
+            /** @description Above the show's origin; the formation flies above that. */
+            height_m: number;
             latitude_deg: number;
             longitude_deg: number;
             velocity_east_m_s: number;
@@ -2113,6 +2117,10 @@ export interface components {
         ShowPhase: "idle" | "countdown" | "preflight" | "arming" | "assembling" | "running" | "paused" | "returning" | "aborting" | "landed" | "uncontrolled";
         /** @description The target's position and velocity in the show frame. */
         ShowTarget: {
+            /** @description No vehicle comes nearer to the target; 0: vehicles may. */
+            clearance_m: number;
+            /** @description Above the show's origin; the formation flies above that. */
+            height_m: number;
             velocity_x_m_s: number;
             velocity_y_m_s: number;
             x_m: number;
@@ -2225,6 +2233,8 @@ export interface components {
         };
         /** @description Position and velocity of the target now, in both frames. */
         Target: {
+            clearance_m: number;
+            height_m: number;
             latitude_deg: number | null;
             longitude_deg: number | null;
             velocity_east_m_s: number;
