@@ -25,7 +25,7 @@ Route = Callable[..., Awaitable[CommandRecord]]
 ON_VEHICLE: Final = {
     VehicleAction.HOLD: "Leave the formation and hold position",
     VehicleAction.JOIN: "Back from hold into the formation",
-    VehicleAction.RETURN: "Come home and land",
+    VehicleAction.RETURN: "Return home and land",
     VehicleAction.LAND: "Land where it is",
     VehicleAction.TAKE_CONTROL: "Take control of a vehicle in the air, into hold",
     VehicleAction.CONFIRM_DOWN: "Say that a lost vehicle was seen on the ground",
@@ -35,13 +35,13 @@ ON_VEHICLE: Final = {
 ON_FLEET: Final = {
     VehicleAction.HOLD: "Several leave the formation and hold position",
     VehicleAction.JOIN: "Several come back from hold into the formation",
-    VehicleAction.RETURN: "Several come home and land",
+    VehicleAction.RETURN: "Several return home and land",
     VehicleAction.LAND: "Several land where they are",
     VehicleAction.TAKE_CONTROL: "Take control of several in the air, into hold",
 }
 
 ON_SHOW: Final = {
-    ShowAction.STOP: "Come home and land",
+    ShowAction.STOP: "Return home and land",
     ShowAction.PAUSE: "Stand still where they are",
     ShowAction.RESUME: "Go on after a pause",
     ShowAction.ABORT: "Filtered descent to distinct places, now",
@@ -49,7 +49,7 @@ ON_SHOW: Final = {
 
 ON_OFFER: Final = {
     Offer.TAKE_OVER: "Go on with a flight that was cut off: into the formation, which stands until resume",
-    Offer.BRING_HOME: "Bring a flight that was cut off home to where it took off",
+    Offer.BRING_HOME: "Vehicles of a flight that was cut off return home and land",
 }
 
 

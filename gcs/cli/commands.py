@@ -84,7 +84,7 @@ _BOX: Final = ("x_m", "y_m", "half_length_x_m", "half_length_y_m", "height_m")
 
 CALLS: Final = (
     ApiCall("start", "start", "start the vehicles named, or all that are not left out"),
-    ApiCall("stop", "stop", "all vehicles come home and land"),
+    ApiCall("stop", "stop", "all vehicles return home and land"),
     ApiCall("pause", "pause", "the formation stands still"),
     ApiCall("resume", "resume", "go on after a pause"),
     ApiCall("abort", "abort", "all vehicles descend to distinct places, now"),
@@ -92,7 +92,7 @@ CALLS: Final = (
     ApiCall(
         "take-over", "take_over", "go on with a flight that was cut off: into the formation, which stands"
     ),
-    ApiCall("bring-home", "bring_home", "bring a flight that was cut off home to where it took off"),
+    ApiCall("bring-home", "bring_home", "vehicles of a flight that was cut off return home and land"),
     ApiCall("formation", "formation", "radius, height and law"),
     ApiCall("radius", "change_formation", "change the formation's radius", ("radius_m",), alone=True),
     ApiCall(
@@ -177,7 +177,7 @@ GROUPS: Final = {
 ACTIONS: Final = (
     ActionCommand("hold", "vehicles leave the formation and hold position"),
     ActionCommand("join", "vehicles that hold come back into the formation"),
-    ActionCommand("return", "vehicles come home and land"),
+    ActionCommand("return", "vehicles return home and land"),
     ActionCommand("land", "vehicles land where they are; without names all do, as abort"),
     ActionCommand("take-control", "take control of vehicles in the air; they hold"),
     ActionCommand("confirm-down", "say that lost vehicles were seen on the ground", all_=False),

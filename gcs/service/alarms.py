@@ -97,7 +97,7 @@ class AlarmAction(StrEnum):
     LEAVE_OUT = "leave-out"
     INCLUDE = "include"
     PAUSE = "pause"  # the show, as the next one
-    BRING_HOME = "bring-home"
+    STOP = "stop"  # all return home
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,7 +173,7 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         action=X.CONFIRM_DOWN,
     ),
     AlarmCause.LOW_BATTERY: CauseRow(
-        W, "{vehicles} low on battery", "Let [it|them] come home.",
+        W, "{vehicles} low on battery", "Let [it|them] return home.",
         action=X.RETURN,
     ),
     AlarmCause.BAD_POSITION: CauseRow(
@@ -190,17 +190,17 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
     ),
     AlarmCause.WIND: CauseRow(
         W, "Too much wind", "Bring the show home if the wind does not drop.",
-        action=X.BRING_HOME, past="There was too much wind",
+        action=X.STOP, past="There was too much wind",
     ),
     AlarmCause.SERVICE_LATE: CauseRow(
         W, "Service late", "End other programs on this computer; bring the show home if it stays late.",
-        action=X.BRING_HOME, past="Service was late",
+        action=X.STOP, past="Service was late",
     ),
     AlarmCause.LINKS_LATE: CauseRow(
         W,
         "Links late",
         "Check radios, antennas and what loads the network; bring the show home if it lasts.",
-        action=X.BRING_HOME, past="Links were late",
+        action=X.STOP, past="Links were late",
     ),
     AlarmCause.OWN_FAILSAFE: CauseRow(
         W,
@@ -308,7 +308,8 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
     AlarmCause.NO_HEADWAY: CauseRow(
         C,
         "No headway past obstacle {about}",
-        "Move the target, or remove the obstacle if it is gone; pause the show or bring it home otherwise.",
+        "Move the target, or remove the obstacle if it is gone; pause the show or let all return home"
+        " otherwise.",
         action=X.PAUSE,
     ),
     AlarmCause.NO_WAY: CauseRow(
@@ -322,12 +323,12 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "Radius too small for the accuracy of the positions",
         "Enlarge the radius, or bring the show home.",
         on_after_s=2.0,
-        action=X.BRING_HOME,
+        action=X.STOP,
     ),
     AlarmCause.UNCERTAIN_POSITION: CauseRow(
         C,
         "{vehicles} uncertain of [its position|their positions]",
-        "Let [it|them] come home; check [its receiver|their receivers].",
+        "Let [it|them] return home; check [its receiver|their receivers].",
         on_after_s=1.0,
         action=X.RETURN,
     ),
@@ -337,26 +338,26 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "Bring the show home, or land it, if the wind does not drop.",
         on_after_s=1.0,
         off_after_s=5.0,
-        action=X.BRING_HOME,
+        action=X.STOP,
     ),
     AlarmCause.SLOW_VEHICLE: CauseRow(
         C,
         "{vehicles} slower than configured",
-        "Let [it|them] come home; compare MPC_XY_VEL_MAX with the configured speed.",
+        "Let [it|them] return home; compare MPC_XY_VEL_MAX with the configured speed.",
         off_after_s=5.0,
         action=X.RETURN,
     ),
     AlarmCause.SLOW_ANSWERS: CauseRow(
         C,
         "{vehicles} slow to follow setpoints",
-        "Let [it|them] come home; compare the limits of acceleration with what preflight requires.",
+        "Let [it|them] return home; compare the limits of acceleration with what preflight requires.",
         off_after_s=5.0,
         action=X.RETURN,
     ),
     AlarmCause.HEIGHT_DIFFERS: CauseRow(
         C,
         "{vehicles} not as high as reported",
-        "Let [it|them] come home if the formation lacks room; then give all vehicles one source of height"
+        "Let [it|them] return home if the formation lacks room; then give all vehicles one source of height"
         " (EK3_SRC1_POSZ, EKF2_HGT_REF), or reboot [it|them] where [it stands|they stand].",
         off_after_s=5.0,
         action=X.RETURN,
@@ -389,7 +390,7 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
     AlarmCause.POOR_LINK: CauseRow(
         C,
         "{vehicles} with a poor link",
-        "Check antennas and distance; bring [it|them] home if it gets worse.",
+        "Check antennas and distance; let [it|them] return home if it gets worse.",
         on_after_s=8.0,
         action=X.RETURN,
     ),

@@ -23,10 +23,13 @@ Command: TypeAlias = tuple[str, str]
 """Method and path of the API, below /api/v1/."""
 
 Step: TypeAlias = str | Callable[[Console], None]
-"""`!KEY` is pressed, `@NAME` is reached by Tab, `>NAME` is reached and pressed, `NAME=TEXT` is reached and
-typed into. `*` ends the beginning of a name."""
+"""`!KEY` is pressed, `@NAME` is reached by Tab, `>NAME` is reached and pressed, `>>NAME` once more when it
+asks, `NAME=TEXT` is reached and typed into. `*` ends the beginning of a name."""
 
 TABS_MAX: Final = 250
+
+ASKING: Final = re.compile(r"\bdanger\b")
+"""Class of a button that is pressed once, and waits for the second press."""
 
 KEYS: Final = dict(zip(("preflight", "shows", "shape", "obstacles", "fleet"), "12345", strict=True))
 
@@ -80,6 +83,10 @@ def take(ui: Console, step: Step) -> None:
         reach(ui, step[1:])
     elif step.startswith("!"):
         ui.page.keyboard.press(step[1:])
+    elif step.startswith(">>"):
+        take(ui, step[1:])
+        expect(ui.part(step[2:])).to_have_class(ASKING)  # what is pressed before it is drawn confirms nothing
+        take(ui, step[1:])
     elif step.startswith(">"):
         part = ui.page.locator(selector(step[1:])).first
         expect(part).not_to_have_attribute("aria-disabled", "true", timeout=SOON_MS)
@@ -206,7 +213,7 @@ COMMANDS: Final[dict[Command, ByKeys]] = {
         (opened("obstacles"), ">obstacle-change-van", "obstacle:y_m=9", ">obstacle-save"), states.obstacles
     ),
     ("DELETE", "obstacles/{obstacle_id}"): ByKeys(
-        (opened("obstacles"), ">obstacle-remove-tower", ">obstacle-remove-tower"), states.obstacles
+        (opened("obstacles"), ">>obstacle-remove-tower"), states.obstacles
     ),
     ("POST", "kill"): ByKeys(("!Shift+K", ">kill-pick-d2", ">kill-arm")),
     ("POST", "kill/confirm"): ByKeys(
@@ -222,8 +229,8 @@ COMMANDS: Final[dict[Command, ByKeys]] = {
     ("POST", "show/take-over"): ByKeys((">take-over",), states.interrupted),
     ("POST", "show/bring-home"): ByKeys((">bring-home",), states.interrupted),
     ("POST", "show/begin"): ByKeys((">begin", f"begin-time={NOON}", "!Enter"), states.begins),
-    ("DELETE", "show/begin"): ByKeys((">begin-cancel", ">begin-cancel"), states.begins),
-    ("POST", "show/external-clock"): ByKeys((">follow", ">follow"), states.timecode(frozen=True)),
+    ("DELETE", "show/begin"): ByKeys((">>begin-cancel",), states.begins),
+    ("POST", "show/external-clock"): ByKeys((">>follow",), states.timecode(frozen=True)),
     ("POST", "show/seek"): ByKeys((">cue-2",), with_selected),
     ("POST", "show/deselect"): ByKeys((opened("shows"), ">show-deselect-lighthouse"), with_selected),
     ("POST", "shows"): ByKeys((opened("shows"), chooses("night.skyc", states.night_skyc)), states.nothing),
@@ -232,9 +239,7 @@ COMMANDS: Final[dict[Command, ByKeys]] = {
     ),
     ("POST", "shows/{name}/check"): ByKeys((opened("shows"), ">show-check-lighthouse"), with_show),
     ("POST", "shows/{name}/select"): ByKeys((opened("shows"), ">show-select-lighthouse"), with_show),
-    ("DELETE", "shows/{name}"): ByKeys(
-        (opened("shows"), ">show-remove-lighthouse", ">show-remove-lighthouse"), with_show
-    ),
+    ("DELETE", "shows/{name}"): ByKeys((opened("shows"), ">>show-remove-lighthouse"), with_show),
     ("PUT", "shows/{name}/placement"): ByKeys(
         (
             opened("shows"),
@@ -248,11 +253,9 @@ COMMANDS: Final[dict[Command, ByKeys]] = {
         ),
         states.nothing,
     ),
-    ("POST", "targets/select"): ByKeys(
-        (">tab-feature-targets", ">target-follow-walker", ">target-follow-walker"), states.targets
-    ),
+    ("POST", "targets/select"): ByKeys((">tab-feature-targets", ">>target-follow-walker"), states.targets),
     ("POST", "targets/hold"): ByKeys((">tab-feature-targets", ">target-hold"), states.targets),
-    ("POST", "stations/lead"): ByKeys(("!9", ">lead-take", ">lead-take"), states.station_lost, states.SITE),
+    ("POST", "stations/lead"): ByKeys(("!9", ">>lead-take"), states.station_lost, states.SITE),
     ("POST", "replay"): ByKeys(("!Space",), states.replayed, life="Replay", is_lost=True),
 }
 

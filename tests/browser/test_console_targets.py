@@ -100,6 +100,11 @@ def test_a_target_is_followed_coasts_and_is_lost(chrome: Browser, tmp_path: Path
         ui.page.set_viewport_size({"width": 360, "height": 640})
         expect(ui.part("panels")).to_have_attribute("data-layout", "sheet")
         ui.settles(HIDDEN_TABS, at=[])
+        ui.page.set_viewport_size({"width": 640, "height": 360})
+        expect(ui.part("panels")).to_have_attribute("data-layout", "side")
+        ui.settles(HIDDEN_TABS, at=[])
+        ui.page.set_viewport_size({"width": 360, "height": 640})
+        expect(ui.part("panels")).to_have_attribute("data-layout", "sheet")
         ui.opens(lambda: ui.by_key("tab-feature-targets"), "targets")
         assert ui.findings() == []
         pressable(ui, *COMMANDS)

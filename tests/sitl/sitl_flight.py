@@ -176,7 +176,7 @@ class SitlFlight:
         """Everything home and down."""
         if self.client.show().phase not in {"idle", "landed"}:
             self.accept("stop", self.client.stop)
-            self.say("come home and land")
+            self.say("return home and land")
             self.reach("landed", self.pace.home_s)
         self.until("motors off", self.pace.home_s, lambda: not self.armed())
 

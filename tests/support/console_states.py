@@ -249,8 +249,7 @@ def station_lost(service: FakeService) -> None:
 
 def replayed(service: FakeService) -> None:
     show_runs(service)
-    record = FakeRecord()
-    record.marks = FlightMarks(
+    service.marks = FlightMarks(
         time.time() - 60.0,
         (PhaseSpan(ShowPhase.ASSEMBLING, 0.0, 20.0), PhaseSpan(ShowPhase.RUNNING, 20.0, 50.0)),
         CUES,
@@ -261,7 +260,7 @@ def replayed(service: FakeService) -> None:
         ),
         (IdleSpan(50.0, 60.0),),
     )
-    service.replaying = record
+    service.replaying = FakeRecord()
 
 
 def panel(name: str, *presses: str) -> Act:
@@ -477,7 +476,7 @@ STATES: Final = (
         "kill-armed", "kill-hold", running, keyed("Shift+K", "kill-arm", "kill-who-all", "kill-arm")
     ),
     ConsoleState("answers", "toast-refused", running, refused),
-    ConsoleState("replay", "replay-marks", replayed, life="Replay"),
+    ConsoleState("replay", "mark-error", replayed, life="Replay"),
     ConsoleState("report", "report-read", replayed, panel("report"), life="Replay"),
 )
 

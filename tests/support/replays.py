@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Unpack
 
 from gcs.recording.replay.service import Playhead
-from gcs.service import CheckState, FlightMarks, Playback, PlaybackChange, ReportState
+from gcs.service import CheckState, Playback, PlaybackChange, ReportState
 from tests.support.started import PIPE, Started
 
 
@@ -33,7 +33,7 @@ class FakeRecord:
 
     def __init__(self) -> None:
         self._head = Playhead(60.0, 1.0, time.monotonic())
-        self.report_state, self.marks = ReportState(CheckState.RUNNING), FlightMarks()
+        self.report_state = ReportState(CheckState.RUNNING)
 
     @property
     def playback(self) -> Playback:

@@ -2,7 +2,7 @@
 
 const ACTION_WORDS: Readonly<Record<string, string>> = {
   start: "Start", pause: "Pause", resume: "Resume", stop: "Return home", abort: "Land now", kill: "Kill",
-  "take-over": "Take control", "bring-home": "Bring home", "take-control": "Take control", "confirm-down": "Confirm on ground",
+  "take-over": "Take control", "bring-home": "Return home", "take-control": "Take control", "confirm-down": "Confirm on ground",
   hold: "Hold", join: "Join", return: "Return home", land: "Land", exclude: "Exclude", include: "Include",
 };
 
@@ -123,14 +123,14 @@ export const texts = {
     acknowledgeOne: (text: string): string => `Acknowledge: ${text}`,
     acknowledgeAll: "Acknowledge all",
     actions: {
-      return: "Bring home",
+      return: "Return home",
       land: "Land",
       "take-control": "Take control",
       "confirm-down": "Confirm down",
       "leave-out": "Leave out",
       include: "Include",
       pause: "Pause the show",
-      "bring-home": "Return home",
+      stop: "Return home",
     },
     actionTo: (action: string, vehicles: readonly string[]): string => (vehicles.length === 0 ? action : `${action}: ${vehicles.join(", ")}`),
     noAction: "No command is advised",
@@ -163,7 +163,7 @@ export const texts = {
     when: (cause: string, time: string, show: string): string => `At ${time} ${cause}; the show was ${show}.`,
     takeOver: "Take control",
     takeOverWhat: "Back into the formation, paused until Resume.",
-    bringHome: "Bring home",
+    bringHome: "Return home",
     bringHomeWhat: "Take control, hold, then fly home and land.",
     not: (action: string): string => `${action}: not offered now.`,
   },
@@ -653,7 +653,7 @@ export const texts = {
       stop: "Return home",
       abort: "Land now",
       "take-over": "Take control",
-      "bring-home": "Bring home",
+      "bring-home": "Return home",
     },
     vehicle: (action: string, id: string): string => `${action} ${id}`,
     fleet: (action: string, ids: readonly string[]): string => (ids.length <= 6 ? `${action} ${ids.join(", ")}` : `${action} ${ids.length} vehicles`),

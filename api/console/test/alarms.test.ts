@@ -2,7 +2,7 @@ import { describe, expect, it } from "vitest";
 
 import { iconOf, REPEATED_MS, titleOf } from "../src/alarms/attention";
 import { whyNotFollow } from "../src/alarms/panel";
-import { counted, commanded, raised, worst, type Alarm, type Severity } from "../src/alarms/model";
+import { counted, commanded, mayAcknowledge, raised, worst, type Alarm, type Severity } from "../src/alarms/model";
 import { initial, type State } from "../src/state";
 import { texts } from "../src/texts";
 import { update, type Message } from "../src/update";
@@ -159,6 +159,18 @@ describe("the button of an alarm", () => {
     expect(whyNotFollow(flying("formation"), low)).toBe("");
     expect(whyNotFollow(flying("standby"), low)).not.toBe("");
     expect(whyNotFollow(flying("formation"), { ...low, action: null })).not.toBe("");
+  });
+
+  it("acknowledges what the service lets it: not that control has stopped, and not twice", () => {
+    const all = [low, { ...low, ...seen }, alarm("x", "emergency", { cause: "control-stopped" })];
+    expect(all.map(mayAcknowledge)).toEqual([true, false, false]);
+  });
+
+  it("lets all return home where the alarm is of the show", async () => {
+    const { actions, calls } = page(flying("formation"), () => ({ outcomes: {} }), "refused");
+    actions.follow(alarm("wind", "warning", { cause: "wind", action: "stop", vehicles: ["d1"] }));
+    await settled();
+    expect(calls[0]).toMatchObject({ call: "POST /api/v1/show/stop" });
   });
 
   it("sends the command to the vehicles of the alarm", async () => {

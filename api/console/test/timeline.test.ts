@@ -36,18 +36,37 @@ const partsOf = ({ parts }: Course) => parts.map((each) => [each.cue ?? each.pha
 
 describe("marks", () => {
   it("lie where it happened, each with its vehicle and as grave as it is", () => {
-    const found = marksOf({ ...MARKS, events: [event(80, null, { vehicle: "d2" }), event(20, "emergency"), event(50, null, { severity: "error" })] }, 100);
+    const found = marksOf({ ...MARKS, events: [event(80, null, { vehicle: "d2" }), event(20, "emergency"), event(50, null, { severity: "error" })] }, 100, 300);
     expect(found.map(({ at_s, kind, text, alarm }) => [at_s, kind, text, alarm])).toEqual([
       [20, "emergency", "at 20", "a20"], [50, "error", "at 50", null], [80, "notice", "d2: at 80", null],
     ]);
   });
 
-  it("that would lie on one another become one, the gravest, which tells of all; commands stay apart", () => {
-    const near = Array.from({ length: 9 }, (_, k) => event(50.2 + k / 100, null));
-    const found = marksOf({ ...MARKS, commands: [order(50)], events: [event(50, "caution"), event(50.1, "warning"), ...near] }, 100);
-    expect(found.map(({ kind, alarm }) => [kind, alarm])).toEqual([["command", null], ["warning", "a50.1"]]);
-    expect(found[0]!.text).toBe("d1: command hold by anna");
-    for (const text of ["at 50;", "at 50.1", "+ 5"]) expect(found[1]!.text).toContain(text);
+  it("nearer than a finger is wide become one: the gravest, where that is, which tells of all", () => {
+    const crowd = { ...MARKS, commands: [order(46)], events: [event(50, "caution"), event(52, "warning"), event(57, null)] };
+    const [only, ...others] = marksOf(crowd, 100, 300);
+    expect(others).toEqual([]);
+    expect(only).toMatchObject({ at_s: 52, kind: "warning", alarm: "a52", isCommanded: true });
+    expect(only!.text).toBe("at 52; 0:50 at 50; 0:57 at 57; 0:46 d1: command hold by anna");
+    const nine = Array.from({ length: 9 }, (_, k) => event(50 + k / 100, null));
+    expect(marksOf({ ...MARKS, events: nine }, 100, 300).map(({ text }) => text.split("; ").at(-1))).toEqual(["+ 3"]);
+  });
+
+  it("lie at least 24 pixels from one another, the more of them the wider the course is", () => {
+    const kinds = ["warning", null, "caution", null, "emergency"] as const;
+    const events = Array.from({ length: 50 }, (_, k) => event(2.1 * k, kinds[k % kinds.length]!)); // the last are after the end
+    const [small, large] = [300, 1200].map((width_px) => {
+      const at_px = marksOf({ ...MARKS, commands: [order(3)], events }, 100, width_px).map(({ at_s }) => Math.min(at_s / 100, 1) * width_px);
+      for (const [k, next] of at_px.slice(1).entries()) expect(next - at_px[k]!).toBeGreaterThanOrEqual(24);
+      return at_px.length;
+    });
+    expect([small, large].map((count) => count! > 5)).toEqual([true, true]);
+    expect(large).toBeGreaterThan(small!);
+  });
+
+  it("of commands alone stay commands, apart from what happened elsewhere", () => {
+    const found = marksOf({ ...MARKS, commands: [order(20)], events: [event(50, "caution")] }, 100, 300);
+    expect(found.map(({ kind, isCommanded }) => [kind, isCommanded])).toEqual([["command", true], ["caution", false]]);
   });
 });
 
@@ -99,7 +118,7 @@ describe("a course", () => {
   it("of the last flight stays until the plan is asked for, and there is none before the first", () => {
     const landed = flying("landed", 500, { phases: phases(["running", 0, 70], ["returning", 70, 92]), events: [event(90, "warning")] });
     const flown = { ...landed, marks: { ...landed.marks!, phases: [...landed.marks!.phases, ...phases(["landed", 92, 92])] } };
-    expect(flightCourse(flown)).toMatchObject({ now_s: 92, duration_s: 92, marks: [{ alarm: "a90" }] });
+    expect(flightCourse(flown)).toMatchObject({ now_s: 92, duration_s: 92, marks: { events: [{ alarm: "a90" }] } });
     expect(flightCourse({ ...flown, panels: { ...flown.panels, plan: true } })!.parts[1]!.cue).toBe("rise");
     expect(flightCourse(flying("idle", 0, { began_unix_time_s: null }, null))).toBeNull();
     expect(flightCourse(flying("arming", 3, flown.marks, null)), "marks of the flight before").toBeNull();
@@ -138,9 +157,9 @@ describe("the timeline", () => {
 
   it("opens the log or the commands from a mark whose alarm is no longer listed", () => {
     const { actions, state } = page(running(), () => undefined, "");
-    openMark(actions, { at_s: 1, kind: "command", text: "", alarm: null });
+    openMark(actions, { at_s: 1, kind: "command", text: "", alarm: null, isCommanded: true });
     expect(state().panels).toMatchObject({ right: "events", eventList: "commands" });
-    openMark(actions, { at_s: 1, kind: "warning", text: "", alarm: "gone" });
+    openMark(actions, { at_s: 1, kind: "warning", text: "", alarm: "gone", isCommanded: false });
     expect(state().panels.eventList).toBe("lines");
   });
 });
@@ -160,6 +179,8 @@ describe("in a replay the timeline", () => {
     expect(textOf(bar())).toContain("0:12 of 1:00");
     press(bar(), "replay-scrubber", "change", { value: "12.5" });
     press(bar(), "replay-scrubber", "keydown", { value: "58" }, "ArrowRight");
+    expect(textOf(bar()), "no width, no marks").not.toContain("mark-warning");
+    actions.set({ course_px: 600 });
     press(bar(), "mark-warning");
     expect(calls.map(({ body }) => body)).toEqual([{ position_s: 12.5 }, { position_s: 60 }, { position_s: 20 }]);
   });

@@ -246,7 +246,7 @@ class DemoScript:
             self._client.stop()
         except RefusedError as refused:
             self._say(f"stop: {refused}")
-        self._say("come home, and land")
+        self._say("return home, and land")
         self._until("landing", 180.0, lambda: self._phase() == "landed")
         self._say("landed")
 

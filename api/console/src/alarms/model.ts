@@ -26,6 +26,8 @@ export function commanded(alarms: readonly Alarm[]): Alarm[] {
 }
 
 export const isOpen = (alarm: Alarm): boolean => alarm.acknowledged_by === null;
+/** The service refuses to acknowledge that control has stopped: this stays on top until control runs again. */
+export const mayAcknowledge = (alarm: Alarm): boolean => isOpen(alarm) && alarm.cause !== "control-stopped";
 export const lasts = (alarm: Alarm): boolean => alarm.ended_unix_time_s === null;
 
 export function worst(alarms: readonly Alarm[]): Overall {

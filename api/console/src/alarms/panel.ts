@@ -12,7 +12,7 @@ import { isBesideAPanel, isSmall } from "../panels/layout";
 import { FROM, whyNot, whyNotAcknowledge, whyNotOnGround, whyNotShow } from "../panels/rights";
 import { fresh, indexOf, PHASES, type State } from "../state";
 import { texts } from "../texts";
-import { ALWAYS_SHOWN, alarmsOf, counted, isOpen, lasts, commanded, worst, type Alarm, type Overall } from "./model";
+import { ALWAYS_SHOWN, alarmsOf, counted, isOpen, lasts, mayAcknowledge, commanded, worst, type Alarm, type Overall } from "./model";
 
 const t = texts.alarms;
 
@@ -62,9 +62,8 @@ function reasons(actions: PanelActions, alarm: Alarm): TemplateResult | typeof n
 export function whyNotFollow(state: State, { action, vehicles }: Alarm): string {
   switch (action) {
     case "pause":
-      return whyNotShow(state, "pause");
-    case "bring-home":
-      return whyNotShow(state, "stop");
+    case "stop":
+      return whyNotShow(state, action);
     case "leave-out":
     case "include":
       return whyNot(state, action) || whyNotOnGround(state);
@@ -87,11 +86,12 @@ function follows(state: State, actions: PanelActions, alarm: Alarm): TemplateRes
   const isAlone = alarmsOf(state.status).length === 1; // the list has no button that opens it
   const hasRoom = !isSmall(state.panels.layout) || state.panels.allAlarms || isAlone;
   if (action === null || !hasRoom || !lasts(alarm) || whyNotFollow(state, alarm) !== "") return nothing;
+  const ofAll = action === "pause" || action === "stop";
   const isAsked = action === "confirm-down" && state.panels.sure === alarm.id;
   return button(actions, {
     id: `follow-${alarm.id}`,
     label: isAsked ? t.seenDown(alarm.vehicles.length) : t.actions[action],
-    name: isAsked ? t.seenDown(alarm.vehicles.length) : t.actionTo(t.actions[action], alarm.vehicles),
+    name: isAsked ? t.seenDown(alarm.vehicles.length) : t.actionTo(t.actions[action], ofAll ? [] : alarm.vehicles),
     press: () => actions.follow(alarm),
   });
 }
@@ -124,7 +124,7 @@ function one(state: State, actions: PanelActions, alarm: Alarm): TemplateResult 
         : html`<p class="alarm-seen">${icon("check")} ${t.acknowledged(alarm.acknowledged_by!, clockTime(alarm.acknowledged_unix_time_s))}</p>`}
     </div>
     ${follows(state, actions, alarm)}
-    ${isNew
+    ${mayAcknowledge(alarm)
       ? button(actions, {
           id: `acknowledge-${alarm.id}`,
           label: t.acknowledge,
@@ -152,7 +152,6 @@ export function alarms(state: State, actions: PanelActions): TemplateResult | ty
   const { isFolded } = state.attention;
   const minor = all.filter((each) => !ALWAYS_SHOWN.has(each.severity));
   const shown = isFolded ? all.filter((each) => ALWAYS_SHOWN.has(each.severity)) : all;
-  const open = all.filter(isOpen);
   const { layout, allAlarms } = state.panels;
   const isUnseen = isSmall(layout) && !allAlarms && all.length > 1; // what is not on screen is not acknowledged
   return html`<section class="alarm-list" tabindex="-1" aria-label=${t.title} data-testid="alarms">
@@ -172,7 +171,7 @@ export function alarms(state: State, actions: PanelActions): TemplateResult | ty
             press: () => actions.set({ allAlarms: !allAlarms }),
           })
         : nothing}
-      ${open.length > 0 && !isUnseen
+      ${all.some(mayAcknowledge) && !isUnseen
         ? button(actions, {
             id: "acknowledge-all",
             label: t.acknowledgeAll,

@@ -35,8 +35,6 @@ export function drawnBar(state: State, actions: PanelActions): TemplateResult | 
       </span>
       <span class="value" data-testid="drawn-position">${where}</span>
       ${courseView(drawnCourse(drawing, now_s), {
-        press: () => undefined,
-        named: () => "",
         slider: { id: "drawn-scrubber", label: t.position, where, moved: (at_s) => actions.dispatch({ kind: "drawn-sought", at_s }) },
       })}
     </div>

@@ -193,9 +193,8 @@ export function createDeskActions(
       case "take-control":
         return void (await service.fleet(action, vehicles));
       case "pause":
-        return void (await service.show("pause"));
-      case "bring-home":
-        return void (await service.show("stop"));
+      case "stop":
+        return void (await service.show(action));
       case "leave-out":
         return leaveOut(vehicles, texts.preflight.silent);
       case "include":

@@ -42,6 +42,7 @@ export interface PanelState {
   tall: boolean; // the panel's sheet covers the scene
   allAlarms: boolean; // the list of alarms covers the panel
   timeline: boolean; // open where there is little room for it
+  course_px: number; // the timeline's width; 0: not known yet
   plan: boolean; // of the show, though a flight of it has just ended
   tools: boolean; // the top bar's second row, where it has one
   drafts: Readonly<Record<string, string>>; // typed and not sent, by field
@@ -91,6 +92,7 @@ export function initialDesk(): PanelState {
     tall: false,
     allAlarms: false,
     timeline: false,
+    course_px: 0,
     plan: false,
     tools: false,
     drafts: {},

@@ -8,7 +8,7 @@ import { icon } from "../panels/icons";
 import type { ReplayChange } from "../actions";
 import type { Status, State } from "../state";
 import { texts } from "../texts";
-import { courseView, markText, nameOf, partAt } from "../timeline/course";
+import { courseView, marked, markText, nameOf, partAt } from "../timeline/course";
 import { recordCourse } from "../timeline/model";
 
 type Replay = NonNullable<Status["replay"]>;
@@ -66,8 +66,12 @@ export function replayBar(state: State, actions: PanelActions): TemplateResult |
       <span class="value" data-testid="replay-position">${where}</span>
       ${marks?.phases.length === 0 ? html`<span class="dim unmarked" data-testid="replay-unmarked">${t.unmarked}</span>` : nothing}
       ${courseView(course, {
-        press: ({ at_s }) => actions.replay({ position_s: at_s }),
-        named: (mark) => `${texts.timeline.goTo(minutes(mark.at_s))}: ${markText(mark)}`,
+        marks: marked(
+          state,
+          actions,
+          ({ at_s }) => actions.replay({ position_s: at_s }),
+          (mark) => `${texts.timeline.goTo(minutes(mark.at_s))}: ${markText(mark)}`,
+        ),
         slider: {
           id: "replay-scrubber",
           label: t.position,

@@ -47,7 +47,7 @@ export interface components {
          * @description A command of the service that does what an alarm advises.
          * @enum {string}
          */
-        AlarmAction: "return" | "land" | "take-control" | "confirm-down" | "leave-out" | "include" | "pause" | "bring-home";
+        AlarmAction: "return" | "land" | "take-control" | "confirm-down" | "leave-out" | "include" | "pause" | "stop";
         /**
          * @description Cause of an alarm.
          * @enum {string}

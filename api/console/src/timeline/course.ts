@@ -2,10 +2,12 @@
 
 import { html, nothing, type TemplateResult } from "lit-html";
 import { guard } from "lit-html/directives/guard.js";
+import type { PanelActions } from "../panels/actions";
 import { minutes } from "../panels/format";
-import { place } from "../panels/place";
+import { place, sized } from "../panels/place";
+import type { State } from "../state";
 import { texts } from "../texts";
-import { percent, type Course, type Mark, type Part } from "./model";
+import { marksOf, percent, type Course, type Mark, type Part } from "./model";
 
 const t = texts.timeline;
 const KEY_S: Readonly<Record<string, number>> = { ArrowLeft: -5, ArrowDown: -5, ArrowRight: 5, ArrowUp: 5, PageDown: -30, PageUp: 30 };
@@ -19,11 +21,22 @@ export interface Slider {
   moved(at_s: number, isDone: boolean): void;
 }
 
-export interface Use {
-  slider?: Slider;
+export interface Marks {
+  width_px: number; // of the course; 0: not known yet
+  resized(width_px: number): void;
   press(mark: Mark): void;
   /** The name of a mark's press. */
   named(mark: Mark): string;
+}
+
+/** The width is the page's: there is one course at a time. */
+export function marked({ panels: { course_px } }: State, actions: PanelActions, press: Marks["press"], named: Marks["named"]): Marks {
+  return { width_px: course_px, resized: (px) => actions.set({ course_px: px }), press, named };
+}
+
+export interface Use {
+  slider?: Slider;
+  marks?: Marks;
   /** A part that can be pressed is a button; null: it cannot. */
   button?: ((part: Part, title: string) => TemplateResult | null) | undefined;
 }
@@ -67,12 +80,25 @@ function slider(course: Course, { id, label, where, moved }: Slider): TemplateRe
   />`;
 }
 
+function marksView({ marks, duration_s }: Course, { width_px, resized, press, named }: Marks): TemplateResult {
+  const one = (mark: Mark): TemplateResult => html`<li
+    class="mark mark-${mark.kind} ${mark.isCommanded ? "commanded" : ""} ${mark.at_s > duration_s / 2 ? "late" : ""}"
+    ${place({ left: percent(mark.at_s / duration_s) })}
+  >
+    <button type="button" data-testid="mark-${mark.kind}" aria-label=${named(mark)} @click=${() => press(mark)}></button>
+    <span class="mark-says" aria-hidden="true">${markText(mark)}</span>
+  </li>`;
+  return html`<ul class="marks" aria-label=${t.marks} data-testid="marks" ${sized((list) => resized(Math.floor(list.getBoundingClientRect().width)))}>
+    ${guard([marks, duration_s, width_px], () => (marks === null || width_px === 0 ? nothing : marksOf(marks, duration_s, width_px).map(one)))}
+  </ul>`;
+}
+
 export function courseView(course: Course, use: Use): TemplateResult {
-  const { now_s, duration_s, parts, marks, idle, lit } = course;
+  const { now_s, duration_s, parts, idle, lit } = course;
   const share = (time_s: number): string => percent(time_s / duration_s);
   const spread = (from_s: number, until_s: number) => place({ left: share(from_s), width: percent((until_s - from_s) / duration_s) });
   const now = partAt(course, now_s);
-  return html`<div class="course ${use.slider ? "sought" : ""}" data-testid="course">
+  return html`<div class="course ${use.marks ? "marked" : ""}" data-testid="course">
     <ol class="parts" aria-label=${t.parts}>
       ${parts.map((part) => {
         const title = titleOf(part);
@@ -86,15 +112,6 @@ export function courseView(course: Course, use: Use): TemplateResult {
     ${lit ? html`<span class="lit" title=${t.lit(minutes(lit.from_s), minutes(lit.until_s))} ${spread(lit.from_s, lit.until_s)}></span>` : nothing}
     <span class="playhead" data-testid="playhead" ${place({ left: share(now_s) })}></span>
     ${use.slider ? slider(course, use.slider) : nothing}
-    ${marks.length === 0
-      ? nothing
-      : guard([marks.length, marks.at(-1)!.at_s, marks.at(-1)!.text, duration_s], () => html`<ul class="marks" aria-label=${t.marks} data-testid="marks">
-          ${marks.map(
-            (mark) => html`<li class="mark mark-${mark.kind} ${mark.at_s > duration_s / 2 ? "late" : ""}" ${place({ left: share(mark.at_s) })}>
-              <button type="button" data-testid="mark-${mark.kind}" aria-label=${use.named(mark)} @click=${() => use.press(mark)}></button>
-              <span class="mark-says" aria-hidden="true">${markText(mark)}</span>
-            </li>`,
-          )}
-        </ul>`)}
+    ${use.marks ? marksView(course, use.marks) : nothing}
   </div>`;
 }

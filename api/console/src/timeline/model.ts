@@ -2,6 +2,7 @@
 
 import type { Severity } from "../alarms/model";
 import type { Drawing } from "../drawn/model";
+import { minutes } from "../panels/format";
 import type { FlightMarks, SelectedShow, ShowPhase, State } from "../state";
 
 export type MarkKind = Severity | "error" | "notice" | "command";
@@ -18,14 +19,15 @@ export interface Mark {
   at_s: number;
   kind: MarkKind;
   text: string;
-  alarm: string | null; // the first alarm's id
+  alarm: string | null; // its id
+  isCommanded: boolean; // a command is among them
 }
 
 export interface Course {
   now_s: number;
   duration_s: number;
   parts: readonly Part[];
-  marks: readonly Mark[];
+  marks: FlightMarks | null;
   idle: FlightMarks["idle"];
   /** While the show lights the vehicles; null: that is not known. */
   lit: { from_s: number; until_s: number } | null;
@@ -40,13 +42,15 @@ const PLAYS: readonly ShowPhase[] = ["running", "paused"];
 const ROUNDED_S = 5; // a whole that changes seldom lets marks stay where they are
 const OPEN_S = 60; // of a flight that has no end yet
 const UNKNOWN_SHARE = 0.08; // of the show: as long is drawn what is not known
-const NEAR = 0.012; // of the whole: marks that are nearer share a place and a hint
+const TARGET_PX = 24; // of a mark: a finger finds it; those that are nearer share a place and a hint
 const SHOWN = 6; // in one mark's hint
 
 const upTo = (step: number, value: number): number => step * Math.ceil(value / step);
 const known = (value: number | undefined, other: number): number => (value !== undefined && Number.isFinite(value) ? value : other);
 
-export const percent = (share: number): string => `${(100 * Math.min(1, Math.max(0, share))).toFixed(3)}%`;
+const within = (share: number): number => Math.min(1, Math.max(0, share));
+
+export const percent = (share: number): string => `${(100 * within(share)).toFixed(3)}%`;
 
 /** The running show, from cue to cue. */
 export function cut(spans: readonly Span[], cues: Cues): Part[] {
@@ -60,39 +64,41 @@ export function cut(spans: readonly Span[], cues: Cues): Part[] {
 
 const RANK: readonly MarkKind[] = ["emergency", "warning", "error", "caution", "notice", "information", "command"];
 
-/** Commands by themselves, alarms and events by themselves; those that would lie on one another become one, the gravest. */
-export function marksOf({ commands, events }: FlightMarks, duration_s: number): Mark[] {
-  const ordered = commands.map((each): Mark => ({ ...each, kind: "command", alarm: null, text: named(each) }));
-  const happened = events.map((each): Mark => ({ ...each, kind: each.alarm_severity ?? (each.severity === "error" ? "error" : "notice"), text: named(each) }));
-  return [ordered, happened].flatMap((all) => grouped(all, duration_s));
+/** From the first to the last. Marks that would lie on one another become one: the gravest, where that is. */
+export function marksOf({ commands, events }: FlightMarks, duration_s: number, width_px: number): Mark[] {
+  const ordered = commands.map((each): Mark => ({ ...each, kind: "command", alarm: null, isCommanded: true, text: named(each) }));
+  const happened = events.map((each): Mark => {
+    const kind = each.alarm_severity ?? (each.severity === "error" ? "error" : "notice");
+    return { ...each, kind, isCommanded: false, text: named(each) };
+  });
+  const all = [...ordered, ...happened].sort((a, b) => RANK.indexOf(a.kind) - RANK.indexOf(b.kind) || a.at_s - b.at_s);
+  const away_px = (a: Mark, b: Mark): number => width_px * Math.abs(within(a.at_s / duration_s) - within(b.at_s / duration_s));
+  const groups: [Mark, ...Mark[]][] = [];
+  for (const each of all) {
+    const near = groups.filter(([gravest]) => away_px(gravest, each) < TARGET_PX);
+    if (near.length === 0) groups.push([each]);
+    else near.reduce((a, b) => (away_px(b[0], each) < away_px(a[0], each) ? b : a)).push(each);
+  }
+  const joined = groups.map(([gravest, ...others]): Mark => {
+    const texts = others.slice(0, SHOWN - 1).map(({ at_s, text }) => `${minutes(at_s)} ${text}`);
+    const more = others.length - texts.length;
+    const text = [gravest.text, ...texts, ...(more > 0 ? [`+ ${more}`] : [])].join("; ");
+    return { ...gravest, isCommanded: [gravest, ...others].some((each) => each.isCommanded), text };
+  });
+  return joined.sort((a, b) => a.at_s - b.at_s);
 }
 
 const named = ({ vehicle, text }: { vehicle: string | null; text: string }): string => (vehicle === null || text.includes(vehicle) ? text : `${vehicle}: ${text}`);
-
-function grouped(all: readonly Mark[], duration_s: number): Mark[] {
-  const groups: Mark[][] = [];
-  for (const each of [...all].sort((a, b) => a.at_s - b.at_s)) {
-    const last = groups.at(-1);
-    if (last !== undefined && each.at_s - last[0]!.at_s < NEAR * duration_s) last.push(each);
-    else groups.push([each]);
-  }
-  return groups.map((group) => {
-    const gravest = group.reduce((a, b) => (RANK.indexOf(b.kind) < RANK.indexOf(a.kind) ? b : a));
-    const more = group.length - SHOWN;
-    const text = [...group.slice(0, SHOWN).map((each) => each.text), ...(more > 0 ? [`+ ${more}`] : [])].join("; ");
-    return { ...gravest, text };
-  });
-}
 
 const exact = (spans: FlightMarks["phases"]): Span[] => spans.map((each) => ({ ...each, isGuess: false }));
 
 export function recordCourse(marks: FlightMarks | null, now_s: number, duration_s: number): Course {
   const parts = marks === null ? [] : cut(exact(marks.phases), marks.cues);
-  return { now_s, duration_s, parts, marks: marks === null ? [] : marksOf(marks, duration_s), idle: marks?.idle ?? [], lit: null };
+  return { now_s, duration_s, parts, marks, idle: marks?.idle ?? [], lit: null };
 }
 
 export function drawnCourse({ cues, duration_s }: Drawing, now_s: number): Course {
-  return { now_s, duration_s, parts: cut([{ phase: "running", from_s: 0, until_s: duration_s, isGuess: false }], cues), marks: [], idle: [], lit: null };
+  return { now_s, duration_s, parts: cut([{ phase: "running", from_s: 0, until_s: duration_s, isGuess: false }], cues), marks: null, idle: [], lit: null };
 }
 
 /** A show that has yet to fly: its cues to scale, between a take-off and a return of unknown length. */
@@ -106,7 +112,7 @@ function planCourse(show: SelectedShow, timeline: Cues): Course {
   ] as const;
   const lit = show.lit_until_s == null ? null : { from_s: least_s, until_s: Math.min(end_s + least_s, least_s + show.lit_until_s) };
   const parts = cut(spans, timeline.map(({ cue, at_s }) => ({ cue, at_s: at_s + least_s })));
-  return { now_s: least_s + show.clock_s, duration_s: end_s + least_s, parts, marks: [], idle: [], lit };
+  return { now_s: least_s + show.clock_s, duration_s: end_s + least_s, parts, marks: null, idle: [], lit };
 }
 
 /** Whether the plan is shown: of a show that is selected, on the ground, unless the last flight is looked at. */
@@ -164,7 +170,7 @@ function liveCourse({ status, frame }: State, marks: FlightMarks, flown: Span[],
   const isLit = isBefore || plays || clock_s > (show?.duration_s ?? 0) - 1;
   const lit = show?.lit_until_s == null ? null : { from_s: at(0), until_s: Math.min(duration_s, isLit ? at(show.lit_until_s) : reference_s) };
   const cues = show ? status!.timeline.map(({ cue, at_s }, i) => ({ cue, at_s: i === 0 ? 0 : at(at_s) })) : [];
-  return { now_s, duration_s, parts: cut(spans, cues), marks: marksOf(marks, duration_s), idle: [], lit };
+  return { now_s, duration_s, parts: cut(spans, cues), marks, idle: [], lit };
 }
 
 /** When, since the flight began, the show's clock is by so much from where it is at `reference_s`: it stands while paused. */

@@ -12,7 +12,7 @@ import { place } from "../panels/place";
 import { whyNot, whyNotOnGround } from "../panels/rights";
 import { fresh, type Frame, type SelectedShow, type State } from "../state";
 import { texts } from "../texts";
-import { courseView, markText, nameOf, partAt } from "./course";
+import { courseView, marked, markText, nameOf, partAt } from "./course";
 import { flightCourse, GROUND, isPlan, percent, type Course, type Mark, type Part } from "./model";
 
 const t = texts.timeline;
@@ -100,8 +100,7 @@ export function timeline(state: State, actions: PanelActions): TemplateResult | 
     </header>
     ${isOpen
       ? courseView(course, {
-          press: (mark) => openMark(actions, mark),
-          named: markText,
+          marks: marked(state, actions, (mark) => openMark(actions, mark), markText),
           button: isPlanned ? (part, title) => cueButton(state, actions, part, title) : undefined,
         })
       : html`<div class="timeline-line"><span ${place({ width: percent(course.now_s / course.duration_s) })}></span></div>`}
