@@ -42,9 +42,9 @@ interface Given {
 /** Read at 10 s of the service's clock, shown at `now_s`. */
 function state({ boat = {}, selected = "", now_s = 10, rights, change = {} }: Given = {}): State {
   const all: Reported[] = [{ ...BOAT, ...boat }, { ...BOAT, name: "walker", source: "cot", state: "none", why: "nothing was received yet", age_s: null, x_m: null, y_m: null }];
-  const features: Features = { ...status().features, targets: { selected: "", targets: all } };
+  const features: Features = { ...status().features, targets: { selected: "", off_m: null, targets: all } };
   const read = update(
-    live({ access: access(rights), frame: frame({ center_m: [0, 0, 20], vehicles: [{}] }), status: status({ ...change, features: { ...features, targets: { selected, targets: [] } } }) }),
+    live({ access: access(rights), frame: frame({ center_m: [0, 0, 20], vehicles: [{}] }), status: status({ ...change, features: { ...features, targets: { selected, off_m: null, targets: [] } } }) }),
     { kind: "features", features },
   );
   return { ...read, frame: frame({ time_s: now_s, center_m: [0, 0, 20], vehicles: [{}] }) };
