@@ -5,7 +5,7 @@ A feature is one class here and one field of `Features`; REST, metrics and `gcs 
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from math import isnan, nan
+from math import nan
 from typing import Annotated, Any, ClassVar, Final, Literal, TypeAlias, get_args, get_type_hints
 
 from pydantic import Field, GetJsonSchemaHandler
@@ -68,7 +68,7 @@ class FeatureView:
             value = getattr(self, key)
             if about.metric:
                 words = get_args(kind) if isinstance(value, str) else ()
-                yield about, key, None if isinstance(value, float) and isnan(value) else value, words
+                yield about, key, value, words
         for part in self.parts:
             yield from part.metrics
 
