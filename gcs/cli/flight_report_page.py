@@ -57,6 +57,7 @@ From {escape(source)}; judged {datetime.now(UTC):%Y-%m-%d %H:%M} UTC. Speeds and
 {TOLERATED:.0%} and {TOLERATED_M_S:g} m/s ({TOLERATED_M_S2:g} m/s²).</p>
 {notes}
 {_checks(flight_report)}
+{_tracking(flight_report)}
 {svg[svg.index("<svg") :]}
 {_pairs(flight_report)}
 </html>
@@ -77,6 +78,11 @@ def _checks(flight_report: FlightReport) -> str:
         )
     head = "<tr><th>What<th>Worst<th>Limit<th>Unit<th>Vehicle<th>At<th>Verdict"
     return f"<table>{head}{''.join(rows)}</table>"
+
+
+def _tracking(flight_report: FlightReport) -> str:
+    texts = [f"<li>{escape(each.text)}" for each in flight_report.trajectories.tracking]
+    return f"<h2>Targets that were followed</h2><ul>{''.join(texts)}</ul>" if texts else ""
 
 
 def _pairs(flight_report: FlightReport) -> str:

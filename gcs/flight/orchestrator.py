@@ -19,7 +19,7 @@ from gcs.estimation import link_health
 from gcs.estimation.targets import motion
 from gcs.failsafe import triggers
 from gcs.flight.commands.commander import Commander
-from gcs.flight.commands.plan_editor import PlanEditor
+from gcs.flight.commands.plan_editor import PlanEditor, RestoredPlan
 from gcs.flight.features import features_of
 from gcs.flight.maneuvers.descent import Descent
 from gcs.flight.maneuvers.landing_places import LandingPlaces
@@ -217,6 +217,7 @@ class Orchestrator:
             self.player,
             self.preflight,
             self._planning,
+            RestoredPlan(in_force, show, newest, unix_s, self.player, targets),
             interruption,
         )
         self.recovery = self.commands.recovery

@@ -23,7 +23,7 @@ BODY_MAX: Final = 4096
 KILLED_OFFLINE: Final = "motors stopped by gcs kill, without the service"
 
 CLOCK_S: Final = 1.0
-"""Interval at which the time of a written show is recorded."""
+"""Interval at which the time of a written show is recorded, and the motion of a target that is followed."""
 
 _VEHICLE: Final = """
 INSERT INTO vehicles (id, session, unix_s, system_id, link, host, port, phase, reason, mode, armed,
@@ -145,10 +145,10 @@ class AuditTrail:
             if cue != self._cue:
                 self.event(at_s, "info", "cue", None, cue)
         self._cue = cue
-        is_due = selected is not None and selected.runs and at_s >= self._clock_due_s
-        if is_changed or is_due or view.show is not self._show:
+        moves = (selected is not None and selected.runs) or sample.followed != ""
+        if is_changed or view.show is not self._show or (moves and at_s >= self._clock_due_s):
             self._clock_due_s = at_s + CLOCK_S
-            more: dict[str, object] = {"time_s": view.time_s}
+            more: dict[str, object] = {"time_s": view.time_s, "followed": sample.followed}
             if selected is not None and cue is not None:
                 more["written"] = {**cue, "clock_s": selected.clock_s, "parts": dict(sample.parts)}
             values = (view.show.value, view.reason, plan_json(view.plan, **more))

@@ -130,6 +130,7 @@ class FlightReport:
                 )
                 for i, j in pairs.nearest(NEAREST)
             ),
+            trajectories.tracking,
         )
 
 

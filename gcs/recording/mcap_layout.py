@@ -26,6 +26,7 @@ from gcs.model.vehicle_columns import RECORDED
 from gcs.recording.sample import Sample
 from gcs.service import SelectedShow, TickView
 from gcs.service.alarms import Alarm
+from gcs.service.features import Features
 from gcs.service.vehicle_table import VehicleTable
 
 VERSION: Final = 5
@@ -114,9 +115,12 @@ class StatusMessage:
 
 TICK: Final = TypeAdapter(TickMessage)
 STATUS: Final = TypeAdapter(StatusMessage)
+FEATURES: Final = TypeAdapter(Features)
+"""What features report, of `/fleet/features`."""
 
 _FOXGLOVE: Final = resources.files("gcs.recording").joinpath("foxglove_schemas.json").read_text("utf-8")
-_BY_NAME: Final = json.loads(_FOXGLOVE) | {"gcs.Tick": TICK.json_schema(), "gcs.Status": STATUS.json_schema()}
+_OWN: Final[dict[str, TypeAdapter[Any]]] = {"gcs.Tick": TICK, "gcs.Status": STATUS, "gcs.Features": FEATURES}
+_BY_NAME: Final = json.loads(_FOXGLOVE) | {name: kind.json_schema() for name, kind in _OWN.items()}
 
 SCHEMAS: Final[dict[str, tuple[str, dict[str, object]]]] = {
     topic: (name, _BY_NAME[name])
@@ -128,6 +132,7 @@ SCHEMAS: Final[dict[str, tuple[str, dict[str, object]]]] = {
         ("/fleet/scene", "foxglove.SceneUpdate"),
         ("/tf", "foxglove.FrameTransform"),
         ("/log", "foxglove.Log"),
+        ("/fleet/features", "gcs.Features"),
     )
 }
 """Topic: name of the schema, and the schema."""

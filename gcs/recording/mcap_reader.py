@@ -35,9 +35,11 @@ from gcs.model.state import Mode, VehicleId
 from gcs.recording import mcap_layout as layout
 from gcs.recording.mcap_writer import CHUNK_S, STATUS_S
 from gcs.safety.filter import SafetySettings
+from gcs.service.features import Features
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 ELSEWHERE: Final = "/fleet/elsewhere"
+FEATURES: Final = "/fleet/features"
 RECORD_MAX_BYTES: Final = 16 << 20
 CHUNK_MAX_BYTES: Final = 4 << 20
 """Of a chunk without compression; ours end at 1 MB."""
@@ -241,6 +243,7 @@ class RecordedSample:
     vehicles: NDArray[np.void]  # (n,) of `layout.VEHICLE`
     tick: layout.TickMessage
     status: layout.StatusMessage  # the newest
+    features: Features  # the newest, one object for each message; without reports in older records
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,6 +254,7 @@ class ReadSample:
     vehicles: bytes
     tick: bytes
     status: bytes
+    features: bytes  # empty: none were recorded
     elsewhere: bytes  # vehicles of other stations, then
     elsewhere_s: float  # Unix time
 
@@ -280,6 +284,7 @@ class FlightData:
         self.losses: list[Loss] = []  # after `ticks` or `samples`: of the part that was read
         self._began_s: float | None = None
         self._status: tuple[bytes, layout.StatusMessage] | None = None  # the newest that was decoded
+        self._features: tuple[bytes, Features] = (b"", Features())  # likewise
         try:
             metadata = self._metadata()
             if metadata is None:
@@ -364,10 +369,13 @@ class FlightData:
         try:
             if self._status is None or self._status[0] is not sample.status:
                 self._status = sample.status, layout.STATUS.validate_json(sample.status)
+            if self._features[0] is not sample.features:
+                decoded = layout.FEATURES.validate_json(sample.features) if sample.features else Features()
+                self._features = sample.features, decoded
             vehicles, tick = self._vehicles(sample), layout.TICK.validate_json(sample.tick)
         except (KeyError, TypeError, ValueError, GcsError) as error:
             raise GcsError(f"{self.path}: a recorded message cannot be read: {error}") from None
-        return RecordedSample(sample.unix_s, vehicles, tick, self._status[1])
+        return RecordedSample(sample.unix_s, vehicles, tick, self._status[1], self._features[1])
 
     @cached_property
     def chunks(self) -> list[tuple[float, int]]:
@@ -431,9 +439,10 @@ def _ticks(
             newest[topic] = record
             if topic == "/fleet/tick" and needed <= newest.keys():
                 vehicles, status = newest["/fleet/vehicles"].data, newest["/fleet/status"].data
+                features = newest[FEATURES].data if FEATURES in newest else b""
                 elsewhere = newest[ELSEWHERE] if ELSEWHERE in needed else None
                 of_others = (b"", 0.0) if elsewhere is None else (elsewhere.data, elsewhere.log_time * 1e-9)
-                yield ReadSample(record.log_time * 1e-9, vehicles, record.data, status, *of_others)
+                yield ReadSample(record.log_time * 1e-9, vehicles, record.data, status, features, *of_others)
 
 
 @dataclass(frozen=True, slots=True)

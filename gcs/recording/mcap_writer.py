@@ -21,14 +21,16 @@ from gcs.recording import mcap_layout as layout
 from gcs.recording.mcap_layout import SCHEMAS, SHOW, as_json, stamp
 from gcs.recording.sample import RecordedElsewhere, Sample
 from gcs.service import FleetView
+from gcs.service.features import Features
 
 CHUNK_S: Final = 1.0
 WAITING_MAX: Final = 400
 """Samples of 20 s: the longest delay of the disk without loss."""
 
 STATUS_S: Final = 5.0  # repeated without a change, for readers that begin in the middle
-LED_S: Final = 1.0  # likewise, while a written show changes the plan
+LED_S: Final = 1.0  # likewise, while a written show or a target changes the plan
 SCENE_S: Final = 0.5
+FEATURES_S: Final = 0.2  # what features report, such as where targets are, at most so often
 
 
 class LogLine(NamedTuple):
@@ -100,9 +102,10 @@ class _OpenFile:
             )
             self._channel[topic] = self._writer.register_channel(topic, "json", schema_id)
         self._flush_due_s = monotonic()
-        self._status_due_s = self._scene_due_s = -1.0
+        self._status_due_s = self._scene_due_s = self._features_due_s = -1.0
         self._status: tuple[object, ...] = ()
         self._elsewhere: RecordedElsewhere | None = None  # that was written last
+        self._features: Features | None = None  # likewise
 
     def add(self, what: Sample | LogLine, number: int | None = None) -> None:
         """Add one sample, or event, to the chunk; `number` replaces the sample's own."""
@@ -115,7 +118,7 @@ class _OpenFile:
         desired = what.reported, view.start_unix_time_s, what.control
         status = (layout.recorded_show(what), view.reason, *desired, *reasons, view.alarms)
         if time_s >= self._status_due_s or status != self._status:
-            again_s = STATUS_S if view.selected is None else LED_S
+            again_s = STATUS_S if view.selected is None and not what.followed else LED_S
             self._status, self._status_due_s = status, time_s + again_s
             self._add("/fleet/status", unix_s, layout.status_message(what))
         if time_s >= self._scene_due_s:
@@ -126,6 +129,9 @@ class _OpenFile:
             self._elsewhere = what.elsewhere
             rows = layout.rows_elsewhere(what)
             self._add("/fleet/elsewhere", unix_s, layout.vehicles_message(unix_s, rows))
+        if time_s >= self._features_due_s and view.features != self._features:
+            self._features, self._features_due_s = view.features, time_s + FEATURES_S
+            self._add("/fleet/features", unix_s, layout.FEATURES.dump_json(view.features))
         self._add("/fleet/vehicles", unix_s, layout.vehicles_message(unix_s, layout.own_rows(what)))
         self._add("/fleet/tick", unix_s, layout.tick_message(what, number))
 
@@ -138,7 +144,8 @@ class _OpenFile:
         if monotonic() >= self._flush_due_s:
             self._flush_due_s = monotonic() + CHUNK_S
             self._writer.flush()
-            self._status_due_s, self._elsewhere = -1.0, None  # each chunk can be read without those before
+            # each chunk can be read without those before
+            self._status_due_s, self._elsewhere, self._features = -1.0, None, None
 
     def finish(self) -> None:
         """Write the last chunk and the index. Raises: OSError."""

@@ -1,7 +1,7 @@
 """One tick's sample for the record: what the service estimated, desired and sent."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gcs.control import ControlSettings
 from gcs.model.lifecycle import ShowPhase
-from gcs.model.plan import Obstacle, Plan, Yaw
+from gcs.model.plan import Obstacle, Plan, Target, Yaw
 from gcs.model.state import VehicleId
 from gcs.service import FleetView
 
@@ -39,7 +39,15 @@ class Sample:
     elsewhere: RecordedElsewhere | None = None  # None: the view has all vehicles
 
     @property
+    def followed(self) -> str:
+        """Name of the selected target; empty: none is."""
+        targets = self.view.features.targets
+        return "" if targets is None else targets.selected
+
+    @property
     def reported(self) -> Reported:
-        """The plan without the changes that a written show makes in every tick, which are not recorded."""
+        """The plan without the changes that a written show or a target makes in every tick."""
         plan, show = self.view.plan, self.view.selected
-        return plan if show is None else (show.name, show.hash, show.cue, plan.obstacles, plan.yaw)
+        if show is not None:
+            return show.name, show.hash, show.cue, plan.obstacles, plan.yaw
+        return replace(plan, target=Target(followed=True)) if self.followed else plan

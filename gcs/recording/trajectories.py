@@ -17,6 +17,8 @@ from gcs.model.state import Array, Landed, Mask, VehicleId
 from gcs.recording import mcap_layout as layout
 from gcs.recording.mcap_layout import RecordedLimits
 from gcs.recording.mcap_reader import FlightData, RecordedSample
+from gcs.recording.target_tracking import target_tracking
+from gcs.service.snapshots import TargetTracking
 
 Single = NDArray[np.float32]
 OnProgress = Callable[[float], None]
@@ -50,6 +52,7 @@ class FlownTrajectories:
     held_at: NDArray[np.intp] | None = None  # (k,) index of the limits; None: always the first
     setpoint_held_at: NDArray[np.intp] | None = None  # (j,) likewise, at the setpoints' own times
     autopilots: tuple[str, ...] = ()  # (n,) names; empty: not known
+    tracking: tuple[TargetTracking, ...] = ()  # by the estimates of vehicles and targets
 
     def elapsed_s(self, sample: int | np.signedinteger[Any]) -> float:
         """Time of a sample since the first, to hundredths of a second."""
@@ -88,6 +91,7 @@ def estimated(data: FlightData, on_progress: OnProgress | None = None) -> FlownT
     recent: Mask = table["position_age_s"] <= RECENT_S
     widest_m = float(np.nanmax(uncertainty_m[airborne], initial=0.0))
     position_m = layout.vectors(table, layout.POSITION)
+    formed = flown & _among(data, table, {Phase.FORMATION})
     return _with_gaps(
         FlownTrajectories(
             "estimated positions",
@@ -100,7 +104,7 @@ def estimated(data: FlightData, on_progress: OnProgress | None = None) -> FlownT
             uncertainty_m,
             airborne,
             flown,
-            flown & _among(data, table, {Phase.FORMATION}),
+            formed,
             recent,
             layout.vectors(table, layout.SETPOINT),
             _late(flown, recent),
@@ -114,9 +118,17 @@ def estimated(data: FlightData, on_progress: OnProgress | None = None) -> FlownT
             held_at,
             held_at,
             data.about.autopilots,
+            target_tracking(ticks, _center_m(position_m, formed)),
         ),
         [at for at, _ in gaps],
     )
+
+
+def _center_m(position_m: Single, formed: Mask) -> Array:
+    """(k, 2) Mean of the vehicles in the formation; NaN: there are none, or one is not known."""
+    with np.errstate(invalid="ignore"):
+        summed_m = np.where(formed[..., None], position_m[..., :2], 0.0).sum(axis=1, dtype=np.float64)
+        return np.asarray(summed_m / formed.sum(axis=1, keepdims=True))
 
 
 def _late(flown: Mask, recent: Mask) -> tuple[str, ...]:
@@ -272,6 +284,7 @@ def true(
         held_at,
         None if beside is None or held_at is None else beside.setpoint_held_at,
         autopilots,
+        () if beside is None else beside.tracking,
     )
 
 

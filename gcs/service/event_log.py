@@ -69,6 +69,7 @@ WORDS: Final[Mapping[str, str]] = {
     "show_check_failed": "the check of show {show} failed: {reason}",
     "show_began": "show {show} began[, {late_s} s after its time]",
     "show_begin_cancelled": "show {show}: its time to begin is cancelled",
+    "target_not_restored": "target {target} is not followed any more, the formation holds: {reason}",
     "show_begin_forgotten": "show {show} does not begin at {at} any more: {reason}",
     "show_begins_at": "show {show} begins at {at}[ ({reason})]",
     "show_not_here": "the selected show cannot be flown by this station: {reason}",

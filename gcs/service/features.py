@@ -3,7 +3,7 @@
 A feature is one class here and one field of `Features`; REST, metrics and `gcs status` follow from them.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from math import nan
 from typing import Annotated, Any, ClassVar, Final, Literal, TypeAlias, get_args, get_type_hints
@@ -34,6 +34,10 @@ class Described:
         return handler(schema) | {"description": self.text}
 
 
+Metric: TypeAlias = tuple[Described, str, int | float | str | None, tuple[str, ...]]
+"""What describes a field, its name, its value, and what it may be; nothing: any, or a number."""
+
+
 class FeatureView:
     """What one feature reports."""
 
@@ -54,13 +58,19 @@ class FeatureView:
         return iter(())
 
     @property
-    def metrics(self) -> Iterator[tuple[Described, str, int | float | str | None, tuple[str, ...]]]:
-        """What describes a field, its name, its value, and what it may be; nothing: any, or a number."""
+    def parts(self) -> Sequence["FeatureView"]:
+        """Views in it that have metrics of their own."""
+        return ()
+
+    @property
+    def metrics(self) -> Iterator[Metric]:
         for key, (kind, about) in self.described.items():
             value = getattr(self, key)
             if about.metric:
                 words = get_args(kind) if isinstance(value, str) else ()
                 yield about, key, value, words
+        for part in self.parts:
+            yield from part.metrics
 
     def at_rest(self) -> "FeatureView":
         """Return it without what moves, to be compared."""
@@ -189,7 +199,7 @@ class LightsView(FeatureView):
 
 
 @dataclass(frozen=True, slots=True)
-class TargetView:
+class TargetView(FeatureView):
     """A target of the configuration, as its best source has it. Show frame."""
 
     __pydantic_config__ = PUBLISHED
@@ -198,16 +208,24 @@ class TargetView:
     source: Annotated[str, Field(description="Kind of the source that counts.", examples=["nmea"])]
     state: Annotated[
         Literal["none", "tracked", "coasting", "lost"],
-        Field(description="How well it is known. coasting: on its last motion. lost: the formation holds."),
+        Described(
+            "How well it is known. coasting: on its last motion. lost: the formation holds.",
+            "gcs_target_state",
+        ),
     ]
     why: Annotated[str, Field(description="Why it is not tracked; empty: it is.")]
-    age_s: Annotated[Measured, Field(description="Of the newest report that is believed; null: none.")]
+    age_s: Annotated[
+        Measured, Described("Of the newest report that is believed; null: none.", "gcs_target_age_seconds")
+    ]
     rate_hz: Annotated[Measured, Field(description="Reports a second; null: not known.")]
     x_m: Annotated[Measured, Field(description="Where it is estimated now; null: nowhere yet.")]
     y_m: Measured
     velocity_x_m_s: Measured
     velocity_y_m_s: Measured
-    deviation_m: Annotated[Measured, Field(description="Standard deviation of the estimate, along an axis.")]
+    deviation_m: Annotated[
+        Measured,
+        Described("Standard deviation of the estimate, along an axis.", "gcs_target_deviation_meters"),
+    ]
     reports: Annotated[int, Field(description="Reports that were believed, of all its sources.")]
     refused: Annotated[int, Field(description="Reports that were not.")]
 
@@ -219,9 +237,18 @@ class TargetsView(FeatureView):
     __pydantic_config__ = PUBLISHED
 
     selected: Annotated[
-        str, Described("The one that is followed; empty: the target of the plan.", moves=False)
+        str,
+        Described("The one that is followed; empty: the target of the plan.", "gcs_target", moves=False),
     ]
     targets: Annotated[tuple[TargetView, ...], Described("All of the configuration.")]
+    off_m: Annotated[
+        Measured,
+        Described(
+            "How far the commanded centre is from the selected one, or from the orbit around it;"
+            " null: no formation flies, or it is not known where the target is.",
+            "gcs_target_distance_meters",
+        ),
+    ] = None
 
     def line(self, unix_time_s: float) -> Line:  # noqa: ARG002
         for target in self.targets:
@@ -231,10 +258,14 @@ class TargetsView(FeatureView):
                 yield f": {target.why}", "urgent" if target.state == "lost" else "bad"
             yield " ", ""
 
+    @property
+    def parts(self) -> Sequence[FeatureView]:
+        return [target for target in self.targets if target.name == self.selected]
+
 
 @dataclass(frozen=True, slots=True)
 class Features:
-    """What each feature reports; null: it is not configured, or this is a replay."""
+    """What each feature reports; null: it is not configured, or not in a replayed record."""
 
     __pydantic_config__ = PUBLISHED
 

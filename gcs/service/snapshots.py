@@ -472,6 +472,37 @@ class NearestPair:
 
 
 @dataclass(frozen=True, slots=True)
+class TargetTracking:
+    """How near the formation's centre was to a target, or to the orbit around it, while it was followed.
+
+    The target is where it was estimated: the record does not know where it truly was.
+    """
+
+    target: str
+    followed_s: Annotated[float, Field(description="While the show ran and this target was selected.")]
+    approach_s: Annotated[float, Field(description="Of these, on the way: no distance counts.")]
+    coasting_s: Annotated[float, Field(description="Of these, without reports, on its last motion.")]
+    lost_s: Annotated[float, Field(description="Of these, with the target lost: likewise.")]
+    median_m: Annotated[Measured, Field(description="null, as the others: it was never reached.")] = None
+    p95_m: Measured = None
+    worst_m: Measured = None
+    worst_at_s: Annotated[Measured, Field(description="Time since the beginning of the record.")] = None
+    deviation_m: Annotated[Measured, Field(description="Median deviation of the estimate itself.")] = None
+
+    @property
+    def text(self) -> str:
+        """All of it, in words."""
+        lasts = f"followed for {self.followed_s:g} s, {self.approach_s:g} s of them on the way to it,"
+        lasts += f" {self.coasting_s:g} s without reports, {self.lost_s:g} s lost"
+        if self.median_m is None:
+            return f"{self.target}: {lasts}; it was never reached"
+        off = f"{self.median_m:g} m in the median, {self.p95_m:g} m in 95 % of the time"
+        worst = f"at worst {self.worst_m:g} m at {self.worst_at_s:g} s"
+        estimate = f"from its estimate (standard deviation {self.deviation_m:g} m), not from the true target"
+        return f"{self.target}: the centre was {off}, {worst}, away {estimate}; {lasts}"
+
+
+@dataclass(frozen=True, slots=True)
 class ReportBody:
     """The flight report, as `gcs report --json` prints it."""
 
@@ -494,6 +525,9 @@ class ReportBody:
     duration_s: float
     checks: tuple[ReportCheck, ...]
     nearest_pairs: tuple[NearestPair, ...]
+    tracking: Annotated[
+        tuple[TargetTracking, ...], Field(description="Of each target that was followed; empty: of none.")
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -537,7 +571,7 @@ class FleetView:
     playback: Playback | None = None  # None: this is no replay
     histograms: tuple[TickHistogram | Collected, ...] = ()  # of the ticks since the start; the first change
     stations: tuple[StationView, ...] = ()  # of the site; empty: one station flies all
-    features: Features = Features()  # of a replay: none
+    features: Features = Features()
     bus: BusView | None = None  # None: one station flies all
     estimates: Estimates | None = None  # rows as in `rows`; None: nothing is estimated, as in a replay
 

@@ -1,20 +1,33 @@
 """A target that reports where it is: selected, followed, lost, and found again, in flight."""
 
+import asyncio
 from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final
 
 import numpy as np
 import pytest
 from pydantic import ValidationError
 
 from gcs.model.errors import RefusedError, UnknownError
+from gcs.model.interrupted_flight import Offer
+from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Obstacle, Orbit
 from gcs.model.state import Array
 from gcs.model.target_fix import TargetFix
+from gcs.recording.audit_reader import rows
+from gcs.recording.flight_report import make_flight_report
+from gcs.recording.mcap_reader import FlightData, Standard
+from gcs.recording.replay.service import Replay
+from gcs.recording.session import Record
+from gcs.recording.trajectories import estimated
+from gcs.service import ShowAction
 from gcs.service.alarms import AlarmCause
-from gcs.service.features import TargetView
+from gcs.service.features import Features, TargetView
 from gcs.testing.virtual_show import VirtualShow, fly, refused, show_config
+from tests.support.sessions import found, four, sessions
 
-TARGETS = {
+TARGETS: Final[dict[str, Any]] = {
     "targets": [
         {"name": "boat", "sources": [{"kind": "rest"}], "deviation_m": 0.5, "coast_s": 3.0},
         {"name": "dinghy", "sources": [{"kind": "nmea", "at": "udp://127.0.0.1:10110"}]},
@@ -121,6 +134,44 @@ def test_target_that_jumps_is_not_followed_there() -> None:
     went_m, there_m = fly(story, show_config(4, **TARGETS))
     assert went_m < 3.0
     assert there_m < 1.0
+
+
+def test_record_has_the_target_and_the_report_how_near(tmp_path: Path) -> None:
+    """The plan is recorded where it changes, not at each tick that a target moves it."""
+    config = show_config(4, **TARGETS)
+    vehicles = {name: (row + 1, "loop") for row, name in enumerate(config.ids)}
+
+    async def story(show: VirtualShow) -> None:
+        await show.start()
+        show.service.plan.set_orbit(Orbit(0.0, 4.0))
+        show.service.plan.select_target("boat")
+        await report(show, 25.0)
+        await show.wait(2.0)
+
+    with Record(tmp_path, config.model_dump_json(), vehicles) as record:
+        fly(story, config, record=record)
+    assert len(rows(tmp_path, "SELECT 1 FROM events WHERE event = 'plan'")) < 5
+    data = FlightData(record.folder / "flight.mcap")
+    flown = estimated(data)
+    (tracking,) = flown.tracking
+    assert tracking.target == "boat"
+    assert tracking.followed_s == pytest.approx(27.0, abs=1.0)
+    assert 1.0 < tracking.coasting_s < 2.0
+    assert tracking.median_m is not None
+    assert 0.0 < tracking.median_m < 0.5
+    assert "not from the true target" in tracking.text
+    body = make_flight_report(flown, Standard.of(data.about.config, "it")).report("it")
+    assert body.tracking == flown.tracking
+
+    targets = list(data.ticks())[-1].features.targets
+    assert targets is not None
+    assert (targets.selected, targets.targets[0].state) == ("boat", "coasting")
+    assert targets.targets[0].age_s == pytest.approx(2.2, abs=0.4)
+
+    async def first_shown() -> Features:
+        return Replay(data, 1.0).view.value.features
+
+    assert asyncio.run(first_shown()).targets is not None
 
 
 def test_operator_holds_and_takes_the_target_back() -> None:
@@ -294,3 +345,36 @@ def test_formation_comes_home_when_its_target_stays_lost() -> None:
 
     lost = {"failsafes": {"target_stale": {"action": "return", "after_s": 10.0}}}
     assert fly(story, show_config(4, **TARGETS, **lost)) == ["running", "running", "returning"]
+
+
+@pytest.mark.parametrize("is_configured", [True, False], ids=["configured", "configured no more"])
+def test_restarted_service_follows_the_target_again(tmp_path: Path, *, is_configured: bool) -> None:
+    """On its last motion until it is reported; one that is not configured any more is not followed."""
+
+    async def begin(show: VirtualShow) -> None:
+        show.service.plan.select_target("boat")
+        await report(show, 1.0)
+        await show.start()
+        show.service.plan.set_orbit(Orbit(0.0, 4.0))
+        await report(show, 20.0, begin_s=1.0)
+
+    async def go_on(show: VirtualShow) -> None:
+        await found(show)
+        await show.settled(show.service.recovery.settle(Offer.TAKE_OVER))
+        await show.show(ShowAction.RESUME)
+        await show.reach(ShowPhase.RUNNING)
+        targets = show.view.features.targets
+        assert targets is not None
+        assert targets.selected == ("boat" if is_configured else "")
+        stands_m = show.view.target_m
+        await show.wait(5.0)
+        assert show.view.target_m == pytest.approx(stands_m, abs=0.01)
+        texts = [each.text for each in show.service.events.newest()]
+        assert any("boat is not followed any more" in text for text in texts) is not is_configured
+        if is_configured:
+            await report(show, 10.0, begin_s=60.0)
+            assert show.view.target_m == pytest.approx(along_m(70.0)[:2], abs=1.0)
+            assert boat(show).state == "tracked"
+
+    targets = TARGETS["targets"] if is_configured else TARGETS["targets"][1:]
+    sessions(tmp_path, (four(**TARGETS), begin), (four(targets=targets), go_on))

@@ -169,6 +169,7 @@ def targets(service: FakeService) -> None:
                 TargetView("boat", "nmea", "tracked", "", 0.2, 5.0, 12.0, 4.0, 1.2, -0.4, 0.3, 300, 2),
                 TargetView("walker", "cot", "tracked", "", 0.4, 1.0, -8.0, 9.0, 0.5, 0.5, 1.5, 60, 0),
             ),
+            off_m=0.42,
         )
     )
 

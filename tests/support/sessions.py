@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from contextlib import closing
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 from gcs.config.schema import Config
 from gcs.flight.orchestrator import Orchestrator
@@ -41,7 +42,7 @@ ALL = ("d1", "d2", "d3", "d4")
 BOX = Obstacle("box", 60.0, -60.0, 1.0, 1.0, 5.0)
 
 
-def four(**sections: dict[str, object]) -> Config:
+def four(**sections: Any) -> Config:
     return show_config(4, operation=HOLDS_WHEN_LOST, **sections)
 
 

@@ -90,6 +90,8 @@ export interface State {
   features: Features | null;
   /** The service's clock then. */
   featuresRead_s: number;
+  /** All that was read in the last `PAST_S`, oldest first. */
+  featuresPast: readonly { read_s: number; features: Features }[];
   kill: Kill | null;
   attention: Attention;
   /** State of the panels alone. */
@@ -101,6 +103,7 @@ export const STALE_MS = 1000;
 export const HISTORY_STEP_S = 0.5;
 export const HISTORY_ROWS = 600;
 export const TOAST_MS = 6000;
+export const PAST_S = 60;
 
 export const NO_HISTORY: History = {
   time_s: new Float64Array(),
@@ -136,6 +139,7 @@ export function initial(now_ms: number): State {
     placing: null,
     features: null,
     featuresRead_s: NaN,
+    featuresPast: [],
     kill: null,
     attention: initialAttention(true),
     panels: initialDesk(),

@@ -776,6 +776,10 @@ export const texts = {
     goto: "Go there",
     keptShort: "OK",
     brokenShort: "VIOLATED",
+    tracked: (target: string, [median, p95, worst]: readonly string[]): string =>
+      `Centre from the estimate of ${target}, or from the orbit around it: median ${median}, 95 % ${p95}, worst ${worst}`,
+    trackedFor: ([followed, approach, coasting, lost]: readonly string[], deviation: string): string =>
+      `Followed ${followed} s: on the way ${approach} s, without reports ${coasting} s, lost ${lost} s. The estimate has a standard deviation of ${deviation}; the true target is not known.`,
   },
 
   scene: {

@@ -7,7 +7,7 @@ import { updatePlacing } from "./placing/model";
 import { updateDesk } from "./panels/update";
 import { energy, radiusError_m } from "./formation";
 import { choose, remaining } from "./selection";
-import { HISTORY_ROWS, HISTORY_STEP_S, NO_HISTORY, TOAST_MS, type Connection, type Frame, type History, type Command, type State, type Status, type Toast } from "./state";
+import { HISTORY_ROWS, HISTORY_STEP_S, NO_HISTORY, PAST_S, TOAST_MS, type Connection, type Features, type Frame, type History, type Command, type State, type Status, type Toast } from "./state";
 import type { Message } from "./messages";
 
 export type { Message } from "./messages";
@@ -67,7 +67,7 @@ function updateShared(state: State, message: Message): State {
     case "placing-busy":
       return { ...state, placing: updatePlacing(state.placing, message, state.page_ms) };
     case "features":
-      return { ...state, features: message.features, featuresRead_s: state.frame?.time_s ?? NaN };
+      return onFeatures(state, message.features);
     case "kill-armed":
       return { ...state, kill: { armed: message.armed, until_ms: state.page_ms + 1000 * message.armed.valid_s } };
     case "kill-over":
@@ -113,7 +113,13 @@ function onStatus(state: State, status: Status): State {
     return { ...state, status, view, drawn: isDown ? state.drawn : null, placing: isDown ? state.placing : null };
   }
   const panels = { ...state.panels, shows: null, checks: {}, showsRefused: {} };
-  return { ...state, status, view, panels, frame: null, previous: null, preflight: null, marks: null, drawn: null, placing: null, features: null, kill: null, commands: [], history: NO_HISTORY };
+  return { ...state, status, view, panels, frame: null, previous: null, preflight: null, marks: null, drawn: null, placing: null, features: null, featuresPast: [], kill: null, commands: [], history: NO_HISTORY };
+}
+
+function onFeatures(state: State, features: Features): State {
+  const read_s = state.frame?.time_s ?? NaN;
+  const past = state.featuresPast.filter((each) => each.read_s < read_s && each.read_s >= read_s - PAST_S);
+  return { ...state, features, featuresRead_s: read_s, featuresPast: [...past, { read_s, features }] };
 }
 
 function onFrame(state: State, frame: Frame): State {

@@ -4,7 +4,7 @@ import { Group, Mesh } from "three";
 import { describe, expect, it } from "vitest";
 
 import { panelsOf } from "../src/features";
-import { away_m, fixesAt, t, targets, Track } from "../src/features/targets";
+import { away_m, fixesAt, offs, t, targets, Track } from "../src/features/targets";
 import { toScene } from "../src/scene/axes";
 import { Eye } from "../src/scene/camera";
 import type { Overlay } from "../src/scene/overlay";
@@ -42,9 +42,9 @@ interface Given {
 /** Read at 10 s of the service's clock, shown at `now_s`. */
 function state({ boat = {}, selected = "", now_s = 10, rights, change = {} }: Given = {}): State {
   const all: Reported[] = [{ ...BOAT, ...boat }, { ...BOAT, name: "walker", source: "cot", state: "none", why: "nothing was received yet", age_s: null, x_m: null, y_m: null }];
-  const features: Features = { ...status().features, targets: { selected: "", targets: all } };
+  const features: Features = { ...status().features, targets: { selected: "", off_m: null, targets: all } };
   const read = update(
-    live({ access: access(rights), frame: frame({ center_m: [0, 0, 20], vehicles: [{}] }), status: status({ ...change, features: { ...features, targets: { selected, targets: [] } } }) }),
+    live({ access: access(rights), frame: frame({ center_m: [0, 0, 20], vehicles: [{}] }), status: status({ ...change, features: { ...features, targets: { selected, off_m: null, targets: [] } } }) }),
     { kind: "features", features },
   );
   return { ...read, frame: frame({ time_s: now_s, center_m: [0, 0, 20], vehicles: [{}] }) };
@@ -52,8 +52,32 @@ function state({ boat = {}, selected = "", now_s = 10, rights, change = {} }: Gi
 
 const boatAt = (given: Given, now_s = 10) => fixesAt(state(given), now_s)[0]!;
 
+/** One reading a second, of these distances. */
+function read(offs_m: (number | null)[]): State {
+  return offs_m.reduce((before: State, off_m, at) => {
+    const features = { ...before.features!, targets: { ...before.features!.targets!, selected: "boat", off_m } };
+    return update({ ...before, frame: frame({ time_s: 11 + at, center_m: [0, 0, 20], vehicles: [{}] }) }, { kind: "features", features });
+  }, state({ selected: "boat" }));
+}
+
 const over = (first: State) => page(first, () => ({}), "refused");
 const view = (state: State, why = "") => targets.panel!.view(state, over(state).actions, why);
+
+describe("the tracking error", () => {
+  it("is what was read in the last minute, with a gap where it was not known", () => {
+    expect(offs(read([1, 2, null, null, 4]), "boat", 15)).toEqual([[[-4, 1], [-3, 2]], [[0, 4]]]);
+    expect(offs(read([1, 2]), "walker", 12)).toEqual([]);
+    const long = read(Array.from({ length: 100 }, () => 1));
+    expect(long.featuresPast).toHaveLength(61);
+    expect(offs(long, "boat", 110)[0]).toHaveLength(61);
+  });
+
+  it("has no reading that is later than now, once a clock goes back", () => {
+    const late = read([1, 2, 3, 4]);
+    const back = update({ ...late, frame: frame({ time_s: 12, vehicles: [{}] }) }, { kind: "features", features: late.features! });
+    expect(Math.max(...back.featuresPast.map((each) => each.read_s))).toBe(12);
+  });
+});
 
 describe("what is known of a target", () => {
   it("moves on from its reading with its velocity, and is not known once that is old", () => {

@@ -44,6 +44,7 @@ class Commander(VehicleCommands):
         show_player: ShowPlayer,
         preflight_gate: PreflightGate,
         planning: Executor,
+        plans: RestoredPlan,
         interruption: Interruption | None = None,
     ) -> None:
         """`planning` runs the planner of the collective return, outside the tick.
@@ -76,7 +77,7 @@ class Commander(VehicleCommands):
             flight.inputs,
             refusals,
             maneuvers,
-            RestoredPlan(flight.in_force, show, newest, flight.unix_s, show_player),
+            plans,
             StallRecovery(newest, vehicles, show, frame, space, flight.unix_s, flight.inputs),
             AwaitedVehicles(newest, maneuvers, asyncio.get_running_loop().time),
             interruption,

@@ -164,6 +164,7 @@ class RestoredPlan:
     newest: Newest
     unix_s: Callable[[], float]
     show_player: ShowPlayer
+    targets: Targets
 
     def __post_init__(self) -> None:
         self._configured = self.in_force.plan
@@ -204,12 +205,25 @@ class RestoredPlan:
         if offer is Offer.BRING_HOME:
             self._restore_obstacles(interruption)
         else:
-            plan = self._checked(interruption)
+            plan = self._restored_target(interruption, self._checked(interruption))
             if interruption.written is None:
                 self.in_force.plan = plan
             elif self.show.run is None:
                 self.show_player.resume(interruption.written, plan)
         self._restored.add(offer)
+
+    def _restored_target(self, interruption: Interruption, plan: Plan) -> Plan:
+        """Select the target that was followed, unless an operator has; without one the formation holds."""
+        raw = {} if interruption.plan is None else interruption.plan
+        name, now_s = str(raw.get("followed", "")), self.newest.state.time_s
+        if not name or self.targets.selected or self.in_force.plan.target != self._configured.target:
+            return plan
+        try:
+            self.targets.resume(name, plan.target.time_s)
+        except UnknownError as error:
+            log.warning("target_not_restored", extra={"target": name, "reason": str(error)})
+            return replace(plan, target=plan.target.held(now_s))
+        return plan
 
     def _restore_obstacles(self, interruption: Interruption) -> None:
         """Restore as many obstacles as are allowed; an unreadable record has none."""

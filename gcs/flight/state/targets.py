@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from math import isfinite, nan
+from math import inf, isfinite, nan
 from typing import Final
 
 import numpy as np
@@ -86,8 +86,9 @@ class Targets(Feature):
         self._targets = {each.name: ConfiguredTarget.of(each) for each in settings}
         self._frame, self._newest, self._in_force = frame, newest, in_force
         self._unix_minus_loop_s, self._leads = unix_minus_loop_s, leads
-        self._selected = ""
+        self.selected = ""
         self._holds = False
+        self._moved_s = inf  # when a target of before a restart was there, until it is reported again
         self.intakes = [intake for target in self._targets.values() for intake in target.intakes]
 
     async def receive(self) -> None:
@@ -127,7 +128,15 @@ class Targets(Feature):
             estimate = self._known(name).estimate
             if estimate.state(self._newest.state.time_s) is not TrackState.TRACKED:
                 estimate.begin_again()
-        self._selected, self._holds = name, False
+        self.selected, self._holds, self._moved_s = name, False, inf
+
+    def resume(self, name: str, was_s: float) -> None:
+        """Follow a target again that was followed before a restart, and was at the plan's target at `was_s`.
+
+        Without reports it moves on for `coast_s`, and then is held. Raises: UnknownError.
+        """
+        self.select(name)
+        self._moved_s = was_s
 
     def report(self, name: str, fix: TargetFix) -> None:
         """Take a report that an operator's program sends. Raises: UnknownError, RefusedError."""
@@ -145,15 +154,22 @@ class Targets(Feature):
     def lead(self, at: Instant) -> None:
         """Have the plan's target be where the selected one is estimated, or hold where it was lost."""
         run, plan = at.show_run, self._in_force.plan
-        if not self._selected or not self._leads() or (run is not None and not run.is_live(at.time_s)):
+        if not self.selected or not self._leads() or (run is not None and not run.is_live(at.time_s)):
             return
-        selected = self._targets[self._selected]
-        estimate, clearance_m = selected.estimate, selected.settings.clearance_m
+        selected = self._targets[self.selected]
+        estimate, settings = selected.estimate, selected.settings
         motion, is_lost = estimate.motion(at.time_s), estimate.state(at.time_s) is TrackState.LOST
-        if motion is None or (self._holds and is_lost):
+        if motion is None:
+            is_lost = at.time_s - self._moved_s > settings.coast_s
+            if not is_lost:
+                return
+        if self._holds and is_lost:
             return
         self._holds = is_lost
-        target = plan.target.held(at.time_s) if is_lost else motion.target(at.time_s, clearance_m)
+        if motion is None or is_lost:
+            target = plan.target.held(at.time_s)
+        else:
+            target = motion.target(at.time_s, settings.clearance_m)
         if run is not None:
             run.live = target
         self._in_force.plan = replace(plan, target=target)
@@ -161,17 +177,17 @@ class Targets(Feature):
     @property
     def silent_s(self) -> float:
         """How long nothing believed of the selected target has been received; NaN: it is, or none is."""
-        if not self._selected or not self._leads():
+        if not self.selected or not self._leads():
             return nan
-        now_s, estimate = self._newest.state.time_s, self._targets[self._selected].estimate
+        now_s, estimate = self._newest.state.time_s, self._targets[self.selected].estimate
         is_silent = estimate.state(now_s) in (TrackState.COASTING, TrackState.LOST)
         return now_s - estimate.tracker.newest_s if is_silent else nan
 
     def checks(self, at: Instant) -> Iterator[Check]:
         """Whether the selected target is known."""
-        if self._selected:
-            why = self._targets[self._selected].why(at.time_s)
-            problem = f"target {self._selected}: {why}" if why else ""
+        if self.selected:
+            why = self._targets[self.selected].why(at.time_s)
+            problem = f"target {self.selected}: {why}" if why else ""
             yield Check(
                 "target-tracked",
                 State.FAIL if why else State.PASS,
@@ -180,9 +196,9 @@ class Targets(Feature):
             )
 
     def conditions(self, at: Instant) -> Iterator[Condition]:
-        if not self._selected:
+        if not self.selected:
             return
-        target, name = self._targets[self._selected], self._selected
+        target, name = self._targets[self.selected], self.selected
         is_lost = target.estimate.state(at.time_s) is TrackState.LOST
         if why := target.why(at.time_s):
             consequence = "Its last place is the target." if is_lost else "It is followed on its last motion."
@@ -218,9 +234,21 @@ class Targets(Feature):
         if not self._targets:
             return None
         return TargetsView(
-            selected=self._selected,
+            selected=self.selected,
             targets=tuple(self._view(name, each, at.time_s) for name, each in self._targets.items()),
+            off_m=self._off_m(at.time_s),
         )
+
+    def _off_m(self, now_s: float) -> float:
+        """How far the centre is from the selected target, or from the orbit around it; NaN: not known."""
+        center, selected = self._newest.memory.center, self._targets.get(self.selected)
+        if center is None or selected is None or selected.estimate.state(now_s) is TrackState.LOST:
+            return nan
+        motion = selected.estimate.tracker.motion(now_s)
+        if motion is None:
+            return nan
+        away_m = float(np.hypot(*(motion.position_m - center.position_m[:2])))
+        return abs(away_m - self._in_force.plan.orbit.radius_m)
 
     def _view(self, name: str, target: ConfiguredTarget, now_s: float) -> TargetView:
         estimate, tracker = target.estimate, target.estimate.tracker

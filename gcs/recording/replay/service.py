@@ -335,6 +335,7 @@ class Replay:
             interventions=0,
             alarms=ordered([*status.alarms, replay_alarm(*replay, ended=ended, cut=self._data.cut)]),
             selected=status.selected,
+            features=flown.features,
             start_unix_time_s=start_unix_s,
             countdown_s=None if start_unix_s is None else max(0.0, start_unix_s - flown.unix_s),
         )

@@ -1,5 +1,7 @@
 import json
 import re
+from dataclasses import replace
+from math import nan
 from pathlib import Path
 
 import pytest
@@ -7,6 +9,7 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from gcs.model.lifecycle import Phase
 from gcs.service.alarms import AlarmCause, Condition
+from gcs.service.features import Features, TargetsView, TargetView
 from tests.support.api_fake_service import FakeService
 from tests.support.api_harness import Api
 
@@ -70,6 +73,22 @@ def test_the_histograms_are_those_of_the_ticks(samples: dict[tuple[str, ...], fl
     assert buckets == [3.0, 5.0, 6.0]
     assert samples["gcs_tick_duration_seconds_sum",] == 0.5
     assert samples["gcs_tick_lateness_seconds_count",] == 6.0
+
+
+def test_metrics_report_the_selected_target() -> None:
+    numbers = {"rate_hz": 5.0, "x_m": 1.0, "y_m": 2.0, "velocity_x_m_s": 0.0, "velocity_y_m_s": 0.0}
+    boat = TargetView("boat", "rest", "coasting", "", 0.5, deviation_m=1.5, reports=9, refused=0, **numbers)
+    buoy = replace(boat, name="buoy", state="lost", age_s=60.0)
+    service = FakeService()
+    service.features = Features(targets=TargetsView("boat", (buoy, boat), off_m=nan))
+    service.tick()
+    lines = Api(service)("GET", "/metrics").text.splitlines()
+    assert 'gcs_target_info{selected="boat"} 1.0' in lines
+    assert 'gcs_target_state{state="coasting"} 1.0' in lines
+    assert 'gcs_target_state{state="lost"} 0.0' in lines
+    assert "gcs_target_age_seconds 0.5" in lines
+    assert "gcs_target_deviation_meters 1.5" in lines
+    assert "gcs_target_distance_meters NaN" in lines
 
 
 def test_unknown_metrics_are_absent() -> None:

@@ -104,6 +104,7 @@ def test_flight_report_is_shown_once_it_is_made() -> None:
         "duration_s": 60.0,
         "checks": [{**check, "kept": None}],
         "nearest_pairs": [],
+        "tracking": [],
     }
     record.report_state = ReportState(CheckState.DONE, report=TypeAdapter(ReportBody).validate_python(report))
     reported = api("GET", "/api/v1/replay/report").json()

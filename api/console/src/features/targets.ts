@@ -1,6 +1,6 @@
 /** Targets that the formation can follow: a panel that shows how well each is known, and their marks in the scene. */
 
-import { html, nothing, type TemplateResult } from "lit-html";
+import { html, nothing, svg, type TemplateResult } from "lit-html";
 import type { Group } from "three";
 import type { PanelActions } from "../panels/actions";
 import { button, twice } from "../panels/controls";
@@ -13,7 +13,7 @@ import type { Overlay } from "../scene/overlay";
 import type { Palette } from "../scene/palette";
 import { project } from "../scene/picking";
 import { Strokes, type Style } from "../scene/strokes";
-import { may, type Features, type State } from "../state";
+import { may, PAST_S, type Features, type State } from "../state";
 import type { Question, Feature, FeatureLayer, FeaturePanel } from "./feature";
 
 type Reported = NonNullable<Features["targets"]>["targets"][number];
@@ -25,6 +25,7 @@ export const t = {
   followed: "followed",
   selected: "selected",
   rows: { age_s: "Age", rate_hz: "Reports", speed_m_s: "Speed", radius_m: "2 sigma", away_m: "From centre" },
+  off: (now: string, most: string): string => `Tracking error: ${now}, at most ${most} in ${PAST_S} s`,
   follow: (name: string): string => `Follow ${name}`,
   again: (name: string): string => `Follow ${name} again`,
   sure: (name: string, away: string): string => (away === UNKNOWN ? `Yes, follow ${name}` : `Yes, fly ${away} to ${name}`),
@@ -94,6 +95,37 @@ export function away_m({ frame }: State, { x_m, y_m }: Fix): number {
   return frame?.center_m ? Math.hypot(frame.center_m[0] - x_m, frame.center_m[1] - y_m) : NaN;
 }
 
+/** How far the centre was from a target, or from the orbit around it, while that was selected: parts without a gap of
+ * [seconds before now, m]. Pure. */
+export function offs(state: State, name: string, now_s: number): [number, number][][] {
+  const parts: [number, number][][] = [];
+  let last_s = NaN;
+  for (const { read_s, features } of state.featuresPast) {
+    const off_m = features.targets?.selected === name ? features.targets.off_m : null;
+    if (off_m === null || now_s - read_s > PAST_S) continue;
+    if (!(read_s - last_s < UNREAD_S)) parts.push([]);
+    parts.at(-1)!.push([read_s - now_s, off_m]);
+    last_s = read_s;
+  }
+  return parts;
+}
+
+/** The plot of it; empty where nothing was read yet. */
+function offPlot(state: State, { name }: Fix): TemplateResult | typeof nothing {
+  const now_s = state.frame?.time_s ?? NaN;
+  const parts = offs(state, name, now_s);
+  const all = parts.flat();
+  if (all.length === 0) return nothing;
+  const most_m = Math.max(...all.map(([, off_m]) => off_m));
+  const isNow = all.at(-1)![0] > -UNREAD_S;
+  const words = t.off(withUnit(isNow ? all.at(-1)![1] : NaN, "m", 2), withUnit(most_m, "m", 2));
+  const points = (part: [number, number][]): string => part.map(([at_s, off_m]) => `${at_s + PAST_S},${40 * (1 - off_m / Math.max(1, most_m))}`).join(" ");
+  return html`<figure class="off-plot" data-testid="target-${name}-plot">
+    <figcaption>${words}</figcaption>
+    <svg viewBox="0 -1 ${PAST_S} 42" preserveAspectRatio="none" role="img" aria-label=${words}>${parts.map((part) => svg`<polyline points=${points(part)} />`)}</svg>
+  </figure>`;
+}
+
 const NAME = "feature-targets";
 
 const sureOf = (name: string): string => `target:${name}`;
@@ -136,6 +168,7 @@ function card(state: State, actions: PanelActions, fix: Fix, why: string): Templ
         ${isSelected ? fact("away_m", away) : nothing}
       </dl>
     </div>
+    ${isSelected ? offPlot(state, fix) : nothing}
     <div class="buttons">
       ${twice(state, actions, {
         id: `target-follow-${name}`,

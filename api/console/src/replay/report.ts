@@ -88,6 +88,13 @@ function pairs(actions: PanelActions, flightReport: ReportBody): TemplateResult 
   </table>`;
 }
 
+function tracked(actions: PanelActions, each: ReportBody["tracking"][number]): TemplateResult {
+  return html`<p data-testid="report-tracking">
+    ${t.tracked(each.target, [each.median_m, each.p95_m, each.worst_m].map((value) => withUnit(value, "m", 2)))} ${moment(actions, each.worst_at_s)}
+    <small>${t.trackedFor([each.followed_s, each.approach_s, each.coasting_s, each.lost_s].map((value) => fixed(value, 0)), withUnit(each.deviation_m, "m", 2))}</small>
+  </p>`;
+}
+
 function judged(actions: PanelActions, found: ReportBody): TemplateResult {
   const { mark, kind, text } = verdict(found);
   return html`<div class="verdict ${kind}" data-testid="report-verdict">
@@ -104,7 +111,7 @@ function judged(actions: PanelActions, found: ReportBody): TemplateResult {
           </ul>
         </div>`}
     <p class="dim">${t.basedOn} ${found.based_on}: ${found.uncertainty}</p>
-    ${found.remarks.map((text) => html`<p class="hint">${text}</p>`)} ${checks(actions, found)} ${pairs(actions, found)}`;
+    ${found.remarks.map((text) => html`<p class="hint">${text}</p>`)} ${checks(actions, found)} ${pairs(actions, found)} ${found.tracking.map((each) => tracked(actions, each))}`;
 }
 
 export function flightReport(state: State, actions: PanelActions): TemplateResult {

@@ -271,7 +271,7 @@ export interface components {
         ExcludeBody: {
             reason: string;
         };
-        /** @description What each feature reports; null: it is not configured, or this is a replay. */
+        /** @description What each feature reports; null: it is not configured, or not in a replayed record. */
         Features: {
             corrections: components["schemas"]["CorrectionsView"] | null;
             lights: components["schemas"]["LightsView"] | null;
@@ -1957,6 +1957,8 @@ export interface components {
             /** @description Remarks about the file. */
             remarks: string[];
             source: string;
+            /** @description Of each target that was followed; empty: of none. */
+            tracking: components["schemas"]["TargetTracking"][];
             /** @description Uncertainty of the positions, in words. */
             uncertainty: string;
             vehicles: number;
@@ -2263,10 +2265,32 @@ export interface components {
         };
         /** @description Targets that the formation can follow. */
         TargetsView: {
+            /** @description How far the commanded centre is from the selected one, or from the orbit around it; null: no formation flies, or it is not known where the target is. */
+            off_m: number | null;
             /** @description The one that is followed; empty: the target of the plan. */
             selected: string;
             /** @description All of the configuration. */
             targets: components["schemas"]["TargetView"][];
+        };
+        /** @description How near the formation's centre was to a target, or to the orbit around it, while it was followed. The target is where it was estimated: the record does not know where it truly was. */
+        TargetTracking: {
+            /** @description Of these, on the way: no distance counts. */
+            approach_s: number;
+            /** @description Of these, without reports, on its last motion. */
+            coasting_s: number;
+            /** @description Median deviation of the estimate itself. */
+            deviation_m: number | null;
+            /** @description While the show ran and this target was selected. */
+            followed_s: number;
+            /** @description Of these, with the target lost: likewise. */
+            lost_s: number;
+            /** @description null, as the others: it was never reached. */
+            median_m: number | null;
+            p95_m: number | null;
+            target: string;
+            /** @description Time since the beginning of the record. */
+            worst_at_s: number | null;
+            worst_m: number | null;
         };
         /** @description A target of the configuration, as its best source has it. Show frame. */
         TargetView: {
