@@ -11,7 +11,7 @@ from gcs.control.detour import follow_detour
 from gcs.control.inputs import FormationState, Task, TickInputs
 from gcs.control.memory import Detour, Memory
 from gcs.control.scene import Scene
-from gcs.formation.following import SPEED_SHARE, CenterLimits, closing_velocity, following_velocity
+from gcs.formation.following import CenterLimits, closing_velocity, fleet_limits, following_velocity
 from gcs.formation.law import desired_center_velocity
 from gcs.formation.obstacles import Outlines
 from gcs.formation.orbit import (
@@ -89,12 +89,11 @@ def _limits(now: TickInputs, center: Center, radius_m: float) -> CenterLimits:
     too_fast = hypot(*center.velocity_m_s[:2]) > law.center_speed_max_m_s + STANDS_M_S
     if not follows and not too_fast:
         return limits
-    hardest_m_s2 = max(limits.acceleration_m_s2, float(now.acceleration_max_m_s2[now.sphere].min()))
-    if not follows:
-        return CenterLimits(limits.speed_m_s, hardest_m_s2)
     fastest_m_s = np.minimum(now.settings.safety.limits.horizontal_m_s, now.traits.speed_max_m_s)
-    fleet_m_s = SPEED_SHARE * fastest_m_s[now.sphere].min() - abs(now.plan.formation.spin_rad_s) * radius_m
-    return CenterLimits(max(limits.speed_m_s, float(fleet_m_s)), hardest_m_s2)
+    rim_m_s = abs(now.plan.formation.spin_rad_s) * radius_m
+    fleet = fleet_limits(fastest_m_s[now.sphere], now.acceleration_max_m_s2[now.sphere], rim_m_s)
+    hardest_m_s2 = max(limits.acceleration_m_s2, fleet.acceleration_m_s2)
+    return CenterLimits(max(limits.speed_m_s, fleet.speed_m_s) if follows else limits.speed_m_s, hardest_m_s2)
 
 
 @kernel

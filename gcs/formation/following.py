@@ -41,6 +41,14 @@ class CenterLimits:
     acceleration_m_s2: float
 
 
+def fleet_limits(fastest_m_s: Array, hardest_m_s2: Array, rim_m_s: float) -> CenterLimits:
+    """Limits of a centre whose vehicles (k,), at least one, fly so fast and accelerate so hard.
+
+    `rim_m_s` is how fast the spin moves them.
+    """
+    return CenterLimits(SPEED_SHARE * float(fastest_m_s.min()) - rim_m_s, float(hardest_m_s2.min()))
+
+
 def answer_per_s(deviation_m_s: float) -> float:
     """Rate at which the centre takes on a velocity with this standard deviation along an axis."""
     return max(ANSWER_PER_S / max(deviation_m_s / KNOWN_M_S, 1.0), ANSWER_LEAST_PER_S)

@@ -226,6 +226,8 @@ class TargetView(FeatureView):
         Measured,
         Described("Standard deviation of the estimate, along an axis.", "gcs_target_deviation_meters"),
     ]
+    height_m: Annotated[Measured, Field(description="Above the show's origin; null: as on the ground.")]
+    clearance_m: Annotated[float, Field(description="No vehicle comes nearer; 0: vehicles may.")]
     reports: Annotated[int, Field(description="Reports that were believed, of all its sources.")]
     refused: Annotated[int, Field(description="Reports that were not.")]
 
@@ -241,6 +243,12 @@ class TargetsView(FeatureView):
         Described("The one that is followed; empty: the target of the plan.", "gcs_target", moves=False),
     ]
     targets: Annotated[tuple[TargetView, ...], Described("All of the configuration.")]
+    follows_m_s: Annotated[
+        Measured, Described("The fastest target that the formation can follow; null: not known.")
+    ] = None
+    reach_m: Annotated[
+        Measured, Described("How far from the show's origin a target can be followed; null: not known.")
+    ] = None
     off_m: Annotated[
         Measured,
         Described(

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import ShowPhase
-from gcs.model.plan import Obstacle, Orbit
+from gcs.model.plan import Obstacle, Orbit, Target
 from gcs.model.state import Array
 from gcs.model.target_fix import TargetFix
 from gcs.recording.audit_reader import rows
@@ -378,3 +378,43 @@ def test_restarted_service_follows_the_target_again(tmp_path: Path, *, is_config
 
     targets = TARGETS["targets"] if is_configured else TARGETS["targets"][1:]
     sessions(tmp_path, (four(**TARGETS), begin), (four(targets=targets), go_on))
+
+
+def test_target_that_is_too_fast_is_said_before_it_is_lost() -> None:
+    """On the ground it refuses the start."""
+
+    def away(speed_m_s: float, starts_s: float = 0.0) -> Callable[[float], Array]:
+        """Straight on; it needs `starts_s` to be that fast."""
+
+        def at_m(seconds: float) -> Array:
+            share = min(seconds / starts_s, 1.0) if starts_s else 1.0
+            return np.array([speed_m_s * (seconds - starts_s * share * (1.0 - share / 2.0)), 0.0, 0.0])
+
+        return at_m
+
+    async def story(show: VirtualShow) -> tuple[float, float]:
+        await show.standby()
+        await report(show, 4.0, away(20.0))
+        show.service.plan.select_target("boat")
+        check = {each.name: each for each in show.service.preflight.report().fleet}["target-followed"]
+        assert "moves at 20" in check.problem
+        show.service.plan.select_target("boat")
+        show.service.plan.hold_target()
+        await report(show, 3.0, lambda _: np.zeros(3))
+        show.service.plan.set_target(Target())
+        await show.start()
+        show.service.plan.set_orbit(Orbit(0.0, 4.0))
+        show.service.plan.select_target("boat")
+        await report(show, 6.0, lambda _: np.zeros(3))
+        assert AlarmCause.TARGET_OUTRUNS not in alarms(show)
+        for number in range(8):
+            await report(show, 1.0, away(9.0, 3.0), begin_s=float(number))
+            if AlarmCause.TARGET_OUTRUNS in alarms(show):
+                break
+        targets = show.view.features.targets
+        assert targets is not None
+        return number + 1.0, targets.follows_m_s or 0.0
+
+    alarm_s, follows_m_s = fly(story, show_config(4, **TARGETS))
+    assert follows_m_s < 9.0
+    assert alarm_s <= 3.0 * follows_m_s / 9.0 + 3.0  # it is as fast as they are then, and 3 s later

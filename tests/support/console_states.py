@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from functools import cache
+from math import nan
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Final, TypeAlias
@@ -166,8 +167,12 @@ def targets(service: FakeService) -> None:
         targets=TargetsView(
             "boat",
             (
-                TargetView("boat", "nmea", "tracked", "", 0.2, 5.0, 12.0, 4.0, 1.2, -0.4, 0.3, 300, 2),
-                TargetView("walker", "cot", "tracked", "", 0.4, 1.0, -8.0, 9.0, 0.5, 0.5, 1.5, 60, 0),
+                TargetView(
+                    "boat", "nmea", "tracked", "", 0.2, 5.0, 12.0, 4.0, 1.2, -0.4, 0.3, nan, 10.0, 300, 2
+                ),
+                TargetView(
+                    "walker", "cot", "tracked", "", 0.4, 1.0, -8.0, 9.0, 0.5, 0.5, 1.5, 3.0, 0.0, 60, 0
+                ),
             ),
             off_m=0.42,
         )

@@ -25,7 +25,7 @@ export function status(change: Partial<Status> = {}): Status {
     formation: { radius_m: 10, height_m: 20, law: "slots", radius_now_m: 10, height_now_m: 20 },
     target: {
       x_m: 0, y_m: 0, velocity_x_m_s: 0, velocity_y_m_s: 0,
-      latitude_deg: 47.4, longitude_deg: 8.5, velocity_north_m_s: 0, velocity_east_m_s: 0,
+      latitude_deg: 47.4, longitude_deg: 8.5, velocity_north_m_s: 0, height_m: 0, clearance_m: 0, velocity_east_m_s: 0,
     },
     orbit: { radius_m: 15, speed_m_s: 2, direction: "counterclockwise" },
     yaw: { policy: "fixed", heading_deg: 0 },

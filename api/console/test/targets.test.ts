@@ -21,7 +21,7 @@ import { status } from "./statuses";
 type Reported = NonNullable<Features["targets"]>["targets"][number];
 const BOAT: Reported = {
   name: "boat", source: "rest", state: "tracked", why: "", age_s: 0.2, rate_hz: 5, x_m: 30, y_m: 40, velocity_x_m_s: 3, velocity_y_m_s: -4,
-  deviation_m: 0.75, reports: 100, refused: 0,
+  deviation_m: 0.75, height_m: null, clearance_m: 0, reports: 100, refused: 0,
 };
 const SHOW: NonNullable<Status["show"]["selected"]> = {
   name: "circle", hash: "ab", cue: "stand", cues: ["stand"], clock_s: 0, duration_s: 60, runs: false, target_is_live: false,
@@ -42,9 +42,9 @@ interface Given {
 /** Read at 10 s of the service's clock, shown at `now_s`. */
 function state({ boat = {}, selected = "", now_s = 10, rights, change = {} }: Given = {}): State {
   const all: Reported[] = [{ ...BOAT, ...boat }, { ...BOAT, name: "walker", source: "cot", state: "none", why: "nothing was received yet", age_s: null, x_m: null, y_m: null }];
-  const features: Features = { ...status().features, targets: { selected: "", off_m: null, targets: all } };
+  const features: Features = { ...status().features, targets: { selected: "", follows_m_s: 9.6, reach_m: 280, off_m: null, targets: all } };
   const read = update(
-    live({ access: access(rights), frame: frame({ center_m: [0, 0, 20], vehicles: [{}] }), status: status({ ...change, features: { ...features, targets: { selected, off_m: null, targets: [] } } }) }),
+    live({ access: access(rights), frame: frame({ center_m: [0, 0, 20], vehicles: [{}] }), status: status({ ...change, features: { ...features, targets: { selected, follows_m_s: 9.6, reach_m: 280, off_m: null, targets: [] } } }) }),
     { kind: "features", features },
   );
   return { ...read, frame: frame({ time_s: now_s, center_m: [0, 0, 20], vehicles: [{}] }) };

@@ -15,6 +15,7 @@ from gcs.estimation.targets.target import TargetEstimate
 from gcs.estimation.targets.tracker import TargetReport, Tracker, TrackState
 from gcs.flight.state.feature import Feature, Instant
 from gcs.flight.state.newest import InForce, Newest
+from gcs.formation.following import fleet_limits
 from gcs.formation.orbit import target_reach_m
 from gcs.links.intake import Intake
 from gcs.links.targets.receive import intake_of, keep_receiving
@@ -194,6 +195,14 @@ class Targets(Feature):
                 problem=problem,
                 to_do="check its source, or select another target" if why else "",
             )
+            motion = self._targets[self.selected].estimate.tracker.motion(at.time_s)
+            cannot = "" if motion is None else self._beyond(motion) or self._outruns(motion)
+            yield Check(
+                "target-followed",
+                State.FAIL if cannot else State.PASS,
+                problem=f"target {self.selected}: {cannot}" if cannot else "",
+                to_do="wait, or select another target" if cannot else "",
+            )
 
     def conditions(self, at: Instant) -> Iterator[Condition]:
         if not self.selected:
@@ -208,18 +217,44 @@ class Targets(Feature):
         motion = target.estimate.tracker.motion(at.time_s)
         if motion is None or is_lost:
             return
-        beyond_m, ahead_m = self._beyond_m(motion), self._ahead_m(motion)
-        if beyond_m > 0.0:
-            because = f"{beyond_m:.0f} m farther than fence, orbit and sphere allow"
-            yield Condition(AlarmCause.TARGET_BEYOND, because, about=name)
+        ahead_m = self._ahead_m(motion)
+        if beyond := self._beyond(motion):
+            yield Condition(AlarmCause.TARGET_BEYOND, beyond, about=name)
+        elif outruns := self._outruns(motion):
+            yield Condition(AlarmCause.TARGET_OUTRUNS, f"it {outruns}", about=name)
         elif ahead_m > OUTRUN_M:
             yield Condition(AlarmCause.TARGET_OUTRUNS, f"it is {ahead_m:.0f} m ahead", about=name)
 
-    def _beyond_m(self, motion: TargetMotion) -> float:
-        """How far a target is beyond where it can be followed; negative: it can."""
+    @property
+    def _reach_m(self) -> float:
+        """How far from the show's origin a target can be followed."""
         plan, fence = self._in_force.plan, self._in_force.control.safety.fence
-        reach_m = target_reach_m(fence.distance_max_m, plan.orbit.radius_m, plan.formation.radius_m)
-        return float(np.hypot(*motion.position_m)) - reach_m
+        return target_reach_m(fence.distance_max_m, plan.orbit.radius_m, plan.formation.radius_m)
+
+    @property
+    def _follows_m_s(self) -> float:
+        """The fastest target that all vehicles together can follow."""
+        formation, control, traits = (
+            self._in_force.plan.formation,
+            self._in_force.control,
+            self._newest.traits,
+        )
+        fastest_m_s = np.minimum(control.safety.limits.horizontal_m_s, traits.speed_max_m_s)
+        rim_m_s = abs(formation.spin_rad_s) * formation.radius_m
+        fleet = fleet_limits(fastest_m_s, traits.response.acceleration_m_s2, rim_m_s)
+        return max(fleet.speed_m_s, control.law.center_speed_max_m_s)
+
+    def _beyond(self, motion: TargetMotion) -> str:
+        """How far a target is beyond where it can be followed, in words; empty: it can."""
+        beyond_m = float(np.hypot(*motion.position_m)) - self._reach_m
+        return f"{beyond_m:.0f} m farther than fence, orbit and sphere allow" if beyond_m > 0.0 else ""
+
+    def _outruns(self, motion: TargetMotion) -> str:
+        """That it is faster than the formation by more than a deviation, in words; empty: it is not."""
+        speed_m_s = float(np.hypot(*motion.velocity_m_s))
+        if speed_m_s - motion.velocity_deviation_m_s <= self._follows_m_s:
+            return ""
+        return f"moves at {speed_m_s:.1f} m/s, and the formation follows with {self._follows_m_s:.1f} m/s"
 
     def _ahead_m(self, motion: TargetMotion) -> float:
         """How far a target is ahead of a centre that is to be above it, if that does not catch up; else 0."""
@@ -236,6 +271,8 @@ class Targets(Feature):
         return TargetsView(
             selected=self.selected,
             targets=tuple(self._view(name, each, at.time_s) for name, each in self._targets.items()),
+            follows_m_s=self._follows_m_s,
+            reach_m=self._reach_m,
             off_m=self._off_m(at.time_s),
         )
 
@@ -270,6 +307,8 @@ class Targets(Feature):
             velocity_x_m_s=x_m_s,
             velocity_y_m_s=y_m_s,
             deviation_m=deviation_m,
+            height_m=nan if tracker.height is None else tracker.height.foreseen(now_s).height_m,
+            clearance_m=target.settings.clearance_m,
             reports=sum(each.accepted for each in estimate.trackers),
             refused=sum(each.outliers + each.standing for each in estimate.trackers),
         )

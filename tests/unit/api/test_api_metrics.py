@@ -77,7 +77,19 @@ def test_the_histograms_are_those_of_the_ticks(samples: dict[tuple[str, ...], fl
 
 def test_metrics_report_the_selected_target() -> None:
     numbers = {"rate_hz": 5.0, "x_m": 1.0, "y_m": 2.0, "velocity_x_m_s": 0.0, "velocity_y_m_s": 0.0}
-    boat = TargetView("boat", "rest", "coasting", "", 0.5, deviation_m=1.5, reports=9, refused=0, **numbers)
+    boat = TargetView(
+        "boat",
+        "rest",
+        "coasting",
+        "",
+        0.5,
+        deviation_m=1.5,
+        height_m=nan,
+        clearance_m=0.0,
+        reports=9,
+        refused=0,
+        **numbers,
+    )
     buoy = replace(boat, name="buoy", state="lost", age_s=60.0)
     service = FakeService()
     service.features = Features(targets=TargetsView("boat", (buoy, boat), off_m=nan))

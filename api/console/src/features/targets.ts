@@ -24,7 +24,7 @@ export const t = {
   unread: (age: string): string => `not read from the service for ${age}`,
   followed: "followed",
   selected: "selected",
-  rows: { age_s: "Age", rate_hz: "Reports", speed_m_s: "Speed", radius_m: "2 sigma", away_m: "From centre" },
+  rows: { age_s: "Age", rate_hz: "Reports", speed_m_s: "Speed", radius_m: "2 sigma", away_m: "From centre", clearance_m: "Kept clear", height_m: "Height" },
   off: (now: string, most: string): string => `Tracking error: ${now}, at most ${most} in ${PAST_S} s`,
   follow: (name: string): string => `Follow ${name}`,
   again: (name: string): string => `Follow ${name} again`,
@@ -32,6 +32,7 @@ export const t = {
   isFollowed: (name: string): string => `${name} is selected already`,
   follows: (name: string): string => `${name} is selected to be followed`,
   hold: "Hold here",
+  limits: (speed: string, reach: string): string => `Followed up to ${speed}, and within ${reach} of the origin`,
   holds: "The target stands where it is",
   byShow: (show: string): string => `Show ${show} moves the target itself; the selected one is followed at its live cues.`,
   byLead: "The station that leads moves the target; one that is selected here is followed once this station leads.",
@@ -59,6 +60,8 @@ export interface Fix {
   velocity_y_m_s: number;
   /** Of the circle of two standard deviations. */
   radius_m: number;
+  height_m: number;
+  clearance_m: number;
 }
 
 function fixOf(read: Reported, selected: string, since_s: number): Fix {
@@ -78,6 +81,8 @@ function fixOf(read: Reported, selected: string, since_s: number): Fix {
     velocity_x_m_s: placed(read.velocity_x_m_s),
     velocity_y_m_s: placed(read.velocity_y_m_s),
     radius_m: 2 * placed(read.deviation_m),
+    height_m: placed(read.height_m),
+    clearance_m: read.clearance_m,
   };
 }
 
@@ -165,7 +170,8 @@ function card(state: State, actions: PanelActions, fix: Fix, why: string): Templ
       <dl class="value">
         ${fact("age_s", seconds(fix.age_s))} ${fact("rate_hz", withUnit(fix.rate_hz, "Hz"))}
         ${fact("speed_m_s", withUnit(Math.hypot(fix.velocity_x_m_s, fix.velocity_y_m_s), "m/s"))} ${fact("radius_m", withUnit(fix.radius_m, "m"))}
-        ${isSelected ? fact("away_m", away) : nothing}
+        ${isSelected ? fact("away_m", away) : nothing} ${Number.isNaN(fix.height_m) ? nothing : fact("height_m", withUnit(fix.height_m, "m"))}
+        ${fix.clearance_m > 0 ? fact("clearance_m", withUnit(fix.clearance_m, "m")) : nothing}
       </dl>
     </div>
     ${isSelected ? offPlot(state, fix) : nothing}
@@ -182,6 +188,11 @@ function card(state: State, actions: PanelActions, fix: Fix, why: string): Templ
   </li>`;
 }
 
+function limits({ features, status }: State): string {
+  const read = (features ?? status?.features)?.targets;
+  return t.limits(withUnit(read?.follows_m_s ?? NaN, "m/s"), withUnit(read?.reach_m ?? NaN, "m"));
+}
+
 function view(state: State, actions: PanelActions, why: string): TemplateResult {
   const led = ledBy(state);
   const hold = (): void => {
@@ -191,6 +202,7 @@ function view(state: State, actions: PanelActions, why: string): TemplateResult 
   return html`<div data-testid="targets">
     <div class="buttons">${button(actions, { id: "target-hold", label: t.hold, icon: "hold", why, press: hold })}</div>
     ${led === "" ? nothing : html`<p class="hint">${led}</p>`}
+    <p class="hint" data-testid="targets-limits">${limits(state)}</p>
     <ul class="cards">
       ${fixesAt(state, state.frame?.time_s ?? NaN).map((each) => card(state, actions, each, why))}
     </ul>

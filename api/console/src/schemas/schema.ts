@@ -2265,8 +2265,12 @@ export interface components {
         };
         /** @description Targets that the formation can follow. */
         TargetsView: {
+            /** @description The fastest target that the formation can follow; null: not known. */
+            follows_m_s: number | null;
             /** @description How far the commanded centre is from the selected one, or from the orbit around it; null: no formation flies, or it is not known where the target is. */
             off_m: number | null;
+            /** @description How far from the show's origin a target can be followed; null: not known. */
+            reach_m: number | null;
             /** @description The one that is followed; empty: the target of the plan. */
             selected: string;
             /** @description All of the configuration. */
@@ -2296,8 +2300,12 @@ export interface components {
         TargetView: {
             /** @description Of the newest report that is believed; null: none. */
             age_s: number | null;
+            /** @description No vehicle comes nearer; 0: vehicles may. */
+            clearance_m: number;
             /** @description Standard deviation of the estimate, along an axis. */
             deviation_m: number | null;
+            /** @description Above the show's origin; null: as on the ground. */
+            height_m: number | null;
             name: string;
             /** @description Reports a second; null: not known. */
             rate_hz: number | null;
