@@ -62,23 +62,33 @@ TARGET_PX, BOX_PX, SPHERE_PX = -26.0, 14.0, 0.0
 AXE: Final = ROOT / "api" / "console" / "node_modules" / "axe-core" / "axe.min.js"
 
 AXE_RUN: Final = """async () => {
+  if (matchMedia("(forced-colors: active)").matches) {
+    const all = [...document.querySelectorAll("body *")].map((each) => [each, getComputedStyle(each).color]);
+    for (const [{ style }, painted] of all) style.webkitTextFillColor = painted;
+  }
   const rules = Object.fromEntries(axe.getRules().map(({ ruleId }) => [ruleId, { enabled: true }]));
   rules["color-contrast-enhanced"].enabled = false;
   return axe.run(document, { resultTypes: ["violations"], rules });
 }"""
+"""In forced colours axe reads the fill of a text, for which Chromium reports the colour that it replaces."""
 
 SEEN: Final = """
-// When messages and alarms came, what the page announced and showed when, and how long it could not draw.
-window.seen = {
-  message_ms: 0, stated: [], counted: [], waited: [], stalled: [], reported: {}, shown: {}, tones: 0,
-};
+// When messages came, what the page announced when, and how long it could not draw. Of each alarm, each time
+// that it is listed: from when, when it was on the page and when it left the list; null: it has not yet.
+window.seen = { message_ms: 0, stated: [], counted: [], waited: [], stalled: [], alarms: [], tones: 0 };
 window.WebSocket = class extends WebSocket {
   constructor(...given) {
     super(...given);
     this.addEventListener("message", ({ data }) => {
       const now_ms = (window.seen.message_ms = performance.now());
       if (typeof data !== "string") return;
-      for (const { id } of JSON.parse(data).alarms) window.seen.reported[id] ??= now_ms;
+      const listed = new Set(JSON.parse(data).alarms.map(({ id }) => id));
+      for (const alarm of window.seen.alarms) {
+        if (alarm.left_ms === null && !listed.delete(alarm.id)) alarm.left_ms = now_ms;
+      }
+      for (const id of listed) {
+        window.seen.alarms.push({ id, listed_ms: now_ms, shown_ms: null, left_ms: null });
+      }
     });
   }
 };
@@ -92,8 +102,9 @@ const look = () => {
   note("[data-testid=connection] strong", window.seen.stated);
   note("[data-testid=countdown] .gauge-value", window.seen.counted);
   note("[data-testid=begins-in]", window.seen.waited);
-  for (const { dataset } of document.querySelectorAll("[data-alarm]")) {
-    window.seen.shown[dataset.alarm] ??= performance.now();
+  for (const alarm of window.seen.alarms) {
+    if (alarm.left_ms !== null || alarm.shown_ms !== null) continue;
+    if (document.querySelector(`[data-alarm="${alarm.id}"]`)) alarm.shown_ms = performance.now();
   }
 };
 new MutationObserver(look).observe(document, { subtree: true, childList: true, characterData: true });

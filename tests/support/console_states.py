@@ -269,6 +269,13 @@ def replayed(service: FakeService) -> None:
     service.replaying = FakeRecord()
 
 
+def tools(ui: Console) -> None:
+    """The second row of the top bar, where it has one."""
+    expect(ui.part("who")).to_be_attached()
+    if not ui.part("who").is_visible():
+        ui.opens(lambda: ui.press("tools"), "who")
+
+
 def panel(name: str, *presses: str) -> Act:
     """Open a panel, and press these one after the other."""
 
@@ -396,7 +403,7 @@ STATES: Final = (
     ConsoleState("control-stopped", "banner", running, life="Control stopped"),
     ConsoleState("login", "login", role=Role.WATCH, life="Access denied"),
     ConsoleState("login-refused", "login", act=entered("gcs_guess"), role=Role.WATCH, life="Access denied"),
-    *(ConsoleState(f"role-{role}", "who", running, role=role) for role in Role),
+    *(ConsoleState(f"role-{role}", "who", running, tools, role=role) for role in Role),
     # on the ground
     ConsoleState("idle", "start"),
     ConsoleState("no-vehicle", "start", flown(ShowPhase.IDLE, Phase.OFFLINE)),
