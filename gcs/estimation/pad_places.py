@@ -29,6 +29,12 @@ FOLLOWS_S: Final = 60.0
 drifts unlike the others is found by `gcs.estimation.height_bias`.
 """
 
+LEAST_NAMED_M: Final = 0.5
+"""A smaller part of a way is not named."""
+
+AGO_IN_S_MAX: Final = 120.0
+"""A longer time is given in minutes."""
+
 BETTER: Final = 0.5
 """A place is taken anew where the deviation has shrunk to this share."""
 
@@ -50,6 +56,14 @@ class Moved:
     def away(self) -> Mask:
         """(n,) which are farther than accuracies explain now."""
         return np.asarray((self.by_m > self.limit_m).any(axis=1))
+
+    def in_words(self, row: int, now_s: float) -> tuple[str, str]:
+        """How far one of them moved, and when."""
+        down = "down" if self.way_m[row, 2] > 0.0 else "up"
+        ways = zip(self.by_m[row].tolist(), ("sideways", down), strict=True)
+        by = " and ".join(f"{part_m:.2g} m {way}" for part_m, way in ways if part_m >= LEAST_NAMED_M)
+        ago_s = now_s - float(self.since_s[row])
+        return by, f"{ago_s:.0f} s ago" if ago_s < AGO_IN_S_MAX else f"{ago_s / 60.0:.0f} min ago"
 
 
 class PadPlaces:

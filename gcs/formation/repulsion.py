@@ -1,16 +1,14 @@
-"""Mutual repulsion on the unit sphere (article, section 2.2), and the best shapes known (Thomson problem)."""
+"""Mutual repulsion on the unit sphere (article, section 2.2; the Thomson problem)."""
 
 from math import sqrt
 from typing import Final, TypeAlias
 
 import numpy as np
-import scipy  # loads its parts on first use: 30 MB that a flight does not need
 from numpy.typing import NDArray
 
 from gcs.formation.far_field import COINCIDENT, pushes_by_cells
-from gcs.model.errors import InvalidError
 from gcs.model.jit import kernel, kernel_in_any_order
-from gcs.model.state import TINY, Array
+from gcs.model.state import Array
 
 STIFFEST_MODE = 0.22
 """Largest eigenvalue of the unit-charge energy's Hessian on the unit sphere, over N^1.5.
@@ -213,60 +211,6 @@ def nearest_m(position_m: Array) -> float:
     """Smallest distance between any two of (n, 3) points, n at least 2; same unit as the points."""
     first, second = np.triu_indices(len(position_m), 1)
     return float(np.linalg.norm(position_m[first] - position_m[second], axis=1).min())
-
-
-MANY: Final = 100
-"""Above this number the shapes of all descents agree within 1e-4: one descent, from a spiral, is enough."""
-
-
-def best_configuration(count: int, *, starts: int = 20, seed: int = 0) -> Array:
-    """The best of several descents from random starts: (count, 3) unit vectors.
-
-    Reaches the best known energy for the N of FACTS, section 1, up to 20 with these starts.
-
-    Raises: InvalidError for fewer than 2.
-    """
-    if count < 2:
-        raise InvalidError("count", count, "at least 2")
-    if count > MANY:
-        result = scipy.optimize.minimize(
-            _descent, _spiral(count).ravel(), jac=True, method="L-BFGS-B", options={"ftol": 1e-9}
-        )
-        return _normalised(result.x.reshape(count, 3))
-    rng = np.random.default_rng(seed)
-    results = [
-        scipy.optimize.minimize(
-            _descent, rng.normal(size=3 * count), jac=True, method="L-BFGS-B", options={"ftol": 1e-14}
-        )
-        for _ in range(starts)
-    ]
-    return _normalised(min(results, key=lambda result: float(result.fun)).x.reshape(count, 3))
-
-
-def _normalised(points: Array) -> Array:
-    unit: Array = points / np.linalg.norm(points, axis=1, keepdims=True)
-    return unit
-
-
-def _spiral(count: int) -> Array:
-    """(count, 3) unit vectors, one golden angle after the other from pole to pole."""
-    index = np.arange(count) + 0.5
-    z, angle = 1.0 - 2.0 * index / count, np.pi * (3.0 - 5.0**0.5) * index
-    ring = np.sqrt(1.0 - z * z)
-    return np.stack([ring * np.cos(angle), ring * np.sin(angle), z], axis=1)
-
-
-def _descent(flat: Array) -> tuple[float, Array]:
-    """Energy of the points' directions and its gradient with respect to the points, flattened."""
-    points = flat.reshape(-1, 3)
-    length = np.linalg.norm(points, axis=1, keepdims=True)
-    direction = points / length
-    squared = 2.0 - 2.0 * direction @ direction.T
-    np.fill_diagonal(squared, np.inf)
-    inverse = 1.0 / np.sqrt(np.maximum(squared, TINY))
-    pull = inverse**3 @ direction  # of -(d_i - d_j) / r^3 only what is tangential at d_i counts
-    gradient = (pull - direction * (pull * direction).sum(axis=1, keepdims=True)) / length
-    return float(inverse.sum() / 2), gradient.ravel()
 
 
 def smallest_radius_m(count: int, separation_m: float) -> float:

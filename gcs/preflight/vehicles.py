@@ -65,9 +65,6 @@ PAD_HEIGHT_MAX_M = 3.0
 count. More is a wrong origin, or an altitude of another datum (ellipsoid instead of AMSL: tens of metres).
 """
 
-LEAST_NAMED_M, AGO_IN_S_MAX = 0.5, 120.0
-"""Of a jump, a part below the first is not named; after the second its age is given in minutes."""
-
 FIX_3D = 3
 FIXES = {0: "no receiver", 1: "none", 2: "2D", 3: "3D", 4: "DGPS", 5: "RTK float", 6: "RTK fixed"}
 
@@ -299,18 +296,15 @@ def _jump(inputs: PreflightInputs, row: int) -> Iterator[Check]:
     moved = inputs.moved
     if moved is None or isnan(moved.way_m[row, 0]):
         return
-    by_m, limit_m = moved.by_m[row], moved.limit_m[row]
+    limit_m, good = moved.limit_m[row], isinf(moved.since_s[row])
     limit = f"at most {limit_m[0]:.1f} m sideways and {limit_m[1]:.1f} m up or down"
-    ways = zip(by_m.tolist(), ("sideways", "down" if moved.way_m[row, 2] > 0.0 else "up"), strict=True)
-    by = " and ".join(f"{part_m:.2g} m {way}" for part_m, way in ways if part_m >= LEAST_NAMED_M)
-    ago_s = inputs.fleet.time_s - float(moved.since_s[row])
-    ago = f"{ago_s:.0f} s ago" if ago_s < AGO_IN_S_MAX else f"{ago_s / 60.0:.0f} min ago"
+    by, ago = moved.in_words(row, inputs.fleet.time_s)
     problem = f"its position moved by {by} while it stood, {ago}"
     to_do = "reboot it where it stands; or confirm its place: leave it out, and include it again"
-    if ago_s >= 0.0 and not moved.away[row]:
+    if not good and not moved.away[row]:
         problem = f"its position moved away while it stood, {ago}, and is back for less than {SETTLES_S:g} s"
         to_do = "wait"
-    far_m, good = float(by_m.max()), isinf(moved.since_s[row])
+    far_m = float(moved.by_m[row].max())
     yield judged("jump", far_m, "m", limit, problem, to_do, good=good, depends_on=RECEIVED_BY)
 
 

@@ -72,6 +72,7 @@ class AlarmCause(StrEnum):
     SLOW_VEHICLE = "slow-vehicle"
     SLOW_ANSWERS = "slow-answers"
     HEIGHT_DIFFERS = "height-differs"
+    MOVED_ON_PAD = "moved-on-pad"
     CORRECTIONS_STOPPED = "corrections-stopped"
     TIMECODE = "timecode"
     CLOCK_DOUBTFUL = "clock-doubtful"
@@ -361,6 +362,14 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         " (EK3_SRC1_POSZ, EKF2_HGT_REF), or reboot [it|them] where [it stands|they stand].",
         off_after_s=5.0,
         action=X.RETURN,
+    ),
+    AlarmCause.MOVED_ON_PAD: CauseRow(
+        C,
+        "{vehicles} not where [it|they] stood",
+        "Reboot [it where it stands|them where they stand]. Or look where [it stands|they stand], leave"
+        " [it|them] out, and include [it|them] again: that confirms what [it reports|they report].",
+        off_after_s=0.0,
+        action=X.LEAVE_OUT,
     ),
     AlarmCause.CORRECTIONS_STOPPED: CauseRow(
         C,

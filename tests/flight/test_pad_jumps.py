@@ -5,6 +5,7 @@ import pytest
 from gcs.estimation.pad_places import SETTLES_S
 from gcs.model.preflight_report import Check, PreflightReport
 from gcs.service import ShowAction
+from gcs.service.alarms import Alarm, AlarmAction, AlarmCause, AlarmSeverity
 from gcs.sim.vehicle.px4 import Quirks
 from gcs.testing.virtual_show import VirtualShow, fly, refused, show_config
 from tests.flight.test_show_autopilots import config_of
@@ -34,6 +35,10 @@ async def jumped(show: VirtualShow, **by_m: float) -> None:
 async def refusal(show: VirtualShow) -> str:
     refusal = await refused(show, lambda: show.service.commands.command_show(ShowAction.START))
     return refusal.text
+
+
+def alarm(show: VirtualShow) -> Alarm | None:
+    return next((each for each in show.view.alarms if each.cause is AlarmCause.MOVED_ON_PAD), None)
 
 
 def test_a_jump_of_30_m_on_the_pad_is_never_green_again() -> None:
@@ -122,3 +127,41 @@ def test_what_jumps_while_it_starts_is_held_against_none() -> None:
             assert jump_of(show, vehicle).value == pytest.approx(0.0, abs=0.5)
 
     fly(story, config_of(("px4", "ardupilot"), 2), quirks=Quirks(), ideal=True)
+
+
+def test_jumps_on_the_pads_are_one_alarm_until_confirmed() -> None:
+    async def story(show: VirtualShow) -> None:
+        preflight = show.service.preflight
+        await jumped(show, north_m=30.0)
+        await show.until(lambda: alarm(show) is not None, 3.0)
+        show.befall("d3", "gps-jump", east_m=6.0)
+        await show.until(lambda: (of_both := alarm(show)) is not None and len(of_both.vehicles) == 2, 3.0)
+        both = alarm(show)
+        assert both is not None
+        assert (both.severity, both.action) == (AlarmSeverity.CAUTION, AlarmAction.LEAVE_OUT)
+        assert both.text.startswith("Vehicles d2, d3 not where they stood: d2: moved by 30 m sideways, ")
+        assert "; d3: moved by 6" in both.text
+        assert "leave them out, and include them again" in both.advice
+        preflight.exclude("d2", "it stands there")
+        await show.until(lambda: (of_one := alarm(show)) is not None and of_one.vehicles == ("d3",), 3.0)
+        preflight.include("d2")
+        show.befall("d3", "none")
+        await show.until(lambda: alarm(show) is None, SETTLES_S + 3.0)
+        assert report(show).passes
+
+    fly(story, show_config(3))
+
+
+def test_a_vehicle_that_stays_on_its_pad_moves_without_an_alarm() -> None:
+    async def story(show: VirtualShow) -> None:
+        await show.standby()
+        await show.wait(STANDS_S)
+        show.service.commands.command_show(ShowAction.START, ["d1", "d3"])
+        await show.until(lambda: show.view.counts.airborne == 2)
+        show.befall("d2", "gps-jump", north_m=30.0)
+        await show.wait(3.0)
+        assert alarm(show) is None, "it cannot be looked at below those that fly"
+        await show.show(ShowAction.STOP)
+        await show.until(lambda: alarm(show) is not None)
+
+    fly(story, show_config(3))

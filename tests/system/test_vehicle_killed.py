@@ -34,7 +34,7 @@ RE_FORMED_S = 60.0
 """From the kill on, silence and re-spreading together; 20 s where the machine has nothing else to do."""
 
 BEST_OF_SEVEN = 14.452977
-"""Energy of the best shape known, as `best_configuration` finds it in 3 s of processor time."""
+"""Energy of the best shape known, as `gcs.simulation.reference_shapes` has it."""
 
 FORMED = 1.01
 """Energy over that of the best shape known; 8 minus 1 unformed is 1.03."""

@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 
 from gcs.control import Tick
+from gcs.estimation.pad_places import SETTLES_S
 from gcs.failsafe.autopilot_failsafe import ADVICE_TO_MANY, TERMINATED, TEXTS_COUNT_S, FailsafeCause
 from gcs.failsafe.autopilots.texts import Meaning, meaning_of
 from gcs.failsafe.policy import Action, Cause
@@ -20,7 +21,7 @@ from gcs.flight.monitors.space_alarms import SpaceAlarms, of_routes, of_the_cent
 from gcs.flight.state.flight import FLIES, NOT_CHOSEN, Flight
 from gcs.flight.state.vehicle import Vehicle
 from gcs.model.interrupted_flight import InterruptedFlight
-from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.model.lifecycle import ON_THE_GROUND, Phase, ShowPhase
 from gcs.model.state import StatusText
 from gcs.service import CALLER, ActiveFailsafe, Outcome
 from gcs.service.alarm_book import AlarmBook, Change, ChangeKind
@@ -286,8 +287,21 @@ class AlarmMonitor:
             for vehicle in flight.vehicles.in_phase(Phase.OFFLINE):
                 if vehicle.id not in stays and flight.elsewhere.owned[vehicle.row]:
                     yield Condition(AlarmCause.SILENT, vehicle.reason, (vehicle.id,))
+        if flight.show.phase in ON_THE_GROUND:
+            yield from self._of_the_pads()
         if flight.columns and flight.show.phase in BEFORE_ASSEMBLING:
             yield Condition(AlarmCause.STACKED, flight.columns)
+
+    def _of_the_pads(self) -> Iterator[Condition]:
+        """Yield vehicles that are to fly, and are reported elsewhere than where they stood ready."""
+        flight, moved = self.flight, self.flight.places.found
+        for row in np.flatnonzero(np.isfinite(moved.since_s)).tolist():
+            vehicle = flight.vehicles.rows[row]
+            if vehicle.phase is Phase.STANDBY and vehicle.id not in flight.excluded:
+                by, ago = moved.in_words(row, flight.newest.state.time_s)
+                back = f"moved away {ago}, and back for less than {SETTLES_S:g} s"
+                because = f"moved by {by}, {ago}" if moved.away[row] else back
+                yield Condition(AlarmCause.MOVED_ON_PAD, because, (vehicle.id,))
 
 
 def _of_failsafes(failsafes: Sequence[ActiveFailsafe]) -> Iterator[Condition]:

@@ -12,7 +12,6 @@ from gcs.formation.repulsion import (
     CHANGE_MAX_RAD,
     MUTUAL_FROM,
     SWEEP_MAX_RAD,
-    best_configuration,
     energy,
     nearest_m,
     pushes,
@@ -21,9 +20,9 @@ from gcs.formation.repulsion import (
     sweeps_for,
 )
 from gcs.formation.response import compensate, correct_trim, limit_change, scale_to_limits, shrink_relative
-from gcs.model.errors import InvalidError
 from gcs.model.plan import Yaw, YawPolicy
 from gcs.model.state import Array
+from gcs.simulation.reference_shapes import best
 
 ORIGIN = np.zeros(3)
 
@@ -109,7 +108,7 @@ def test_large_fleets_make_fewer_sweeps() -> None:
 
 
 def test_slots_follow_vehicles_that_cannot_reach_them() -> None:
-    place = best_configuration(4, starts=2)
+    place = best(4)
     angle_rad = 0.5
     turn = np.array(
         [[np.cos(angle_rad), -np.sin(angle_rad), 0], [np.sin(angle_rad), np.cos(angle_rad), 0], [0, 0, 1]]
@@ -133,7 +132,7 @@ def test_a_larger_charge_keeps_the_others_farther_away() -> None:
 @pytest.mark.parametrize("count", [2, 3, 4, 5, 7, 8, 13])
 def test_best_shape_keeps_separation_on_the_smallest_sphere(count: int) -> None:
     radius_m = smallest_radius_m(count, 4.5)
-    assert nearest_m(radius_m * best_configuration(count, starts=3)) >= 4.5 * (1 - 1e-5)
+    assert nearest_m(radius_m * best(count)) >= 4.5 * (1 - 1e-5)
 
 
 def test_one_two_and_three_vehicles_have_own_smallest_spheres() -> None:
@@ -142,23 +141,12 @@ def test_one_two_and_three_vehicles_have_own_smallest_spheres() -> None:
     assert smallest_radius_m(3, 4.0) == pytest.approx(4.0 / sqrt(3.0))
 
 
-SOAKED_SHAPES = (4, 3.674235), (8, 19.675288), (12, 49.165253), (20, 150.881568)
-
-
 @pytest.mark.parametrize(
-    ("count", "best"),
-    [
-        (5, 6.474691),
-        *(pytest.param(*known, marks=pytest.mark.soak) for known in SOAKED_SHAPES),
-    ],
+    ("count", "known"),
+    [(4, 3.674235), (5, 6.474691), (8, 19.675288), (12, 49.165253), (20, 150.881568)],
 )
-def test_the_reference_shapes_have_the_best_known_energies(count: int, best: float) -> None:
-    assert energy(best_configuration(count)) == pytest.approx(best, abs=2e-5)
-
-
-def test_one_point_has_no_best_configuration() -> None:
-    with pytest.raises(InvalidError, match="at least 2"):
-        best_configuration(1)
+def test_the_reference_shapes_have_the_best_known_energies(count: int, known: float) -> None:
+    assert energy(best(count)) == pytest.approx(known, abs=2e-5)
 
 
 # from velocity to setpoint
