@@ -60,6 +60,10 @@ class AlarmCause(StrEnum):
     TARGET_OUTRUNS = "target-outruns"
     TARGET_BEYOND = "target-beyond"
     TARGET_SOURCES = "target-sources"
+    TRAFFIC_MANNED = "traffic-manned"
+    TRAFFIC_NEAR = "traffic-near"
+    TRAFFIC_CROWDED = "traffic-crowded"
+    TRAFFIC_UNKNOWN = "traffic-unknown"
     OBSTACLE_NEAR = "obstacle-near"
     OBSTACLE_WAITS = "obstacle-waits"
     NO_HEADWAY = "no-headway"
@@ -277,6 +281,32 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "Check which one is right, and switch the other off.",
         on_after_s=2.0,
         past="Sources of target {about} contradicted each other",
+    ),
+    AlarmCause.TRAFFIC_MANNED: CauseRow(
+        E,
+        "Manned aircraft {about} near",
+        "It has the right of way. Land, or bring the show home, if it comes nearer.",
+        action=X.RETURN,
+        past="Manned aircraft {about} was near",
+    ),
+    AlarmCause.TRAFFIC_NEAR: CauseRow(
+        W,
+        "Traffic {about} comes near",
+        "Vehicles keep clear of it. Watch it; pause or land the show if it turns.",
+        past="Traffic {about} was near",
+    ),
+    AlarmCause.TRAFFIC_CROWDED: CauseRow(
+        C,
+        "More traffic than is kept",
+        "Vehicles keep clear of the nearest tracks only. Do not start; come home if more of it comes near.",
+        past="There was more traffic than is kept",
+    ),
+    AlarmCause.TRAFFIC_UNKNOWN: CauseRow(
+        C,
+        "Traffic is not known",
+        "Check its source. Until then watch the sky: nothing keeps clear of what is not reported.",
+        on_after_s=0.3,
+        past="Traffic was not known",
     ),
     AlarmCause.OBSTACLE_NEAR: CauseRow(
         W,
