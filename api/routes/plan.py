@@ -13,7 +13,7 @@ from gcs.api.schemas import fleet as schemas
 from gcs.model.errors import InvalidError, UnknownError
 from gcs.model.plan import Obstacle, Orbit
 from gcs.model.target_fix import TargetFix
-from gcs.service import TargetsView
+from gcs.service import TargetsView, TrafficView
 
 router = APIRouter(dependencies=TOKEN)
 
@@ -85,6 +85,12 @@ async def report_target(
     """For a target with a source of kind `rest`: 1 to 20 reports a second, best with velocity and time."""
     fix = TargetFix(context.now_s(), **body.model_dump(exclude_none=True))
     context.service.plan.report_target(name, fix)
+
+
+@router.get("/traffic", tags=["target"], summary="Other traffic")
+async def get_traffic(context: ContextDep) -> TrafficView:
+    """Aircraft, vessels and vehicles that are not of this show, as their sources report them."""
+    return context.view.features.traffic or TrafficView.none()
 
 
 @router.get("/orbit", tags=["target"], summary="Orbit of the formation around the target")

@@ -106,6 +106,7 @@ CALLS: Final = (
     ApiCall("target select", "select_target", "follow a target of the configuration"),
     ApiCall("target hold", "hold_target", "follow none of them: the target stands where it is"),
     ApiCall("target report", "report_target", "say where a target is that has a source of kind rest"),
+    ApiCall("traffic", "traffic", "other traffic, and how near it comes"),
     ApiCall("orbit show", "orbit", "how the formation circles the target"),
     ApiCall("orbit set", "change_orbit", "change radius, speed or direction"),
     ApiCall("yaw show", "yaw", "where the vehicles head"),

@@ -470,6 +470,10 @@ class Client(Calls):
     def hold_target(self) -> schemas.Target:
         """Follow none of them: the target stands where it is now."""
 
+    @calls("GET", "/api/v1/traffic")
+    def traffic(self) -> service.TrafficView:
+        """Get other traffic, and how near it comes."""
+
     @calls("POST", "/api/v1/targets/{name}/report")
     def report_target(
         self,

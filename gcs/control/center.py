@@ -27,6 +27,8 @@ from gcs.formation.orbit import (
 )
 from gcs.model.jit import kernel
 from gcs.model.state import Array, Mask
+from gcs.safety.constraints import nearest
+from gcs.safety.near_traffic import Evading, track_constraints
 
 STANDS_M_S: Final = 0.1
 """A centre slower than this stands."""
@@ -70,6 +72,7 @@ def move_center(now: TickInputs, memory: Memory, shared: FormationState | None =
     sphere_m = max(radius_m, now.plan.formation.radius_m)
     limits = _limits(now, center, radius_m)
     desired_m_s, sides, detour = _around_obstacles(now, center, ahead, radius_m, memory, limits)
+    desired_m_s, limits = _out_of_traffic(now, ahead, sphere_m, desired_m_s, limits)
     held_m_s = _inside_fence(now, ahead, sphere_m, desired_m_s, limits)
     moved = advance_center(center, held_m_s, now.dt_s, limits.acceleration_m_s2)
     change_m = now.settings.radius_rate_m_s * now.dt_s
@@ -89,11 +92,41 @@ def _limits(now: TickInputs, center: Center, radius_m: float) -> CenterLimits:
     too_fast = hypot(*center.velocity_m_s[:2]) > law.center_speed_max_m_s + STANDS_M_S
     if not follows and not too_fast:
         return limits
-    fastest_m_s = np.minimum(now.settings.safety.limits.horizontal_m_s, now.traits.speed_max_m_s)
-    rim_m_s = abs(now.plan.formation.spin_rad_s) * radius_m
-    fleet = fleet_limits(fastest_m_s[now.sphere], now.acceleration_max_m_s2[now.sphere], rim_m_s)
+    fleet = _fleet_limits(now, radius_m)
     hardest_m_s2 = max(limits.acceleration_m_s2, fleet.acceleration_m_s2)
     return CenterLimits(max(limits.speed_m_s, fleet.speed_m_s) if follows else limits.speed_m_s, hardest_m_s2)
+
+
+def _fleet_limits(now: TickInputs, radius_m: float) -> CenterLimits:
+    """What the whole sphere can."""
+    fastest_m_s = np.minimum(now.settings.safety.limits.horizontal_m_s, now.traits.speed_max_m_s)
+    rim_m_s = abs(now.plan.formation.spin_rad_s) * radius_m
+    return fleet_limits(fastest_m_s[now.sphere], now.acceleration_max_m_s2[now.sphere], rim_m_s)
+
+
+def _out_of_traffic(
+    now: TickInputs, ahead: Center, sphere_m: float, desired_m_s: Array, limits: CenterLimits
+) -> tuple[Array, CenterLimits]:
+    """The velocity (3,) that leads the whole sphere out of the corridors of tracks, and its limits."""
+    if now.tasks.near_traffic is None:
+        return desired_m_s, limits
+    safety, fleet = now.settings.safety, _fleet_limits(now, sphere_m)
+    speed_m_s = max(limits.speed_m_s, fleet.speed_m_s)
+    evading = Evading(
+        ahead.position_m[None],
+        np.ones(1, np.bool_),
+        desired_m_s[None],
+        np.array([sphere_m + now.settings.law.avoidance.near_m]),
+        np.array([speed_m_s]),
+        safety.braking.of_each(1),
+        safety.fence.distance_max_m - sphere_m,
+    )
+    rows = track_constraints(evading, now.tasks.near_traffic)
+    led_m_s = nearest(desired_m_s[None].copy(), rows.first, rows.second, rows.normal, rows.bound_m_s)[0]
+    if np.abs(led_m_s - desired_m_s).max() <= STANDS_M_S:
+        return led_m_s, limits
+    led_m_s[:2] *= min(1.0, speed_m_s / max(hypot(*led_m_s[:2]), STANDS_M_S))
+    return led_m_s, CenterLimits(speed_m_s, max(limits.acceleration_m_s2, fleet.acceleration_m_s2))
 
 
 @kernel

@@ -10,11 +10,12 @@ from gcs.formation.law import LawSettings
 from gcs.formation.obstacles import Ellipse
 from gcs.formation.orbit import Center
 from gcs.model.jit import kernel
-from gcs.model.plan import Plan
+from gcs.model.plan import Obstacle, Plan
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array, FleetState, Mask, Traits, freeze
 from gcs.safety.constraints import stopping_speed_m_s
 from gcs.safety.filter import SafetySettings
+from gcs.safety.near_traffic import NearTraffic
 from gcs.safety.target_clearance import clear_height_m, kept_clear_m
 
 
@@ -64,6 +65,7 @@ class Tasks:
     # silent a few seconds ago (`gcs.planning.lost_space.expected_drift`), else NaN; None: of none
     silent_segments: int = 0  # the last of `segments_m` are of vehicles that are silent, and not lost yet
     drawn: DrawnGoals | None = None  # of the vehicles with the task DRAWN; None: no drawn show leads
+    near_traffic: NearTraffic | None = None  # traffic that all keep clear of; None: there is none
 
     def __post_init__(self) -> None:
         n = len(self.task)
@@ -83,6 +85,11 @@ class Tasks:
             center_moves=center_moves,
             follows_planned_path=none,
         )
+
+    @property
+    def slow_traffic(self) -> tuple[Obstacle, ...]:
+        """What is flown round as obstacles are."""
+        return () if self.near_traffic is None else self.near_traffic.boxes
 
     def led_by(self, goals: DrawnGoals, *, moves: bool) -> "Tasks":
         """Have a drawn show lead the vehicles in formation: along their trajectories if it `moves`.
@@ -169,7 +176,7 @@ class TickInputs:
     goers: NDArray[np.intp]  # (k,) of those on the way to a goal
     sphere: NDArray[np.intp]  # (s,) on the sphere that the law needs: `rows`, and those of other stations
     descending: Mask  # (n,) descending to land, and above its place
-    ellipses: dict[str, Ellipse]  # the plan's obstacles at this time
+    ellipses: dict[str, Ellipse]  # the plan's obstacles, and slow traffic, at this time
     own: slice  # the rows that this station flies; after them come those of other stations
     pace: float = 1.0  # share of the orbit's speed with which other stations' vehicles keep up
 
@@ -320,7 +327,7 @@ class TickInputs:
             velocity_m_s,
             *roles,
             descending,
-            ellipses_of(plan, settings, fleet.time_s),
+            ellipses_of(plan, settings, fleet.time_s, tasks.slow_traffic),
             slice(own),
             pace,
         )
@@ -369,10 +376,12 @@ def _roles(
     )
 
 
-def ellipses_of(plan: Plan, settings: ControlSettings, time_s: float) -> dict[str, Ellipse]:
-    """The plan's obstacles at `time_s`, as ellipses with the law's margins."""
+def ellipses_of(
+    plan: Plan, settings: ControlSettings, time_s: float, more: tuple[Obstacle, ...] = ()
+) -> dict[str, Ellipse]:
+    """The plan's obstacles at `time_s`, and `more`, as ellipses with the law's margins."""
     margin_m, headroom_m = settings.law.avoidance.margin_m, settings.law.avoidance.headroom_m
     return {
         box.id: Ellipse.around(box, margin_m=margin_m, headroom_m=headroom_m, time_s=time_s)
-        for box in plan.obstacles
+        for box in (*plan.obstacles, *more)
     }

@@ -351,6 +351,7 @@ def _surroundings(
         None if routes is None else routes.passage,
         now.traits.response,
         None if now.tasks.drawn is None else now.tasks.task == Task.DRAWN,
+        now.tasks.near_traffic,
         shared_m_s,
         now.plan.target,
         now.fleet.time_s,

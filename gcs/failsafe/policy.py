@@ -32,6 +32,7 @@ class Cause(StrEnum):
     WIND = "too much wind"
     LINKS_LATE = "links late"
     VEHICLES_LOST = "too many vehicles lost"
+    MANNED_AIRCRAFT = "manned aircraft"
     TARGET_STALE = "target stale"
     SERVICE_LATE = "service late"
 
@@ -44,6 +45,7 @@ class Action(StrEnum):
     HOLD_TARGET = "hold-target"  # the target stays where it is now
     HOLD = "hold"  # the vehicle leaves the formation and holds
     PAUSE = "pause"  # all vehicles hold in place
+    DESCEND = "descend"  # the formation flies on lower
     RETURN = "return"  # return through the filter, and land
     LAND = "land"  # land on a safe site near by, through the filter
 
@@ -54,8 +56,9 @@ SEVERITY: Final = {
     Action.HOLD_TARGET: 1,
     Action.HOLD: 2,
     Action.PAUSE: 2,
-    Action.RETURN: 3,
-    Action.LAND: 4,
+    Action.DESCEND: 3,
+    Action.RETURN: 4,
+    Action.LAND: 5,
 }
 """The most severe action prevails, and a weaker one never replaces what is in progress."""
 
@@ -166,6 +169,15 @@ class VehiclesLost(Settings):
     """Least share of all in the air, the lost included."""
 
 
+class MannedAircraft(Settings):
+    """A manned aircraft is within `traffic.manned` of the formation: vehicles give way to it."""
+
+    action: Literal["ignore", "descend", "pause", "return", "land"] = "descend"
+    """What the show does. `descend` needs a formation without a written show; else it comes home."""
+    to_height_m: Positive = 15.0
+    """Height above the origin to which the centre descends, in m, or as low as the fence lets the sphere."""
+
+
 class TargetStale(Settings):
     """The target of a show's live cue has not been updated, or the selected target is not received.
 
@@ -208,6 +220,8 @@ class FailsafePolicy(Settings):
     """Telemetry of many vehicles is late, or lacking."""
     vehicles_lost: VehiclesLost = VehiclesLost()
     """Too many vehicles are lost to continue the show."""
+    manned_aircraft: MannedAircraft = MannedAircraft()
+    """A manned aircraft is near."""
     target_stale: TargetStale = TargetStale()
     """The target of a live cue is not renewed."""
     service_late: ServiceLate = ServiceLate()

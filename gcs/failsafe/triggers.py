@@ -35,6 +35,7 @@ OF_THE_SHOW: Final = (
     Cause.TARGET_STALE,
     Cause.SERVICE_LATE,
     Cause.LINKS_LATE,
+    Cause.MANNED_AIRCRAFT,
 )
 
 IN_WORDS: Final = {
@@ -79,6 +80,8 @@ class Seen:
     late_s: float  # delay of the newest tick
     link_late_s: Array  # (n,) delay of telemetry over the least possible
     link_share: Array  # (n,) share of the requested position messages that arrive
+    manned: str = ""  # a manned aircraft that is too near, in words; empty: there is none
+    may_descend: bool = False  # the formation can, without a written show that leads it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -139,7 +142,7 @@ class Known:
     jumps_s: Array  # (j, n) the last jumps of each position, oldest first
     doubts: Doubts  # (n,) the last of each while its position was not believed
     vehicles: Latch  # (7, n)
-    show: Latch  # (5, 1)
+    show: Latch  # (6, 1)
 
     @staticmethod
     def nothing(count: int, now_s: float, settings: FailsafePolicy) -> "Known":
@@ -307,7 +310,7 @@ def is_calm(on: Mask, memory: Known, seen: Seen, settings: FailsafePolicy, weath
     """Whether no condition holds or is active: then `advance` would change nothing."""
     happens = bool(on.any()) or weather.windy or weather.late or memory.late_s > settings.service_late.late_s
     stale = seen.target_age_s > settings.target_stale.after_s  # False for NaN
-    return memory.vehicles.is_idle and memory.show.is_idle and not (happens or stale)
+    return memory.vehicles.is_idle and memory.show.is_idle and not (happens or stale or seen.manned)
 
 
 def advance(
@@ -334,8 +337,11 @@ def advance(
     many_lost = lost >= many.count and lost >= many.share * all_count
     stale = seen.target_age_s > settings.target_stale.after_s
     late = memory.late_s > settings.service_late.late_s
-    shows = np.array([weather.windy, many_lost, stale, late, weather.late], dtype=np.bool_) & flies.any()
-    for_each_s = settings.wind.for_s, 0.0, 0.0, settings.service_late.for_s, settings.links_late.for_s
+    shows = (
+        np.array([weather.windy, many_lost, stale, late, weather.late, bool(seen.manned)], dtype=np.bool_)
+        & flies.any()
+    )
+    for_each_s = settings.wind.for_s, 0.0, 0.0, settings.service_late.for_s, settings.links_late.for_s, 0.0
     show_for_s = np.array(for_each_s)[:, None]
     show = memory.show.next(shows[:, None], now_s, show_for_s, settings.clear_s)
     if not flies.any():
@@ -418,6 +424,7 @@ def _of_the_show(
         Cause.WIND: (wind.action, wind.then_return_after_s, off),
         Cause.LINKS_LATE: (links.action, links.then_return_after_s, _late_links(seen, roles, links)),
         Cause.VEHICLES_LOST: (settings.vehicles_lost.action, None, losses),
+        Cause.MANNED_AIRCRAFT: (_giving_way(seen, settings), None, seen.manned or "it is gone"),
         Cause.TARGET_STALE: (target.action, None, stale),
         Cause.SERVICE_LATE: (late.action, late.then_return_after_s, slow),
     }
@@ -436,6 +443,11 @@ def _of_the_show(
             action, reason = Action.RETURN, f"{reason}; a pause of {then_after_s:g} s did not help"
         requests.append(FailsafeRequest(cause, action, since_s, rows.get(cause, ()), True, reason, now_holds))
     return requests
+
+
+def _giving_way(seen: Seen, settings: FailsafePolicy) -> str:
+    action = settings.manned_aircraft.action
+    return "return" if action == "descend" and not seen.may_descend else action
 
 
 def _late_links(seen: Seen, roles: Roles, settings: LinksLate) -> str:

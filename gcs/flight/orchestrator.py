@@ -76,6 +76,13 @@ class Heart(Protocol):
         """Report a tick that came in time. Never waits, never raises."""
 
 
+def _utc_off_s(
+    unix_s: Callable[[], float], loop_s: Callable[[], float], clock_problem: Callable[[], str]
+) -> float:
+    """This computer's clock minus the loop's; NaN: it is not to be trusted."""
+    return nan if clock_problem() else unix_s() - loop_s()
+
+
 def landing_places(flight: Flight) -> LandingPlaces:
     return LandingPlaces(
         flight.newest,
@@ -150,15 +157,16 @@ class Orchestrator:
         self._group = asyncio.TaskGroup()  # the control group, entered by `run`
         newest, vehicles, show, in_force = flight.newest, flight.vehicles, flight.show, flight.in_force
         self._estimating = Estimating(newest, vehicles, show, in_force, config, flight.slow_from_m)
+        utc_off_s = partial(_utc_off_s, unix_s, loop.time, clock_problem)
         targets = Targets(
             config.targets,
             config.frame,
             newest,
             in_force,
-            lambda: nan if clock_problem() else unix_s() - loop.time(),
+            utc_off_s,
             lambda: flight.elsewhere.shows.leads,
         )
-        flight.features = features_of(flight, targets)
+        flight.features = features_of(flight, targets, utc_off_s)
         if record is not None:
             configured = vehicles.keys()
             flight.excluded |= {name: out for name, out in record.excluded.items() if name in configured}

@@ -8,10 +8,11 @@ from typing import Annotated, Final
 from pydantic import Field, model_validator
 
 from gcs.links.settings import SerialPort, serial_port
-from gcs.links.targets.settings import TargetSettings
+from gcs.links.targets.settings import TargetSettings, TrafficSource
 from gcs.mavlink.lights import LightDriver
 from gcs.model.errors import ConfigError
-from gcs.model.settings import Positive, Settings
+from gcs.model.settings import NotNegative, Positive, Settings
+from gcs.model.traffic import Cylinder
 
 _PORT_MAX: Final = 65535
 
@@ -150,6 +151,30 @@ class TimecodeSettings(Settings):
         return self
 
 
+class MannedArea(Settings):
+    """The space around the formation in which a manned aircraft is an emergency."""
+
+    radius_m: Positive = 1000.0
+    """How far from the formation, over the ground, in m."""
+    height_m: Positive = 150.0
+    """How far above or below it, in m; an aircraft without a known height counts as at its height."""
+
+
+class TrafficSettings(Cylinder):
+    """Other traffic that vehicles keep clear of (docs/how-to/targets.md)."""
+
+    sources: Annotated[tuple[TrafficSource, ...], Field(min_length=1, max_length=4)]
+    """Where tracks are reported."""
+    own: Annotated[tuple[Annotated[str, Field(max_length=40)], ...], Field(max_length=256)] = ()
+    """Tracks that are vehicles of this show: ICAO addresses, MMSI, uids; its MAVLink systems are known."""
+    delay_s: NotNegative = 0.0
+    """How late reports arrive whose source has no clock, in s."""
+    forgotten_s: Positive = 15.0
+    """A track without a report for so long is forgotten, in s."""
+    manned: MannedArea = MannedArea()
+    """Where manned aircraft are an emergency; what follows is `failsafes.manned_aircraft`."""
+
+
 class StationInputs(Settings):
     """Inputs that each station of a site may have of its own."""
 
@@ -166,6 +191,8 @@ class FeatureSettings(StationInputs):
     """Where corrections for RTK come from; without it none are sent."""
     targets: Annotated[tuple[TargetSettings, ...], Field(max_length=16)] = ()
     """Targets that the formation can follow (docs/how-to/targets.md)."""
+    traffic: TrafficSettings | None = None
+    """Other traffic that vehicles keep clear of; without it none is known (docs/how-to/targets.md)."""
 
     @model_validator(mode="after")
     def _check_names(self) -> "FeatureSettings":

@@ -2,6 +2,9 @@
 
 from dataclasses import dataclass
 from math import nan
+from typing import Literal
+
+from gcs.model.traffic import TrackKind
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,3 +26,4 @@ class TargetFix:
     velocity_deviation_m_s: float = nan
     source_s: float = nan  # when it was there, by the source's own clock
     track: str = ""  # which one, of a source that has several
+    kind: TrackKind | Literal[""] = ""  # what that is, where its source says

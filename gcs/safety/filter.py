@@ -19,6 +19,7 @@ from gcs.safety.across_stations import with_reports
 from gcs.safety.authority import AuthoritySettings, reach_constraints
 from gcs.safety.constraints import NO_ROW, Braking, Constraints, any_broken, nearest, shortened, tightest
 from gcs.safety.floor import Floor, minimum_separation
+from gcs.safety.near_traffic import Evading, NearTraffic, track_constraints
 from gcs.safety.neighbours import FEW, Rows, near_pairs
 from gcs.safety.separation import Pairs, separation_constraints
 from gcs.safety.target_clearance import clearance_constraints
@@ -93,6 +94,7 @@ class Surroundings:
     passage: Mask | None = None  # (n,) that keep no margin from `segments_m`, as they would else be enclosed
     response: FleetResponse | None = None  # (n,) in what their stops differ from `braking`; None: in nothing
     drawn: Mask | None = None  # (n,) on trajectories that were drawn for the fleet; None: none of them
+    near_traffic: NearTraffic | None = None  # traffic; None: there is none
     shared_m_s: Array | None = None  # (n, 3) what other stations' filters allowed last; NaN, None: not shared
     target: Target = Target()  # with the clearance that is kept from it
     time_s: float = 0.0  # of all these
@@ -133,7 +135,7 @@ def filter_velocities(
     pairs_of = _pairs_of(position_m, desired_m_s, own, here, settings.floor, braking)
     pairs, involved = _first_pairs(pairs_of, desired_m_s, own, here)
     confined = here if involved is moved else replace(here, commanded=involved)
-    walls = _walls(position_m, confined, settings, braking)
+    walls = _walls(position_m, desired_m_s, confined, settings, braking)
     walls = Constraints.joined(walls, _reach(here, walls, settings))
     allowed_m_s = searched_m_s = desired_m_s
     for attempt in range(ATTEMPTS):
@@ -249,8 +251,10 @@ def _joined(walls: Constraints, pairs: Pairs) -> Joined:
     )
 
 
-def _walls(position_m: Array, here: Surroundings, settings: SafetySettings, braking: Braking) -> Constraints:
-    """All constraints on single vehicles: paths of lost ones, the fence, obstacles, the target."""
+def _walls(
+    position_m: Array, desired_m_s: Array, here: Surroundings, settings: SafetySettings, braking: Braking
+) -> Constraints:
+    """All constraints on single vehicles: paths of lost ones, fence, obstacles, target, traffic."""
     fastest_m_s, keepout = settings.limits.fastest_m_s, Constraints.none()
     if len(here.segments_m):
         keepout = keepout_constraints(
@@ -298,7 +302,19 @@ def _walls(position_m: Array, here: Surroundings, settings: SafetySettings, brak
         response=here.response,
         fastest_m_s=fastest_m_s,
     )
-    return Constraints.joined(keepout, fence, obstacles, clear_of_target)
+    walls = Constraints.joined(keepout, fence, obstacles, clear_of_target)
+    if here.near_traffic is None:
+        return walls
+    evading = Evading(
+        position_m,
+        here.commanded & ~here.descending,
+        desired_m_s,
+        settings.floor.standoff_m(np.array(here.uncertainty_m)),
+        np.minimum(here.speed_max_m_s, settings.limits.horizontal_m_s),
+        braking.of_each(len(position_m), here.response),
+        settings.fence.distance_max_m,
+    )
+    return Constraints.joined(walls, track_constraints(evading, here.near_traffic))
 
 
 def _reach(here: Surroundings, walls: Constraints, settings: SafetySettings) -> Constraints:

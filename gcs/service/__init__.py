@@ -18,6 +18,7 @@ from gcs.service.commands import VehicleAction as VehicleAction
 from gcs.service.commands import VehicleOutcome as VehicleOutcome
 from gcs.service.features import Features as Features
 from gcs.service.features import TargetsView as TargetsView
+from gcs.service.features import TrafficView as TrafficView
 from gcs.service.interface import DRAWING_MAX_BYTES as DRAWING_MAX_BYTES
 from gcs.service.interface import Audit as Audit
 from gcs.service.interface import Call as Call

@@ -62,6 +62,10 @@ class AlarmCause(StrEnum):
     TARGET_SOURCES = "target-sources"
     TARGET_NEAR = "target-near"
     TARGET_NO_ROOM = "target-no-room"
+    TRAFFIC_MANNED = "traffic-manned"
+    TRAFFIC_NEAR = "traffic-near"
+    TRAFFIC_CROWDED = "traffic-crowded"
+    TRAFFIC_UNKNOWN = "traffic-unknown"
     OBSTACLE_NEAR = "obstacle-near"
     OBSTACLE_WAITS = "obstacle-waits"
     NO_HEADWAY = "no-headway"
@@ -295,6 +299,32 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "Make the sphere smaller, or the orbit wider.",
         on_after_s=1.0,
         past="There was no room above the target",
+    ),
+    AlarmCause.TRAFFIC_MANNED: CauseRow(
+        E,
+        "Manned aircraft {about} near",
+        "It has the right of way. Land, or bring the show home, if it comes nearer.",
+        action=X.RETURN,
+        past="Manned aircraft {about} was near",
+    ),
+    AlarmCause.TRAFFIC_NEAR: CauseRow(
+        W,
+        "Traffic {about} comes near",
+        "Vehicles keep clear of it. Watch it; pause or land the show if it turns.",
+        past="Traffic {about} was near",
+    ),
+    AlarmCause.TRAFFIC_CROWDED: CauseRow(
+        C,
+        "More traffic than is kept",
+        "Vehicles keep clear of the nearest tracks only. Do not start; come home if more of it comes near.",
+        past="There was more traffic than is kept",
+    ),
+    AlarmCause.TRAFFIC_UNKNOWN: CauseRow(
+        C,
+        "Traffic is not known",
+        "Check its source. Until then watch the sky: nothing keeps clear of what is not reported.",
+        on_after_s=0.3,
+        past="Traffic was not known",
     ),
     AlarmCause.OBSTACLE_NEAR: CauseRow(
         W,

@@ -13,6 +13,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
 from gcs.model.settings import PUBLISHED, Measured
+from gcs.model.traffic import TrackKind
 
 NO_LABEL: Final[tuple[int, ...]] = (255, 255, 255, 255)
 
@@ -272,6 +273,60 @@ class TargetsView(FeatureView):
 
 
 @dataclass(frozen=True, slots=True)
+class TrackView:
+    """One track of other traffic. Show frame."""
+
+    __pydantic_config__ = PUBLISHED
+
+    id: Annotated[str, Field(examples=["3C6444"])]
+    kind: Annotated[TrackKind, Field(description="An aircraft that does not say counts as manned.")]
+    x_m: float
+    y_m: float
+    height_m: Annotated[Measured, Field(description="Above the show's origin; null: not known.")]
+    velocity_x_m_s: float
+    velocity_y_m_s: float
+    climb_m_s: Measured
+    deviation_m: Annotated[float, Field(description="Standard deviation of its place, along an axis.")]
+    age_s: Annotated[float, Field(description="Of its newest report.")]
+    away_m: Annotated[float, Field(description="From the nearest vehicle's side of the formation, now.")]
+    nearest_m: Annotated[float, Field(description="The same when it is nearest, if both go straight on.")]
+    nearest_s: Annotated[float, Field(description="When that is, in s from now.")]
+    evaded: Annotated[bool, Field(description="Whether vehicles keep clear of it now.")]
+    near: Annotated[bool, Field(description="Whether operators are alarmed of it.")]
+
+
+@dataclass(frozen=True, slots=True)
+class TrafficView(FeatureView):
+    """Other traffic: aircraft, vessels, vehicles that are not of this show."""
+
+    __pydantic_config__ = PUBLISHED
+
+    known: Annotated[int, Described("Tracks that are known; at most 128, the nearest.", "gcs_traffic_tracks")]
+    near: Annotated[int, Described("Tracks that come near the formation.", "gcs_traffic_near", moves=False)]
+    manned: Annotated[int, Described("Manned aircraft that are too near.", "gcs_traffic_manned", moves=False)]
+    problem: Annotated[str, Described("Why traffic is not known; empty: its sources report.", moves=False)]
+    reports: Annotated[int, Described("Reports that were believed.", "gcs_traffic_reports")]
+    refused: Annotated[int, Described("Reports that were late, repeated or far off.", "gcs_traffic_refused")]
+    radius_m: Annotated[float, Field(description="Of the cylinder around each track.")]
+    nearest: Annotated[tuple[TrackView, ...], Described("The nearest 64, the nearest first.")]
+
+    @staticmethod
+    def none() -> "TrafficView":
+        """Of a service that has no source of it."""
+        return TrafficView(0, 0, 0, "no source: add traffic to the configuration", 0, 0, 0.0, ())
+
+    def line(self, unix_time_s: float) -> Line:  # noqa: ARG002
+        if self.problem:
+            yield f"NOT KNOWN: {self.problem} ", "bad"
+        yield f"{self.known} tracks", ""
+        for track in self.nearest:
+            if track.near:
+                soon = f", {track.nearest_m:.0f} m in {track.nearest_s:.0f} s"
+                text = f", {track.id} ({track.kind}) {track.away_m:.0f} m away{soon}"
+                yield text, "urgent" if track.kind == "manned" else "bad"
+
+
+@dataclass(frozen=True, slots=True)
 class Features:
     """What each feature reports; null: it is not configured, or not in a replayed record."""
 
@@ -280,6 +335,7 @@ class Features:
     corrections: CorrectionsView | None = None
     timecode: TimecodeView | None = None
     targets: TargetsView | None = None
+    traffic: TrafficView | None = None
     lights: LightsView | None = None
 
     @property

@@ -4,7 +4,7 @@ from typing import Final
 
 ROWS: Final = (
     *("shape", "saddle", "article", "tracking", "tracking-real", "separation", "uncertainty", "obstacles"),
-    *("moving-boxes", "concave", "wind", "delays", "authority", "changes", "neighbours"),
+    *("moving-boxes", "traffic", "concave", "wind", "delays", "authority", "changes", "neighbours"),
     *("laws", "landing", "loss", "return", "stations", "drawn", "mixed"),
 )
 """The rows of docs/flight-quality.md: scenarios that answer the same question."""

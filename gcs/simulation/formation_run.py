@@ -9,7 +9,9 @@ from gcs.formation.neighbours import Sight
 from gcs.model.errors import RefusedError
 from gcs.model.plan import Formation, LawName, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array
+from gcs.safety.near_traffic import NearTraffic
 from gcs.simulation import initial_states as layout
+from gcs.simulation.crossing import Crossing
 from gcs.simulation.decide import Divide
 from gcs.simulation.obstacle_worlds import draw_world
 from gcs.simulation.record import THROUGH_M, approaching
@@ -80,8 +82,22 @@ class FormationRun(SimulatedFlight):
         )
         self._target_m_s = np.array([flight.target.velocity_x_m_s, flight.target.velocity_y_m_s])
         self._tracked = None if flight.tracked is None else MovingTarget(flight.tracked, seed)
+        self._traffic = (
+            None
+            if flight.traffic is None
+            else Crossing(flight.traffic, seed, self.settings.safety.limits, radius_m)
+        )
+        if self._traffic is not None:
+            self.record.passages = self._traffic.passages
         self._target_stands = not (flight.tracked or flight.target.turns or self._target_m_s.any())
-        changes = flight.spins or self._boxes or flight.carried or flight.join or flight.leave_share
+        changes = (
+            flight.traffic
+            or flight.spins
+            or self._boxes
+            or flight.carried
+            or flight.join
+            or flight.leave_share
+        )
         only_assembles = self._target_stands and flight.ending == "none" and not changes
         self.stands = only_assembles and flight.law is LawName.SLOTS and not orbit.radius_m
 
@@ -103,6 +119,13 @@ class FormationRun(SimulatedFlight):
 
     def return_now(self) -> None:
         self._returns = not self._ended
+
+    def near_traffic(self) -> NearTraffic | None:
+        return (
+            None
+            if self._traffic is None
+            else self._traffic.near(self.time_s, self.world.position_m, self.memory)
+        )
 
     def sight(self) -> Sight | None:
         """What the radio, if the scenario has one, has delivered by now."""
@@ -184,6 +207,8 @@ class FormationRun(SimulatedFlight):
 
     def finished(self) -> bool:
         """Whether all have landed; among random boxes, whether the last approach was `AFTER_BOXES_S` ago."""
+        if self._traffic is not None:
+            return self._traffic.is_over
         random = self.flight.random_obstacles
         if random is not None and random.arrives:
             return self._past_all_boxes()

@@ -12,6 +12,7 @@ from gcs.config.sections import OperationSettings
 from gcs.model.state import Array, Mask
 from gcs.safety.filter import Limits
 from gcs.simulation.article import article_figures
+from gcs.simulation.crossing import figures as crossing_figures
 from gcs.simulation.record import (
     THROUGH_M,
     FlightRecord,
@@ -540,6 +541,8 @@ def report(record: FlightRecord) -> dict[str, object]:
         "article": article_figures(record),
         "tick": ticks_ms(record),
     }
+    if record.passages is not None:
+        figures["traffic"] = crossing_figures(record.passages)
     if record.failsafes:
         acted = [
             {"time_s": rounded(when_s), "cause": why, "action": what}

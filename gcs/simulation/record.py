@@ -15,6 +15,7 @@ from gcs.formation.obstacles import Ellipse
 from gcs.model.jit import kernel
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array, Mask
+from gcs.simulation.crossing import Passage
 from gcs.simulation.scenario import Scenario
 
 Index: TypeAlias = NDArray[np.intp]
@@ -52,6 +53,7 @@ class FlightRecord:
     )  # (n,) distance of each vehicle from its slot, with losses or on a sphere that stands; NaN: none, or
     # closed to it
     slot_m: Array = field(init=False)  # (n, 3) the newest slots, where `off_slot_m` has distances
+    passages: list[Passage] | None = None  # of traffic; None: there is none
     failsafes: list[tuple[float, str, str]] = field(default_factory=list)  # time, cause, action
     orbit_radius_m: float = 0.0
     busy_s: float = 0.0  # processor time of the whole flight

@@ -18,6 +18,7 @@ from gcs.links.autopilots import AUTOPILOTS, DEFAULT
 from gcs.model.errors import ConfigError, quoted
 from gcs.model.plan import MAX_OBSTACLES, LawName
 from gcs.model.settings import NotNegative, Positive, Settings
+from gcs.model.traffic import Cylinder
 from gcs.shows.format import StandingBox
 from gcs.sim.targets.motions import KINDS
 from gcs.simulation import ROWS
@@ -123,6 +124,22 @@ class TrackedTarget(Settings):
         return name
 
 
+class CrossingTraffic(Cylinder):
+    """Tracks that cross the formation one after the other, each reported from some distance on."""
+
+    count: Annotated[int, Field(ge=1)] = 10
+    from_m: Positive = 300.0  # from here on a track is reported
+    speed_min_m_s: Positive = 5.0
+    speed_max_m_s: Positive = 30.0
+    aside_m: NotNegative = 10.0  # most by which it misses the centre of the formation as it is then
+    above_m: NotNegative = 5.0  # likewise above or below
+    rate_hz: Positive = 1.0
+    noise_m: Positive = 3.0  # one sigma along each axis
+    noise_m_s: Positive = 0.5
+    delay_s: NotNegative = 1.0
+    velocity: bool = True  # whether it is reported too
+
+
 class ScenarioSpin(Settings):
     """The formation's spin from a time on."""
 
@@ -216,6 +233,7 @@ class FormationFlight(Settings):
     center_moves_from_s: NotNegative = 0.0
     target: TargetPath = TargetPath()
     tracked: TrackedTarget | None = None  # instead of `target`
+    traffic: CrossingTraffic | None = None
     spins: tuple[ScenarioSpin, ...] = ()
     boxes: tuple[ScenarioBox, ...] = ()
     random_obstacles: RandomObstacles | None = (

@@ -38,6 +38,7 @@ from gcs.planning.return_paths.planner import (
 )
 from gcs.planning.return_paths.planner import warm_up as warm_up_planner
 from gcs.safety.floor import Floor, pairs_that_count, scaled_distance_m
+from gcs.safety.near_traffic import NearTraffic
 from gcs.simulation import initial_states as layout
 from gcs.simulation.autopilots import responses
 from gcs.simulation.decide import Decided, Decider, Divide
@@ -179,6 +180,10 @@ class SimulatedFlight:
         """What the vehicles received from each other by now; None: the law is computed on the ground."""
         return None
 
+    def near_traffic(self) -> NearTraffic | None:
+        """Traffic that vehicles keep clear of in this tick; None: there is none."""
+        return None
+
     def _tick(self) -> None:
         fleet = self.world.receive()
         if self.losses.advance(self.world, fleet, self.memory, self.settings.telemetry_age_max_s):
@@ -199,7 +204,7 @@ class SimulatedFlight:
             drift=self.losses.drift,
             silent_segments=self.losses.silent_segments,
         )
-        decided = self._decide(fleet, self.led(tasks))
+        decided = self._decide(fleet, self.led(replace(tasks, near_traffic=self.near_traffic())))
         self.memory = decided.memory
         self._mind_failsafes(fleet)
         self._keep(decided)

@@ -91,6 +91,7 @@ EVERYTHING = [
     "height 30",
     "target show",
     "target list",
+    "traffic",
     "target select boat",
     "target report boat 47.3977 8.5456 --north-m-s 1.5",
     "target hold",

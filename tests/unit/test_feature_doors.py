@@ -50,7 +50,13 @@ FEATURES: Final = {
         r"|(?:state|estimation|links|sim) \. targets\b|\./targets",
         r"targets?|tracker",
         16,
-        14,
+        15,  # traffic is received as targets are
+    ),
+    "traffic": Named(  # of others; `gcs/safety/traffic.py` is of the own vehicles
+        r"TrafficView|TrafficSettings|TrafficSource|TrackTable|OtherTraffic|features\??\.traffic|\./traffic",
+        r"traffic|tracks",
+        6,
+        9,
     ),
 }
 

@@ -122,6 +122,10 @@ class Commander(VehicleCommands):
         """Record that the remaining vehicles close a gap; nothing is sent."""
         return self._done("re-form", self._not_ours())
 
+    def note_descended(self) -> CommandRecord:
+        """Record that the formation flies on lower."""
+        return self._done("descend")
+
     def note_target_held(self) -> CommandRecord:
         """Record that the target is held: the vehicles follow a target at rest."""
         return self._done("hold-target")

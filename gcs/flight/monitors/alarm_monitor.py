@@ -55,7 +55,9 @@ OF_FAILSAFE: Final = {
     Cause.TARGET_STALE: AlarmCause.TARGET_STALE,
     Cause.SERVICE_LATE: AlarmCause.SERVICE_LATE,
 }
-"""Lost vehicles are seen by their phase; what the service does about them is the failsafe's alarm."""
+"""Lost vehicles are seen by their phase; what the service does about them is the failsafe's alarm. Manned
+aircraft are alarmed of by what receives them.
+"""
 
 WAIT_FOR_A_COMMAND: Final = (
     "[It waits|They wait] for a command: take-over or bring-home for all, take-control for"
@@ -75,6 +77,7 @@ SHOW_FOLLOWS: Final = {
     Action.RE_FORM: "Formation closes the gap.",
     Action.HOLD_TARGET: "The target stays where it was.",
     Action.PAUSE: "The show is paused.",
+    Action.DESCEND: "The formation flies on lower, and stays there.",
     Action.RETURN: "The show comes home.",
     Action.LAND: "The show lands.",
 }

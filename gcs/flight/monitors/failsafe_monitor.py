@@ -82,6 +82,7 @@ class FailsafeMonitor:
         self._held: dict[tuple[str, str], bool] = {}
         self._lost_before: set[str] = set()
         self._paused_since_s: float | None = None
+        self._descended = False  # for what is near now
         self.active: tuple[ActiveFailsafe, ...] = ()
 
     def look(self) -> None:
@@ -118,6 +119,8 @@ class FailsafeMonitor:
             self.clock.late_s,
             self.link_delay.late_s,
             self.link_quality.share,
+            self.newest.manned,
+            self._descended or (self.show.run is None and self.show.phase in FORMED),
         )
 
     def _roles(self) -> Roles:
@@ -156,7 +159,7 @@ class FailsafeMonitor:
                 severities[row] = max(STANDING[vehicle.phase], sent)
         possible = {Action.RETURN, Action.LAND}
         if self.show.phase in FORMED:
-            possible |= {Action.PAUSE, Action.RE_FORM, Action.HOLD_TARGET}
+            possible |= {Action.PAUSE, Action.RE_FORM, Action.HOLD_TARGET, Action.DESCEND}
         led = self.show.phase not in ON_THE_GROUND | {ShowPhase.UNCONTROLLED}
         able = frozenset() if not led else frozenset(possible)
         return Standing(of_show, severities, able)
@@ -164,12 +167,25 @@ class FailsafeMonitor:
     def _of_show(self, request: FailsafeRequest) -> CommandRecord:
         if request.action is Action.RE_FORM:
             return self.commander.note_re_formed()
+        if request.action is Action.DESCEND:
+            self._descend()
+            return self.commander.note_descended()
         if request.action is Action.HOLD_TARGET:
             self.show_player.hold_target()
             return self.commander.note_target_held()
         return self.commander.execute_show_failsafe(
             SHOW_COMMAND[request.action], f"{request.cause}: {request.reason}"
         )
+
+    def _descend(self) -> None:
+        """Have the formation fly on lower, as low as its sphere fits above the fence's least height."""
+        plan, safety = self.in_force.plan, self.in_force.control.safety
+        least_m = safety.fence.height_min_m + plan.formation.radius_m + safety.floor.margin_m
+        height_m = max(self.settings.manned_aircraft.to_height_m, least_m)
+        self._descended = True
+        if height_m < plan.formation.height_m:
+            lower = replace(plan.formation, height_m=height_m)
+            self.in_force.plan = replace(plan, formation=lower)
 
     def _act(self, request: FailsafeRequest) -> FailsafeRequest | None:
         """Command the vehicles of a request; a climbing vehicle is not stopped, but may be landed."""
@@ -196,6 +212,7 @@ class FailsafeMonitor:
     def _show(self, requests: Sequence[FailsafeRequest]) -> None:
         """Update the active failsafes for display, and log those that are over."""
         lasting = {(request.cause, request.action) for request in requests}
+        self._descended = self._descended and any(cause is Cause.MANNED_AIRCRAFT for cause, _ in lasting)
         self._commanded = {key: command for key, command in self._commanded.items() if key in lasting}
         for failsafe in self.active:
             if not any(cause == failsafe.cause for cause, _ in lasting):

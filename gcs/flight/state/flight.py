@@ -498,6 +498,8 @@ class Flight:
         tasks, show_run = self._tasks_now(), self.show.run
         if show_run is not None and show_run.goals is not None:
             tasks = tasks.led_by(show_run.goals, moves=show_run.moves)
+        if self.newest.near_traffic is not None:
+            tasks = replace(tasks, near_traffic=self.newest.near_traffic)
         self.last_tasks = tasks
         return tasks
 

@@ -19,6 +19,7 @@ from gcs.model.state import (
     Whereabouts,
     whereabouts,
 )
+from gcs.safety.near_traffic import NearTraffic
 
 
 class Newest:
@@ -32,6 +33,9 @@ class Newest:
     silent: Mask  # see `gcs.estimation.link_health`
     has_heartbeat: Mask  # within `operation.silence_s`
     without_heartbeat: dict[VehicleId, str]  # airborne, sends positions: since when, in words
+
+    near_traffic: NearTraffic | None = None  # traffic that vehicles keep clear of in the next tick
+    manned: str = ""  # a manned aircraft that is too near, in words; empty: there is none
 
     def position_m(self, vehicle: Vehicle) -> Array:
         """(3,) Newest position, show frame."""

@@ -46,7 +46,7 @@ class ConfiguredTarget:
             Tracker(settings.deviation_m, settings.coast_s, SourceClock(settings.delay_s))
             for _ in settings.sources
         ]
-        intakes = [intake_of(settings.name, source) for source in settings.sources]
+        intakes = [intake_of(f"target {settings.name}", source) for source in settings.sources]
         return ConfiguredTarget(settings, TargetEstimate(trackers), intakes, [""] * len(trackers))
 
     def why(self, now_s: float) -> str:

@@ -21,6 +21,7 @@ from gcs.links.targets.numbers import (
 )
 from gcs.model.errors import LinkError, cut
 from gcs.model.target_fix import TargetFix
+from gcs.model.traffic import TrackKind
 
 LONGEST_BYTES: Final = 1 << 16
 SHORTEST_BYTES: Final = 60
@@ -119,6 +120,9 @@ class CotStream:
         self.messages += 1
         if not event.of("event", "type").startswith("a-"):  # chat, pings, drawings
             return []
+        return self._of_event(event, now_s)
+
+    def _of_event(self, event: _Event, now_s: float) -> list[TargetFix]:
         uid, callsign = event.of("event", "uid"), event.of("contact", "callsign")
         if self._track not in {uid, callsign}:
             self._others.add(callsign or uid)
@@ -145,7 +149,29 @@ class CotStream:
             height_deviation_m=_error_m(event, "le"),
             source_s=utc_s(event.of("event", "time")),
             track=cut(name),
+            kind=_kind(event.of("event", "type")),
         )
+
+
+class CotTraffic(CotStream):
+    """Fixes of all tracks, each by its uid."""
+
+    def __init__(self, geoid_m: float | None = None) -> None:
+        super().__init__("", geoid_m)
+
+    def _of_event(self, event: _Event, now_s: float) -> list[TargetFix]:
+        uid = event.of("event", "uid")
+        self.why = why_nowhere(event.of("point", "lat"), event.of("point", "lon"))
+        return [self._fix(event, uid, now_s)] if uid and not self.why else []
+
+
+def _kind(type_of_event: str) -> TrackKind:
+    """By the battle dimension, as in `a-f-A-M-F-Q`; drones are aircraft with the function Q."""
+    parts = type_of_event.split("-")
+    dimension = parts[2] if len(parts) > 2 else ""
+    if dimension == "A":
+        return "unmanned" if "Q" in parts[3:] else "manned"
+    return {"S": "vessel", "U": "vessel", "G": "ground"}.get(dimension, "manned")  # type: ignore[return-value]
 
 
 def _error_m(event: _Event, name: str) -> float:

@@ -4,8 +4,9 @@ import asyncio
 import logging
 from collections.abc import Callable
 from contextlib import aclosing
+from functools import partial
 from math import cos, hypot, inf, isfinite, nan, radians, sin
-from typing import Final, TypeAlias
+from typing import Final, Literal, Protocol, TypeAlias
 from urllib.parse import urlsplit
 
 import numpy as np
@@ -18,6 +19,7 @@ from gcs.mavlink import codec
 from gcs.mavlink.framing import GLOBAL_POSITION_INT, GPS_RAW_INT, Frame
 from gcs.model.errors import LinkError
 from gcs.model.target_fix import TargetFix
+from gcs.model.traffic import TrackKind
 
 log = logging.getLogger(__name__)
 
@@ -46,6 +48,14 @@ OLD_S: Final = 60
 
 SPEED_MAX_M_S: Final = 350.0
 ALTITUDE_MIN_M, ALTITUDE_MAX_M = -500.0, 20_000.0
+KIND_OF_EMITTER: Final[dict[int, TrackKind]] = {
+    common.ADSB_EMITTER_TYPE_UAV: "unmanned",
+    common.ADSB_EMITTER_TYPE_EMERGENCY_SURFACE: "ground",
+    common.ADSB_EMITTER_TYPE_SERVICE_SURFACE: "ground",
+    common.ADSB_EMITTER_TYPE_POINT_OBSTACLE: "ground",
+}
+"""Any other emitter is manned, or may be."""
+
 AIS_DEVIATION_M: Final = {True: 5.0, False: 20.0}
 """AIS says no more of its position than whether it is good to 10 m."""
 
@@ -64,17 +74,38 @@ async def keep_receiving(
     source: MavlinkSource, take: Callable[[TargetFix], None], failed: Callable[[str], None], intake: Intake
 ) -> None:
     """Listen without end: give each report to `take`, why there are none to `failed`."""
-    logged, clock, url = "", asyncio.get_running_loop().time, urlsplit(source.at)
+    await keep_listening(source.at, partial(TargetReports, source), take, failed, intake)
+
+
+class Reports(Protocol):
+    """What makes reports of datagrams."""
+
+    def take(self, data: bytes, now_s: float) -> list[TargetFix]:
+        """Those of a turn. Never raises."""
+
+    def why_silent(self, now_s: float) -> str:
+        """Why there were none lately, in words; empty: there were, or it was said."""
+
+
+async def keep_listening(
+    at: str,
+    begin: Callable[[float], Reports],
+    take: Callable[[TargetFix], None],
+    failed: Callable[[str], None],
+    intake: Intake,
+) -> None:
+    """Listen without end, with what `begin` makes at its time."""
+    logged, clock, url = "", asyncio.get_running_loop().time, urlsplit(at)
 
     def name(why: str) -> None:
         nonlocal logged
         if why != logged:
-            log.warning("target_interrupted", extra={"source": source.at, "cause": why})
+            log.warning("target_interrupted", extra={"source": at, "cause": why})
         logged = why
         failed(why)
 
     while True:
-        reports = TargetReports(source, clock())
+        reports = begin(clock())
         try:
             async with aclosing(datagrams(url.hostname or "", url.port or 0, intake)) as batches:
                 async for batch in batches:
@@ -85,7 +116,7 @@ async def keep_receiving(
                     if why := reports.why_silent(clock()):
                         name(why)
         except (OSError, UnicodeError, ValueError) as error:  # a host's name, a port beyond the last
-            name(f"{source.at} cannot be opened: {error}")
+            name(f"{at} cannot be opened: {error}")
         await asyncio.sleep(RETRY_S)
 
 
@@ -133,20 +164,20 @@ class TargetReports:
         if now_s - self._report_s < SILENT_S or now_s - self._named_s < 1.0:
             return ""
         self._named_s = now_s
-        system = f"system {self._source.system_id}"
-        others = {name: at_s for name, at_s in self._systems.items() if name != str(self._source.system_id)}
+        name = f"system {self._source.system_id}"
+        others = {each: at_s for each, at_s in self._systems.items() if each != str(self._source.system_id)}
         systems, reported = _recent(others, now_s), _recent(self._tracks, now_s)
         silent_s = now_s - self._systems.get(str(self._source.system_id), -inf)
         if now_s - self._refused[1] < SILENT_S:
-            return f"{system}: {self._refused[0]}"
+            return f"{name}: {self._refused[0]}"
         if silent_s < SILENT_S and self._track:
-            return f"{system} does not report {self._track}; reported: {reported or 'no track'}"
+            return f"{name} does not report {self._track}; reported: {reported or 'no track'}"
         if silent_s < SILENT_S:
-            return f"{system} sends neither GLOBAL_POSITION_INT nor FOLLOW_TARGET"
+            return f"{name} sends neither GLOBAL_POSITION_INT nor FOLLOW_TARGET"
         if silent_s < inf:
-            return f"{system} has sent nothing for {silent_s:.0f} s"
+            return f"{name} has sent nothing for {silent_s:.0f} s"
         if systems:
-            return f"{system} is not received; received: {systems}"
+            return f"{name} is not received; received: {systems}"
         if now_s - self._useless_s < SILENT_S:
             return f"what arrives at {self._source.at} is not MAVLink, or damaged"
         return f"nothing arrives at {self._source.at}"
@@ -157,7 +188,7 @@ class TargetReports:
         if frame.system_id != self._source.system_id:
             return None
         if frame.message_id == GPS_RAW_INT:
-            self._accuracy = _accuracy(_record(frame)), now_s
+            self._accuracy = _accuracy(record_of(frame)), now_s
         reader = self._readers.get(frame.message_id)
         return None if reader is None else reader(frame, now_s)
 
@@ -173,31 +204,15 @@ class TargetReports:
     def _global_position(self, frame: Frame, now_s: float) -> TargetFix | None:
         if not self._is_followed(frame, now_s):
             return None
-        record = _record(frame)
-        latitude_deg, longitude_deg = place(int(record["lat"]), int(record["lon"]))
-        moves = [int(record[axis]) for axis in ("vx", "vy", "vz")]
-        is_unknown = any(speed in _UNKNOWN_SPEED for speed in moves)
-        north_m_s, east_m_s, down_m_s = UNKNOWN if is_unknown else (0.01 * speed for speed in moves)
+        record = record_of(frame)
         accuracy, accuracy_s = self._accuracy
-        deviation_m, height_m, velocity_m_s = accuracy if now_s - accuracy_s <= ACCURACY_S else UNKNOWN
-        return TargetFix(
-            now_s,
-            latitude_deg,
-            longitude_deg,
-            _altitude_m(_millimetres(record["alt"])),
-            north_m_s,
-            east_m_s,
-            down_m_s,
-            deviation_m,
-            height_m,
-            velocity_m_s,
-            self._clock.seconds(int(record["time_boot_ms"])),
-        )
+        reported = accuracy if now_s - accuracy_s <= ACCURACY_S else UNKNOWN
+        return system(record, now_s, reported, self._clock.seconds(int(record["time_boot_ms"])))
 
     def _follow_target(self, frame: Frame, now_s: float) -> TargetFix | None:
         if not self._is_followed(frame, now_s):
             return None
-        record = _record(frame)
+        record = record_of(frame)
         capabilities = int(record["est_capabilities"])
         if not capabilities & _HAS_POSITION:
             raise LinkError(f"FOLLOW_TARGET without a position (est_capabilities {capabilities})")
@@ -220,71 +235,26 @@ class TargetReports:
         )
 
     def _aircraft(self, frame: Frame, now_s: float) -> TargetFix | None:
-        record, has = _record(frame), common
-        flags = int(record["flags"])
-        if not self._is_tracked(f"{int(record['ICAO_address']):06X}", now_s):
-            return None
-        if not flags & has.ADSB_FLAGS_VALID_COORDS:
-            raise LinkError(f"{self._track} without a valid position (flags {flags})")
-        has_height = flags & has.ADSB_FLAGS_VALID_ALTITUDE
-        if int(record["altitude_type"]) != has.ADSB_ALTITUDE_TYPE_GEOMETRIC:
-            has_height = 0  # a pressure is no height
-        moves = has.ADSB_FLAGS_VALID_HEADING | has.ADSB_FLAGS_VALID_VELOCITY
-        course = int(record["heading"]) if flags & moves == moves else _COURSES
-        climb = int(record["ver_velocity"]) if flags & has.ADSB_FLAGS_VERTICAL_VELOCITY_VALID else None
-        return self._tracked(
-            record,
-            now_s,
-            altitude_m=_altitude_m(_millimetres(record["altitude"])) if has_height else nan,
-            velocity=_along(course, int(record["hor_velocity"]), climb),
-        )
+        record = record_of(frame)
+        return self._tracked(record, aircraft, f"{int(record['ICAO_address']):06X}", now_s)
 
     def _vessel(self, frame: Frame, now_s: float) -> TargetFix | None:
-        record, has = _record(frame), common
-        flags = int(record["flags"])
-        if not self._is_tracked(f"{int(record['MMSI']):09d}", now_s):
-            return None
-        moves = has.AIS_FLAGS_VALID_COG | has.AIS_FLAGS_VALID_VELOCITY
-        is_moving = flags & (moves | has.AIS_FLAGS_HIGH_VELOCITY) == moves  # else faster than AIS can say
-        return self._tracked(
-            record,
-            now_s,
-            velocity=_along(int(record["COG"]) if is_moving else _COURSES, int(record["velocity"]), None),
-            deviation_m=AIS_DEVIATION_M[bool(flags & has.AIS_FLAGS_POSITION_ACCURACY)],
-        )
-
-    def _is_tracked(self, track: str, now_s: float) -> bool:
-        _remember(self._tracks, track, now_s)
-        return track == self._track
+        record = record_of(frame)
+        return self._tracked(record, vessel, f"{int(record['MMSI']):09d}", now_s)
 
     def _tracked(
-        self,
-        record: np.void,
-        now_s: float,
-        *,
-        velocity: Velocity,
-        altitude_m: float = nan,
-        deviation_m: float = nan,
+        self, record: np.void, read: Callable[[np.void, float], TargetFix], track: str, now_s: float
     ) -> TargetFix | None:
         """A report that may be old, or the same as before, which is none."""
-        latitude, longitude, age_s = (int(record[field]) for field in ("lat", "lon", "tslc"))
-        latitude_deg, longitude_deg = place(latitude, longitude)
-        if age_s > OLD_S:
-            raise LinkError(f"{self._track} was received {age_s} s ago (tslc); at most {OLD_S} s count")
-        before, self._seen = self._seen, (latitude, longitude, age_s)
-        if before[:2] == (latitude, longitude) and age_s > before[2]:
+        _remember(self._tracks, track, now_s)
+        if track != self._track:
+            return None
+        fix = read(record, now_s)
+        before, self._seen = self._seen, (int(record["lat"]), int(record["lon"]), int(record["tslc"]))
+        if before[:2] == self._seen[:2] and self._seen[2] > before[2]:
             self._report_s = now_s
             return None
-        return TargetFix(
-            now_s,
-            latitude_deg,
-            longitude_deg,
-            altitude_m,
-            *velocity,
-            deviation_m=deviation_m,
-            source_s=now_s - age_s,
-            track=self._track,
-        )
+        return fix
 
 
 class BootClock:
@@ -305,6 +275,99 @@ class BootClock:
         else:
             return 1e-3 * (self._total_ms + ahead_ms)
         return 1e-3 * self._total_ms
+
+
+def system(
+    record: np.void,
+    now_s: float,
+    accuracy: Accuracy = UNKNOWN,
+    source_s: float = nan,
+    *,
+    track: str = "",
+    kind: TrackKind | Literal[""] = "",
+) -> TargetFix:
+    """A report of GLOBAL_POSITION_INT. Raises: LinkError with why it is none."""
+    latitude_deg, longitude_deg = place(int(record["lat"]), int(record["lon"]))
+    moves = [int(record[axis]) for axis in ("vx", "vy", "vz")]
+    is_unknown = any(speed in _UNKNOWN_SPEED for speed in moves)
+    north_m_s, east_m_s, down_m_s = UNKNOWN if is_unknown else (0.01 * speed for speed in moves)
+    return TargetFix(
+        now_s,
+        latitude_deg,
+        longitude_deg,
+        _altitude_m(_millimetres(record["alt"])),
+        north_m_s,
+        east_m_s,
+        down_m_s,
+        *accuracy,
+        source_s,
+        track,
+        kind,
+    )
+
+
+def aircraft(record: np.void, now_s: float) -> TargetFix:
+    """A report of ADSB_VEHICLE. Raises: LinkError with why it is none."""
+    has, flags, track = common, int(record["flags"]), f"{int(record['ICAO_address']):06X}"
+    if not flags & has.ADSB_FLAGS_VALID_COORDS:
+        raise LinkError(f"{track} without a valid position (flags {flags})")
+    has_height = flags & has.ADSB_FLAGS_VALID_ALTITUDE
+    if int(record["altitude_type"]) != has.ADSB_ALTITUDE_TYPE_GEOMETRIC:
+        has_height = 0  # a pressure is no height
+    moves = has.ADSB_FLAGS_VALID_HEADING | has.ADSB_FLAGS_VALID_VELOCITY
+    course = int(record["heading"]) if flags & moves == moves else _COURSES
+    climb = int(record["ver_velocity"]) if flags & has.ADSB_FLAGS_VERTICAL_VELOCITY_VALID else None
+    return _received(
+        record,
+        now_s,
+        track,
+        KIND_OF_EMITTER.get(int(record["emitter_type"]), "manned"),
+        altitude_m=_altitude_m(_millimetres(record["altitude"])) if has_height else nan,
+        velocity=_along(course, int(record["hor_velocity"]), climb),
+    )
+
+
+def vessel(record: np.void, now_s: float) -> TargetFix:
+    """A report of AIS_VESSEL. Raises: LinkError with why it is none."""
+    has, flags = common, int(record["flags"])
+    moves = has.AIS_FLAGS_VALID_COG | has.AIS_FLAGS_VALID_VELOCITY
+    is_moving = flags & (moves | has.AIS_FLAGS_HIGH_VELOCITY) == moves  # else faster than AIS can say
+    return _received(
+        record,
+        now_s,
+        f"{int(record['MMSI']):09d}",
+        "vessel",
+        velocity=_along(int(record["COG"]) if is_moving else _COURSES, int(record["velocity"]), None),
+        deviation_m=AIS_DEVIATION_M[bool(flags & has.AIS_FLAGS_POSITION_ACCURACY)],
+    )
+
+
+def _received(
+    record: np.void,
+    now_s: float,
+    track: str,
+    kind: TrackKind,
+    *,
+    velocity: Velocity,
+    altitude_m: float = nan,
+    deviation_m: float = nan,
+) -> TargetFix:
+    """A report of what a system has received some seconds ago."""
+    age_s = int(record["tslc"])
+    latitude_deg, longitude_deg = place(int(record["lat"]), int(record["lon"]))
+    if age_s > OLD_S:
+        raise LinkError(f"{track} was received {age_s} s ago (tslc); at most {OLD_S} s count")
+    return TargetFix(
+        now_s,
+        latitude_deg,
+        longitude_deg,
+        altitude_m,
+        *velocity,
+        deviation_m=deviation_m,
+        source_s=now_s - age_s,
+        track=track,
+        kind=kind,
+    )
 
 
 def place(latitude: int, longitude: int) -> tuple[float, float]:
@@ -353,7 +416,7 @@ def _positive(deviation: float) -> float:
     return float(deviation) if 0.0 < deviation < 1e6 else nan  # 4294967.295: unknown
 
 
-def _record(frame: Frame) -> np.void:
+def record_of(frame: Frame) -> np.void:
     """The fields of a frame: bytes that MAVLink 2 cut off are 0, those of newer definitions are left out."""
     dtype = codec.layout(frame.message_id).dtype
     record: np.void = np.frombuffer(frame.payload.ljust(dtype.itemsize, b"\0"), dtype, 1)[0]

@@ -24,23 +24,33 @@ from gcs.links.byte_sources import (
 from gcs.links.intake import Bound, Intake
 from gcs.links.settings import serial_port
 from gcs.links.targets import mavlink, path
-from gcs.links.targets.cot import CotStream
+from gcs.links.targets.cot import CotStream, CotTraffic
 from gcs.links.targets.gpsd import WATCH, GpsdStream
 from gcs.links.targets.nmea import NmeaStream
-from gcs.links.targets.settings import CotSource, GpsdSource, NmeaSource, RestSource, TargetSource
+from gcs.links.targets.settings import (
+    CotSource,
+    CotTracks,
+    GpsdSource,
+    MavlinkTracks,
+    NmeaSource,
+    RestSource,
+    TargetSource,
+    TrafficSource,
+)
+from gcs.links.targets.traffic import TrafficReports
 from gcs.model.errors import LinkError
 from gcs.model.target_fix import TargetFix
 
 TARGETS: Final = Bound(128_000, 1000)
 """A receiver sends up to 15 kB/s at 10 Hz, a server of TAK about 1 kB of each track every second."""
 
-FIXES_MAX: Final = 20
-"""Of those that arrive at once, the newest."""
+FIXES_MAX, TRACKS_MAX = 20, 200
+"""Of those that arrive at once, the newest: of one target, and of all traffic."""
 
 
-def intake_of(name: str, source: TargetSource) -> Intake:
-    """What bounds a source of that target."""
-    return Intake(f"target {name} {source.kind}", mavlink.TELEMETRY if source.kind == "mavlink" else TARGETS)
+def intake_of(name: str, source: TargetSource | TrafficSource) -> Intake:
+    """What bounds a source of that target, or of traffic."""
+    return Intake(f"{name} {source.kind}", mavlink.TELEMETRY if source.kind == "mavlink" else TARGETS)
 
 
 PATIENCE_S: Final = 2.0
@@ -73,8 +83,8 @@ class TargetStream(Protocol):
 class _Reports:
     """Gives fixes, and why there are none: each reason once."""
 
-    def __init__(self, take: Take, failed: Failed) -> None:
-        self._take, self._failed = take, failed
+    def __init__(self, take: Take, failed: Failed, most: int = FIXES_MAX) -> None:
+        self._take, self._failed, self._most = take, failed, most
         self._clock = asyncio.get_running_loop().time
         self._reason = self._why = ""
         self._fixed_s = self._begin_s = -inf
@@ -96,7 +106,7 @@ class _Reports:
         if fixes:
             self._fixed_s, self._why = now_s, ""
             self.failed("")
-            for fix in fixes[-FIXES_MAX:]:
+            for fix in fixes[-self._most :]:
                 self._take(fix)
             return count
         self._why = stream.why or self._why
@@ -139,6 +149,19 @@ RECEIVERS: Final[dict[str, Callable[[Any, Take, Failed, Intake], Awaitable[None]
 """What receives a source, by its kind."""
 
 
+async def keep_receiving_tracks(
+    source: TrafficSource, own: frozenset[int], take: Take, failed: Failed, intake: Intake
+) -> None:
+    """As `keep_receiving`, of all tracks that a source reports, without the MAVLink systems `own`."""
+    if isinstance(source, MavlinkTracks):
+        await mavlink.keep_listening(source.at, partial(TrafficReports, source.at, own), take, failed, intake)
+        return
+    secure = partial(_secured, source)
+    opened = partial(_opened, source.at, intake, secure=secure, interface=source.interface)
+    reports = _Reports(take, failed, TRACKS_MAX)
+    await _keep(source.at, "Cursor on Target", opened, partial(CotTraffic, source.geoid_m), reports)
+
+
 async def _keep(
     name: str,
     speaks: str,
@@ -173,7 +196,7 @@ async def _watch(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> Body:
     return Plain()
 
 
-def _secured(source: CotSource) -> ssl.SSLContext:
+def _secured(source: CotTracks) -> ssl.SSLContext:
     try:
         context = ssl.create_default_context(cafile=source.authority)
         if source.certificate is not None:

@@ -54,15 +54,13 @@ class GpsdSource(Settings):
     """The receiver that counts, as gpsd names it; empty: each."""
 
 
-class CotSource(Settings):
-    """A track in Cursor on Target, as TAK sends it."""
+class CotTracks(Settings):
+    """All tracks in Cursor on Target, as TAK sends them."""
 
     kind: Literal["cot"]
     """`cot`"""
     at: Annotated[str, Field(pattern=r"^(udp|tcp|tls)://[A-Za-z0-9.-]{1,253}:\d{1,5}$"), Reachable]
     """`udp://HOST:PORT` to receive at, also a multicast group; `tcp://` or `tls://` a server."""
-    track: Annotated[str, Field(max_length=100)]
-    """The uid or callsign of the track."""
     interface: Annotated[str, Field(pattern=r"^(\d{1,3}(\.\d{1,3}){3})?$")] = ""
     """IP address of this computer, where a multicast group is joined; empty: where the route leads."""
     geoid_m: Annotated[float, Field(ge=-110, le=90)] | None = None
@@ -73,13 +71,25 @@ class CotSource(Settings):
     """Certificate of the authority that signed the server's; without it those of this computer count."""
 
 
-class MavlinkSource(Settings):
-    """A MAVLink system that is listened to, and never commanded."""
+class CotSource(CotTracks):
+    """A track in Cursor on Target, as TAK sends it."""
+
+    track: Annotated[str, Field(max_length=100)]
+    """The uid or callsign of the track."""
+
+
+class MavlinkTracks(Settings):
+    """MAVLink systems that are listened to, and never commanded, and what they report by ADS-B and AIS."""
 
     kind: Literal["mavlink"]
     """`mavlink`"""
     at: Annotated[str, Field(pattern=_UDP), Reachable]
     """`udp://HOST:PORT` to receive at."""
+
+
+class MavlinkSource(MavlinkTracks):
+    """A MAVLink system that is listened to, and never commanded."""
+
     system_id: Annotated[int, Field(ge=1, le=255)]
     """The system that is followed; for ADS-B and AIS the one that reports them."""
     track: Annotated[str, Field(pattern=r"^([0-9A-Fa-f]{6}|[0-9]{9})?$")] = ""
@@ -129,3 +139,6 @@ class TargetSettings(Settings):
     """No vehicle comes nearer to it, sideways and in height, in m; 0: vehicles may."""
     height: Literal["ground", "reported"] = "ground"
     """Whether it is on the ground, at the origin's height, or as high as its sources report."""
+
+
+TrafficSource: TypeAlias = Annotated[MavlinkTracks | CotTracks, Field(discriminator="kind")]

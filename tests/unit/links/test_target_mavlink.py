@@ -80,7 +80,7 @@ def test_aircraft_of_the_system_is_a_track() -> None:
     (fix,), _, _ = taken(packed(aircraft(), aircraft(0xABCDEF)), track="4ca1b2")
     expected = approximately(
         arrived_s=0.25, altitude_amsl_m=900.0, north_m_s=0.0, east_m_s=50.0, down_m_s=-1.5, source_s=-0.75,
-        track="4CA1B2",
+        track="4CA1B2", kind="manned",
     )  # fmt: skip
     assert asdict(fix) == pytest.approx(expected, nan_ok=True, abs=1e-9)
 
@@ -93,7 +93,7 @@ def test_aircraft_of_the_system_is_a_track() -> None:
 def test_what_an_aircraft_does_not_say_is_unknown(message: common.MAVLink_adsb_vehicle_message) -> None:
     """A pressure is no height above mean sea level."""
     (fix,), _, _ = taken(packed(message), track="4CA1B2")
-    expected = approximately(arrived_s=0.25, source_s=-0.75, track="4CA1B2")
+    expected = approximately(arrived_s=0.25, source_s=-0.75, track="4CA1B2", kind="manned")
     assert asdict(fix) == pytest.approx(expected, nan_ok=True)
 
 

@@ -52,7 +52,7 @@ export interface components {
          * @description Cause of an alarm.
          * @enum {string}
          */
-        AlarmCause: "killed" | "terminated" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "land-now" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "target-lost" | "target-outruns" | "target-beyond" | "target-sources" | "target-near" | "target-no-room" | "obstacle-near" | "obstacle-waits" | "no-headway" | "no-way" | "radius-small" | "uncertain-position" | "little-authority" | "slow-vehicle" | "slow-answers" | "height-differs" | "moved-on-pad" | "corrections-stopped" | "timecode" | "clock-doubtful" | "silent" | "poor-link" | "no-heartbeat" | "input-flooded" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
+        AlarmCause: "killed" | "terminated" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "land-now" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "target-lost" | "target-outruns" | "target-beyond" | "target-sources" | "target-near" | "target-no-room" | "traffic-manned" | "traffic-near" | "traffic-crowded" | "traffic-unknown" | "obstacle-near" | "obstacle-waits" | "no-headway" | "no-way" | "radius-small" | "uncertain-position" | "little-authority" | "slow-vehicle" | "slow-answers" | "height-differs" | "moved-on-pad" | "corrections-stopped" | "timecode" | "clock-doubtful" | "silent" | "poor-link" | "no-heartbeat" | "input-flooded" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
         /** @description All alarms, and the overall severity. */
         AlarmList: {
             /** @description Lasting alarms before ended ones; the most severe first, of one severity the newest. */
@@ -277,6 +277,7 @@ export interface components {
             lights: components["schemas"]["LightsView"] | null;
             targets: components["schemas"]["TargetsView"] | null;
             timecode: components["schemas"]["TimecodeView"] | null;
+            traffic: components["schemas"]["TrafficView"] | null;
         };
         /** @description A polygon on the ground, at every height. */
         FenceArea: {
@@ -1542,6 +1543,18 @@ export interface components {
                     };
                 };
             };
+            "/api/v1/traffic": {
+                get: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["TrafficView"];
+                            };
+                        };
+                    };
+                };
+            };
             "/api/v1/vehicles": {
                 get: {
                     parameters: Record<string, never>;
@@ -2370,6 +2383,55 @@ export interface components {
             state: "none" | "running" | "dropped-out" | "stopped" | "lost" | "refused";
             /** @description How fast the show runs; 0: it stands still; null: none. */
             tempo: number | null;
+        };
+        /** @description One track of other traffic. Show frame. */
+        TrackView: {
+            /** @description Of its newest report. */
+            age_s: number;
+            /** @description From the nearest vehicle's side of the formation, now. */
+            away_m: number;
+            climb_m_s: number | null;
+            /** @description Standard deviation of its place, along an axis. */
+            deviation_m: number;
+            /** @description Whether vehicles keep clear of it now. */
+            evaded: boolean;
+            /** @description Above the show's origin; null: not known. */
+            height_m: number | null;
+            id: string;
+            /**
+             * @description An aircraft that does not say counts as manned.
+             * @enum {string}
+             */
+            kind: "manned" | "unmanned" | "vessel" | "ground";
+            /** @description Whether operators are alarmed of it. */
+            near: boolean;
+            /** @description The same when it is nearest, if both go straight on. */
+            nearest_m: number;
+            /** @description When that is, in s from now. */
+            nearest_s: number;
+            velocity_x_m_s: number;
+            velocity_y_m_s: number;
+            x_m: number;
+            y_m: number;
+        };
+        /** @description Other traffic: aircraft, vessels, vehicles that are not of this show. */
+        TrafficView: {
+            /** @description Tracks that are known; at most 128, the nearest. */
+            known: number;
+            /** @description Manned aircraft that are too near. */
+            manned: number;
+            /** @description Tracks that come near the formation. */
+            near: number;
+            /** @description The nearest 64, the nearest first. */
+            nearest: components["schemas"]["TrackView"][];
+            /** @description Why traffic is not known; empty: its sources report. */
+            problem: string;
+            /** @description Of the cylinder around each track. */
+            radius_m: number;
+            /** @description Reports that were late, repeated or far off. */
+            refused: number;
+            /** @description Reports that were believed. */
+            reports: number;
         };
         /** @description One vehicle, as the service estimates it. Its numbers have the names of a frame's columns. */
         Vehicle: {

@@ -1,0 +1,233 @@
+"""All reported traffic in a table of bounded size, each track by a filter of constant velocity. Pure.
+
+A report corrects one row, and all rows are foreseen at once: a hundred tracks cost a tick little. Along x and
+y a track is known equally well, so that it has two covariances: sideways and up. Show frame, z down.
+"""
+
+from dataclasses import dataclass, field
+from math import hypot, inf, isfinite, nan
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from gcs.model.state import Array, Mask
+
+TRACKS_KEPT: Final = 128
+"""The nearest to the show's origin are kept."""
+
+FARTHEST_M: Final = 100_000.0
+
+AGILITY: Final = (2.0, 0.5)
+"""Power of the random acceleration, sideways and up, in m^2/s^3: turns of 3 degrees a second at 30 m/s."""
+
+UNKNOWN_M_S: Final = (20.0, 5.0)
+"""Standard deviation of a velocity that was not reported yet, along each axis sideways, and up."""
+
+GATE: Final = 5.0
+GATE_LEAST_M: Final = 30.0
+"""A report farther than so many deviations, and this, from where its track is expected is not believed."""
+
+AGAIN: Final = 3
+"""A track begins anew at the place of so many reports in a row that were not believed."""
+
+STANDS_M_S: Final = 0.5
+"""A place that is repeated to the digit, of a track that is faster, is old."""
+
+SLOW_M_S: Final = (1.5, 2.5)
+"""Slower than the first a track is flown round, faster than the second it is evaded; else as before."""
+
+_X, _Y, _Z, _VX, _VY, _VZ, _SIDE, _UP, _WIDTH = 0, 1, 2, 3, 4, 5, 6, 9, 12
+
+
+@dataclass(frozen=True, slots=True)
+class TrackReport:
+    """A report of one track, show frame, z down. NaN where its source does not say."""
+
+    id: str
+    kind: str
+    arrived_s: float
+    was_s: float  # when it was there, loop clock
+    position_m: tuple[float, float, float]
+    velocity_m_s: tuple[float, float, float] = (nan, nan, nan)
+    deviation_m: float = 10.0
+    height_deviation_m: float = 10.0
+    velocity_deviation_m_s: float = 0.5
+
+
+class TracksNow(NamedTuple):
+    """All tracks at one time, k rows."""
+
+    ids: tuple[str, ...]
+    kinds: tuple[str, ...]
+    position_m: Array  # (k, 3) z NaN: its height is not known
+    velocity_m_s: Array  # (k, 3)
+    spread: Array  # (k, 2, 3) as of `gcs.safety.near_traffic`
+    age_s: Array  # (k,) of the newest report that is believed
+    slow: Mask  # (k,)
+
+
+@dataclass(slots=True, eq=False)
+class TrackTable:
+    """What is believed of every track. Whatever arrives, its size and the cost of a report are bounded.
+
+    Attributes:
+        forgotten_s: a track without a believed report for so long is forgotten.
+        accepted, outliers, late, repeated: how many reports were each.
+        crowded_s: when a track was left out last because nearer ones fill the table.
+    """
+
+    forgotten_s: float
+    accepted: int = 0
+    outliers: int = 0
+    late: int = 0
+    repeated: int = 0
+    crowded_s: float = -inf
+    _rows: dict[str, int] = field(default_factory=dict, init=False)
+    _free: list[int] = field(default_factory=lambda: list(range(TRACKS_KEPT)), init=False)
+    _kinds: list[str] = field(default_factory=lambda: [""] * TRACKS_KEPT, init=False)
+    _places: list[tuple[float, float, float]] = field(
+        default_factory=lambda: [(nan, nan, nan)] * TRACKS_KEPT, init=False
+    )  # as reported last
+    _refused: list[int] = field(default_factory=lambda: [0] * TRACKS_KEPT, init=False)  # reports in a row
+    _state: Array = field(default_factory=lambda: np.zeros((TRACKS_KEPT, _WIDTH)), init=False)
+    _time_s: Array = field(default_factory=lambda: np.full(TRACKS_KEPT, -inf), init=False)
+    _away_m: Array = field(default_factory=lambda: np.full(TRACKS_KEPT, -inf), init=False)
+    _slow: Mask = field(default_factory=lambda: np.zeros(TRACKS_KEPT, np.bool_), init=False)
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    def take(self, report: TrackReport) -> None:
+        """Take one report, whatever it says."""
+        x_m, y_m, _ = report.position_m
+        away_m = hypot(x_m, y_m)
+        if not away_m <= FARTHEST_M:
+            self.outliers += 1
+            return
+        row = self._rows.get(report.id)
+        if row is None:
+            row = self._place_for(report, away_m)
+            if row is not None:
+                self._begin(row, report, away_m)
+            return
+        if report.was_s < self._time_s[row]:
+            self.late += 1
+            return
+        state: list[float] = self._state[row].tolist()
+        place, self._places[row] = self._places[row], report.position_m
+        if place[:2] == report.position_m[:2] and hypot(state[_VX], state[_VY]) > STANDS_M_S:
+            self.repeated += 1
+            return
+        _move(state, report.was_s - float(self._time_s[row]))
+        off_m = hypot(x_m - state[_X], y_m - state[_Y])
+        if off_m > max(GATE * hypot(state[_SIDE] ** 0.5, report.deviation_m), GATE_LEAST_M):
+            self.outliers += 1
+            self._refused[row] += 1
+            if self._refused[row] >= AGAIN:
+                self._begin(row, report, away_m)
+            return
+        _correct(state, report)
+        self._keep(row, report, state, away_m)
+
+    def forget(self, now_s: float) -> None:
+        """Forget the tracks that are silent for too long."""
+        silent = np.flatnonzero((now_s - self._time_s > self.forgotten_s) & (self._away_m >= 0.0))
+        if len(silent):
+            gone = set(silent.tolist())
+            for name in [name for name, row in self._rows.items() if row in gone]:
+                self._drop(name)
+
+    def at(self, now_s: float) -> TracksNow:
+        """All tracks as they are expected at `now_s`; earlier than a track's newest report counts as that."""
+        rows = np.fromiter(self._rows.values(), np.intp, len(self._rows))
+        state, age_s = self._state[rows], now_s - self._time_s[rows]
+        later_s = np.maximum(age_s, 0.0)
+        velocity_m_s = state[:, _VX:_SIDE]
+        position_m = state[:, :_VX] + later_s[:, None] * velocity_m_s
+        spread = np.empty((len(rows), 2, 3))
+        for axis, (first, power) in enumerate(zip((_SIDE, _UP), AGILITY, strict=True)):
+            place, both, moves = state[:, first : first + 3].T
+            spread[:, axis, 0] = place + later_s * (2.0 * both + later_s * (moves + power * later_s / 3.0))
+            spread[:, axis, 1] = both + later_s * (moves + power * later_s / 2.0)
+            spread[:, axis, 2] = moves + power * later_s
+        speed_m_s = np.hypot(velocity_m_s[:, 0], velocity_m_s[:, 1])
+        slow = np.where(self._slow[rows], speed_m_s < SLOW_M_S[1], speed_m_s < SLOW_M_S[0])
+        self._slow[rows] = slow
+        kinds = tuple(self._kinds[row] for row in self._rows.values())
+        return TracksNow(tuple(self._rows), kinds, position_m, velocity_m_s, spread, age_s, slow)
+
+    def _place_for(self, report: TrackReport, away_m: float) -> int | None:
+        """A row for a new track: free, or that of the farthest if this is nearer; None: it is left out."""
+        if not self._free:
+            self.crowded_s = report.arrived_s
+            farthest = int(self._away_m.argmax())
+            if away_m >= self._away_m[farthest]:
+                return None
+            self._drop(next(name for name, row in self._rows.items() if row == farthest))
+        self._rows[report.id] = row = self._free.pop()
+        return row
+
+    def _drop(self, name: str) -> None:
+        row = self._rows.pop(name)
+        self._away_m[row] = self._time_s[row] = -inf
+        self._free.append(row)
+
+    def _begin(self, row: int, report: TrackReport, away_m: float) -> None:
+        state = [0.0] * _WIDTH
+        state[_X], state[_Y], state[_Z] = report.position_m[0], report.position_m[1], nan
+        state[_SIDE], state[_UP] = report.deviation_m**2, report.height_deviation_m**2
+        state[_SIDE + 2], state[_UP + 2] = (deviation**2 for deviation in UNKNOWN_M_S)
+        self._slow[row] = False
+        _correct(state, report, place=False)
+        self._keep(row, report, state, away_m)
+
+    def _keep(self, row: int, report: TrackReport, state: list[float], away_m: float) -> None:
+        self._state[row], self._time_s[row], self._away_m[row] = state, report.was_s, away_m
+        self._places[row], self._kinds[row], self._refused[row] = report.position_m, report.kind, 0
+        self.accepted += 1
+
+
+def _move(state: list[float], dt_s: float) -> None:
+    for axis in range(3):
+        state[axis] += dt_s * state[_VX + axis]
+    for first, power in zip((_SIDE, _UP), AGILITY, strict=True):
+        place, both, moves = state[first : first + 3]
+        state[first] = place + dt_s * (2.0 * both + dt_s * (moves + power * dt_s / 3.0))
+        state[first + 1] = both + dt_s * (moves + power * dt_s / 2.0)
+        state[first + 2] = moves + power * dt_s
+
+
+def _correct(state: list[float], report: TrackReport, *, place: bool = True) -> None:
+    """Correct a row by what a report says, of its place and of its velocity."""
+    height_m = report.position_m[2]
+    if isfinite(height_m) and not isfinite(state[_Z]):
+        state[_Z], state[_UP] = height_m, report.height_deviation_m**2
+    if place:
+        _pull(state, (_X, _Y), _SIDE, report.position_m, 0, report.deviation_m)
+        if isfinite(height_m):
+            _pull(state, (_Z,), _UP, report.position_m, 0, report.height_deviation_m)
+    if isfinite(report.velocity_m_s[0]) and isfinite(report.velocity_m_s[1]):
+        _pull(state, (_X, _Y), _SIDE, report.velocity_m_s, 1, report.velocity_deviation_m_s)
+    if isfinite(report.velocity_m_s[2]):
+        _pull(state, (_Z,), _UP, report.velocity_m_s, 1, report.velocity_deviation_m_s)
+
+
+def _pull(
+    state: list[float],
+    axes: tuple[int, ...],
+    first: int,
+    reported: tuple[float, float, float],
+    moves: int,
+    deviation: float,
+) -> None:
+    """Pull `axes` towards what is reported: places, or with `moves` = 1 velocities."""
+    place, both, speed = state[first : first + 3]
+    seen = (speed if moves else place) + deviation**2
+    of_place, of_speed = (both / seen, speed / seen) if moves else (place / seen, both / seen)
+    for axis in axes:
+        missed = reported[axis] - state[axis + (_VX if moves else 0)]
+        state[axis] += of_place * missed
+        state[axis + _VX] += of_speed * missed
+    state[first] = place - of_place * (both if moves else place)
+    state[first + 1] = both - of_place * (speed if moves else both)
+    state[first + 2] = speed - of_speed * (speed if moves else both)

@@ -1,0 +1,295 @@
+"""Other traffic: what sources report, what vehicles keep clear of, and what operators are to know."""
+
+import asyncio
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import partial
+from math import inf, isfinite, nan
+from typing import Final
+
+import numpy as np
+
+from gcs.control.traffic import Sphere, announced, approaches, tracks_near
+from gcs.estimation.targets.source_clock import AGREES_S, AHEAD_S
+from gcs.estimation.traffic import TrackReport, TracksNow, TrackTable
+from gcs.failsafe.policy import Cause
+from gcs.flight.state.feature import Feature, Instant
+from gcs.flight.state.newest import Newest
+from gcs.links.features import TrafficSettings
+from gcs.links.intake import Intake
+from gcs.links.targets.receive import intake_of, keep_receiving_tracks
+from gcs.model.frames import ShowFrame
+from gcs.model.lifecycle import ON_THE_GROUND
+from gcs.model.preflight_report import Check, State
+from gcs.model.target_fix import TargetFix
+from gcs.service.alarms import AlarmCause, Condition
+from gcs.service.features import TrackView, TrafficView
+
+SHOWN_MAX: Final = 64
+"""Tracks that displays are sent, the nearest."""
+
+NAMED_S: Final = 3.0
+"""What is wrong with a source of MAVLink is named again every second while it lasts."""
+
+CROWDED_S: Final = 10.0
+"""So long after a track was left out operators know of it."""
+
+DEVIATION_M: Final = 15.0
+"""Standard deviation of a report along each axis, where its source does not say; up and down as well."""
+
+DEVIATION_M_S: Final = 1.0
+
+
+@dataclass(eq=False)
+class _Source:
+    """One source: what bounds it, and what is wrong with it."""
+
+    intake: Intake
+    repeats: bool  # what is wrong is named again while it lasts
+    problem: str = ""
+    named_s: float = -inf
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Around:
+    """All traffic at one tick."""
+
+    traffic: TracksNow
+    sphere: Sphere
+    announced: tuple[int, ...] = ()  # rows of those that come near
+    manned: tuple[int, ...] = ()  # rows of manned aircraft in the space where they are an emergency
+    evaded: frozenset[str] = field(default_factory=frozenset)  # that vehicles keep clear of
+    left_out: int = 0  # of these, for their number
+
+
+class OtherTraffic(Feature):
+    """All traffic of one station. Used on the event loop only."""
+
+    name = "traffic"
+
+    def __init__(
+        self,
+        settings: TrafficSettings | None,
+        frame: ShowFrame,
+        newest: Newest,
+        own_systems: frozenset[int],
+        unix_minus_loop_s: Callable[[], float],
+        follows: str,
+    ) -> None:
+        """Know of none yet.
+
+        Args:
+            settings: None: there are no sources.
+            frame: of the show.
+            newest: time, vehicles and centre; it is told what they keep clear of.
+            own_systems: system ids of the vehicles.
+            unix_minus_loop_s: this computer's clock minus the loop's; NaN: it is not to be trusted.
+            follows: what the failsafe of manned aircraft does.
+        """
+        self._follows = f"Failsafe {Cause.MANNED_AIRCRAFT}: {follows}."
+        self._settings, self._frame, self._newest = settings, frame, newest
+        self._own_systems, self._unix_minus_loop_s = own_systems, unix_minus_loop_s
+        sources = () if settings is None else settings.sources
+        self._own = frozenset(() if settings is None else (name.upper() for name in settings.own))
+        self._sources = [_Source(intake_of("traffic", each), each.kind == "mavlink") for each in sources]
+        self._table = TrackTable(1.0 if settings is None else settings.forgotten_s)
+        self._seen: _Around | None = None
+        self.intakes = [source.intake for source in self._sources]
+
+    async def receive(self) -> None:
+        if self._settings is None:
+            return
+        async with asyncio.TaskGroup() as group:
+            for number, source in enumerate(self._settings.sources):
+                take, failed = partial(self.take, number), partial(self.failed, number)
+                intake = self._sources[number].intake
+                group.create_task(
+                    keep_receiving_tracks(source, self._own_systems, take, failed, intake),
+                    name=f"traffic/{number}",
+                )
+
+    def take(self, source: int, fix: TargetFix) -> None:
+        """Take a report of one of the sources, by its index."""
+        self._sources[source].problem = ""
+        if fix.track.upper() in self._own or self._settings is None:
+            return
+        altitude_m = fix.altitude_amsl_m if isfinite(fix.altitude_amsl_m) else self._frame.altitude_amsl_m
+        degrees = (np.array([fix.latitude_deg]), np.array([fix.longitude_deg]))
+        x_m, y_m, z_m = self._frame.position_m(*degrees, np.array([altitude_m]))[0].tolist()
+        x_m_s, y_m_s, z_m_s = self._frame.from_ned(
+            np.array([fix.north_m_s, fix.east_m_s, fix.down_m_s])
+        ).tolist()
+        self._table.take(
+            TrackReport(
+                fix.track,
+                fix.kind or "manned",
+                fix.arrived_s,
+                self._was_s(fix, self._settings.sources[source].kind == "cot"),
+                (x_m, y_m, self._height_z_m(fix, z_m)),
+                (x_m_s, y_m_s, z_m_s),
+                _first(fix.deviation_m, DEVIATION_M),
+                _first(fix.height_deviation_m, DEVIATION_M),
+                _first(fix.velocity_deviation_m_s, DEVIATION_M_S),
+            )
+        )
+
+    def _height_z_m(self, fix: TargetFix, z_m: float) -> float:
+        """What floats is at the height of the show's origin if it reports none."""
+        return z_m if isfinite(fix.altitude_amsl_m) or fix.kind == "vessel" else nan
+
+    def _was_s(self, fix: TargetFix, is_utc: bool) -> float:
+        """When a report was true, loop clock: by its source if that has a clock, else by its arrival."""
+        delay_s = 0.0 if self._settings is None else self._settings.delay_s
+        if not is_utc:
+            return min(_first(fix.source_s, fix.arrived_s), fix.arrived_s) - delay_s
+        later_s = fix.arrived_s + self._unix_minus_loop_s() - fix.source_s
+        if isfinite(later_s) and -AHEAD_S <= later_s <= AGREES_S:
+            return fix.arrived_s - max(later_s, 0.0)
+        return fix.arrived_s - delay_s
+
+    def failed(self, source: int, why: str) -> None:
+        """Note why nothing is known from one of the sources; empty: it is."""
+        self._sources[source].problem, self._sources[source].named_s = why, self._newest.state.time_s
+
+    def lead(self, at: Instant) -> None:
+        """Have vehicles keep clear of what is near them."""
+        if self._settings is None:
+            return
+        self._table.forget(at.time_s)
+        if not len(self._table):
+            self._seen, self._newest.near_traffic, self._newest.manned = None, None, ""
+            return
+        traffic, sphere = self._table.at(at.time_s), self._sphere()
+        near_traffic, left_out = tracks_near(traffic, self._settings, sphere, at.time_s)
+        boxes = (
+            () if near_traffic is None else (box.id.removeprefix("traffic ") for box in near_traffic.boxes)
+        )
+        names = () if near_traffic is None else near_traffic.names
+        self._newest.near_traffic = near_traffic
+        self._seen = _Around(
+            traffic,
+            sphere,
+            tuple(announced(traffic, self._settings, sphere)),
+            self._manned(traffic, sphere, self._settings),
+            frozenset((*names, *boxes)),
+            left_out,
+        )
+        self._newest.manned = "; ".join(self._words(row) for row in self._seen.manned[:1])
+
+    def _sphere(self) -> Sphere:
+        """All vehicles as one, whatever they do; the show's origin while none of them is known."""
+        position_m = self._newest.state.position_m
+        known_m = position_m[np.isfinite(position_m).all(axis=1)]
+        if not len(known_m):
+            return Sphere(np.zeros(3), np.zeros(3), 0.0)
+        center_m, center = known_m.mean(axis=0), self._newest.memory.center
+        moves_m_s = np.zeros(3) if center is None else center.velocity_m_s
+        return Sphere(center_m, moves_m_s, float(np.linalg.norm(known_m - center_m, axis=1).max()))
+
+    def _manned(self, traffic: TracksNow, sphere: Sphere, settings: TrafficSettings) -> tuple[int, ...]:
+        off_m = traffic.position_m - sphere.center_m
+        away_m = np.hypot(off_m[:, 0], off_m[:, 1]) - sphere.radius_m
+        beyond = np.abs(off_m[:, 2]) - sphere.radius_m > settings.manned.height_m  # False: not known
+        near = np.flatnonzero((away_m <= settings.manned.radius_m) & ~beyond).tolist()
+        return tuple(
+            sorted((row for row in near if traffic.kinds[row] == "manned"), key=lambda row: away_m[row])
+        )
+
+    def _words(self, row: int) -> str:
+        """Where a track is, and when it is how near."""
+        seen, settings = self._seen, self._settings
+        if seen is None or settings is None:
+            return ""
+        near = approaches(seen.traffic, settings, seen.sphere)
+        now_m, z_m = near.now_m[row] + settings.radius_m, seen.traffic.position_m[row, 2]
+        height = "height not known" if not isfinite(z_m) else f"{-z_m:.0f} m high"
+        then_m = max(near.apart_m[row] + settings.radius_m, 0.0)
+        soon = f", in {near.after_s[row]:.0f} s {then_m:.0f} m" if near.after_s[row] > 0.5 else ""
+        name = f"{seen.traffic.ids[row]} ({seen.traffic.kinds[row]})"
+        return f"{name} {max(now_m, 0.0):.0f} m away{soon}, {height}"
+
+    def checks(self, at: Instant) -> Iterator[Check]:
+        """Whether traffic is known, and none of it is in the way."""
+        if self._settings is None:
+            return
+        in_the_way = [self._words(row) for row in self._rows_near()[:3]]
+        problem = "; ".join([*self._problems(at.time_s), *in_the_way])
+        yield Check(
+            "traffic-clear",
+            State.FAIL if problem else State.PASS,
+            problem=problem,
+            to_do="check its source, or wait until it has passed" if problem else "",
+        )
+
+    def _rows_near(self) -> tuple[int, ...]:
+        if self._seen is None:
+            return ()
+        return tuple(dict.fromkeys((*self._seen.manned, *self._seen.announced)))
+
+    def _problems(self, now_s: float) -> list[str]:
+        return [
+            source.problem
+            for source in self._sources
+            if source.problem and (not source.repeats or now_s - source.named_s <= NAMED_S)
+        ]
+
+    def conditions(self, at: Instant) -> Iterator[Condition]:
+        for problem in self._problems(at.time_s):
+            yield Condition(AlarmCause.TRAFFIC_UNKNOWN, problem)
+        if self._seen is not None and at.time_s - self._table.crowded_s < CROWDED_S:
+            yield Condition(AlarmCause.TRAFFIC_CROWDED, "the farthest are left out")
+        elif self._seen is not None and self._seen.left_out:
+            yield Condition(AlarmCause.TRAFFIC_CROWDED, f"{self._seen.left_out} near ones are not evaded")
+        if self._seen is None or at.show in ON_THE_GROUND:
+            return
+        for row in self._rows_near():
+            name, words = self._seen.traffic.ids[row], self._words(row)
+            if row in self._seen.manned:
+                yield Condition(AlarmCause.TRAFFIC_MANNED, words, about=name, consequence=self._follows)
+            else:
+                yield Condition(AlarmCause.TRAFFIC_NEAR, words, about=name)
+
+    def view(self, at: Instant) -> TrafficView | None:
+        if self._settings is None:
+            return None
+        table, nearest = self._table, tuple(self._tracks()) if self._seen is not None else ()
+        return TrafficView(
+            known=len(table),
+            near=len(self._rows_near()),
+            manned=0 if self._seen is None else len(self._seen.manned),
+            problem="; ".join(self._problems(at.time_s)),
+            reports=table.accepted,
+            refused=table.outliers + table.late + table.repeated,
+            radius_m=self._settings.radius_m,
+            nearest=nearest,
+        )
+
+    def _tracks(self) -> Iterator[TrackView]:
+        seen, settings = self._seen, self._settings
+        if seen is None or settings is None:
+            return
+        traffic, near = seen.traffic, approaches(seen.traffic, settings, seen.sphere)
+        for row in np.argsort(near.now_m)[:SHOWN_MAX].tolist():
+            x_m, y_m, z_m = traffic.position_m[row].tolist()
+            x_m_s, y_m_s, z_m_s = traffic.velocity_m_s[row].tolist()
+            yield TrackView(
+                id=traffic.ids[row],
+                kind=traffic.kinds[row],
+                x_m=x_m,
+                y_m=y_m,
+                height_m=-z_m,
+                velocity_x_m_s=x_m_s,
+                velocity_y_m_s=y_m_s,
+                climb_m_s=-z_m_s if isfinite(z_m) else nan,
+                deviation_m=float(np.sqrt(traffic.spread[row, 0, 0])),
+                age_s=float(traffic.age_s[row]),
+                away_m=float(near.now_m[row]) + settings.radius_m,
+                nearest_m=float(near.apart_m[row]) + settings.radius_m,
+                nearest_s=float(near.after_s[row]),
+                evaded=traffic.ids[row] in seen.evaded,
+                near=row in seen.announced or row in seen.manned,
+            )
+
+
+def _first(number: float, otherwise: float) -> float:
+    return number if isfinite(number) else otherwise

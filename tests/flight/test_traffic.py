@@ -1,0 +1,135 @@
+"""Traffic in flight: it is announced and evaded, and a manned aircraft has the formation give way."""
+
+from math import nan
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gcs.failsafe.policy import Cause
+from gcs.flight.state.traffic import OtherTraffic
+from gcs.model.lifecycle import ShowPhase
+from gcs.model.plan import Formation
+from gcs.model.target_fix import TargetFix
+from gcs.model.traffic import TrackKind
+from gcs.service import ShowAction
+from gcs.service.alarms import AlarmCause
+from gcs.testing.virtual_show import VirtualShow, fly, show_config
+from tests.support import written_show
+from tests.support.failsafe_flights import failsafe, reacts
+from tests.support.show_phases import running
+
+RADIUS_M = 15.0
+TRAFFIC = {
+    "traffic": {
+        "sources": [{"kind": "mavlink", "at": "udp://127.0.0.1:14999"}],
+        "own": ["0000AA"],
+        "radius_m": RADIUS_M,
+        "manned": {"radius_m": 200, "height_m": 50},
+    }
+}
+FOUR = show_config(4, **TRAFFIC)
+
+
+def traffic_of(show: VirtualShow) -> OtherTraffic:
+    (found,) = [each for each in show.service.flight.features if isinstance(each, OtherTraffic)]
+    return found
+
+
+def report(
+    show: VirtualShow,
+    x_m: float,
+    *,
+    kind: TrackKind = "unmanned",
+    speed_m_s: float = 0.0,
+    height_m: float = 20.0,
+    name: str = "4CA1B2",
+) -> None:
+    """Report a track on the show's x axis, as a receiver would."""
+    latitude_deg, longitude_deg, altitude_m = show.config.frame.geodetic(np.array([[x_m, 0.0, -height_m]]))
+    place = float(latitude_deg[0]), float(longitude_deg[0]), float(altitude_m[0])
+    north_m_s, east_m_s, _ = show.config.frame.into_ned(np.array([speed_m_s, 0.0, 0.0])).tolist()
+    fix = TargetFix(show.now_s, *place, north_m_s, east_m_s, 0.0, 3.0, 3.0, 0.5, nan, name, kind)
+    traffic_of(show).take(0, fix)
+
+
+def alarms(show: VirtualShow) -> set[AlarmCause]:
+    return {alarm.cause for alarm in show.service.alarms.alarms}
+
+
+def test_drone_that_crosses_is_announced_and_evaded() -> None:
+    async def story(show: VirtualShow) -> None:
+        closest_m, announced_m = np.inf, nan
+        for second in range(28):
+            x_m = -250.0 + 15.0 * second
+            report(show, x_m, speed_m_s=15.0, height_m=float(show.service.plan.current.formation.height_m))
+            for tenth in range(10):
+                await show.wait(0.1)
+                there_m = x_m + 1.5 * tenth
+                place_m = show.true_m
+                closest_m = min(closest_m, float(np.hypot(place_m[:, 0] - there_m, place_m[:, 1]).min()))
+            if np.isnan(announced_m) and AlarmCause.TRAFFIC_NEAR in alarms(show):
+                announced_m = -x_m
+        assert announced_m > 200.0
+        assert closest_m > RADIUS_M
+        assert show.view.show is ShowPhase.RUNNING
+        assert show.floor_violations() == 0
+
+    fly(story, FOUR, after=running)
+
+
+def test_manned_aircraft_has_the_formation_descend() -> None:
+    async def story(show: VirtualShow) -> None:
+        show.service.plan.set_formation(Formation(10.0, 40.0))
+        await show.wait(15.0)
+        report(show, 150.0, kind="manned", height_m=60.0)
+        reported = await reacts(show, Cause.MANNED_AIRCRAFT)
+        assert reported.action == "descend"
+        await show.wait(1.0)
+        assert AlarmCause.TRAFFIC_MANNED in alarms(show)
+        assert show.service.plan.current.formation.height_m == pytest.approx(15.0, abs=1.0)
+        for _ in range(30):
+            report(show, 150.0, kind="manned", height_m=60.0)
+            await show.wait(1.0)
+        assert -show.true_m[:, 2].min() < 27.0
+        await show.until(lambda: failsafe(show, Cause.MANNED_AIRCRAFT) is None)
+        assert show.service.plan.current.formation.height_m < 20.0, "an operator raises it again"
+
+    fly(story, FOUR, after=running)
+
+
+def test_manned_aircraft_brings_a_written_show_home(tmp_path: Path) -> None:
+    async def story(show: VirtualShow) -> None:
+        show_hash = written_show.select(show)
+        await show.standby()
+        show.service.commands.command_show(ShowAction.START, show_hash=show_hash)
+        await show.reach(ShowPhase.RUNNING)
+        report(show, 150.0, kind="manned", height_m=60.0)
+        reported = await reacts(show, Cause.MANNED_AIRCRAFT)
+        assert reported.action == "return"
+        assert show.view.show is ShowPhase.RETURNING
+
+    written_show.fly(story, written_show.config(tmp_path, **TRAFFIC))
+
+
+def test_own_vehicle_is_no_traffic() -> None:
+    async def story(show: VirtualShow) -> None:
+        report(show, 100.0, kind="manned", name="0000aa")
+        await show.wait(1.0)
+        features = show.view.features.traffic
+        assert features is not None
+        assert (features.known, features.manned) == (0, 0)
+
+    fly(story, FOUR, after=running)
+
+
+def test_what_is_not_received_is_not_known() -> None:
+    async def story(show: VirtualShow) -> None:
+        traffic_of(show).failed(0, "nothing arrives at udp://127.0.0.1:14999")
+        await show.wait(1.0)
+        assert AlarmCause.TRAFFIC_UNKNOWN in alarms(show)
+        features = show.view.features.traffic
+        assert features is not None
+        assert features.problem
+
+    fly(story, FOUR, after=running)

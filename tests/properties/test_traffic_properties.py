@@ -1,0 +1,75 @@
+"""Whatever reports of traffic say, the table stays bounded, and certainty comes of reports alone."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from gcs.estimation.traffic import TRACKS_KEPT, TrackReport, TrackTable
+from gcs.model.state import Array
+
+numbers = st.floats(allow_nan=True, allow_infinity=True)
+three = st.tuples(numbers, numbers, numbers)
+names = st.integers(0, 400).map(str)
+deviations = st.floats(0.01, 1e5)
+
+
+@st.composite
+def reports(draw: st.DrawFn) -> TrackReport:
+    at_s = draw(st.floats(0.0, 1e4))
+    return TrackReport(
+        draw(names), "manned", at_s, at_s - draw(st.floats(0.0, 60.0)), draw(three), draw(three),
+        draw(deviations), draw(deviations), draw(deviations),
+    )  # fmt: skip
+
+
+@given(st.lists(reports(), max_size=60))
+def test_any_reports_are_taken(of_all: list[TrackReport]) -> None:
+    table = TrackTable(15.0)
+    for each in of_all:
+        table.take(each)
+    traffic = table.at(2e4)
+    assert len(table) == len(traffic.ids) <= TRACKS_KEPT
+    assert np.isfinite(traffic.position_m[:, :2]).all()
+    assert np.isfinite(traffic.velocity_m_s).all()
+    table.forget(2e4)
+    assert len(table) == 0
+
+
+def test_a_million_ids_keep_the_table_small() -> None:
+    table = TrackTable(15.0)
+    for number in range(1_000_000):
+        table.take(TrackReport(f"{number}", "manned", 0.0, 0.0, (float(number % 997), 1.0, -50.0)))
+    assert len(table) == TRACKS_KEPT
+    assert len(table._rows) == len(table._kinds) == TRACKS_KEPT
+    assert table._free == []
+
+
+@given(st.lists(st.floats(0.1, 5.0), min_size=1, max_size=10), st.floats(0.0, 10.0), st.floats(0.0, 10.0))
+@settings(max_examples=50)
+def test_variance_never_shrinks_without_a_report(every_s: list[float], one_s: float, more_s: float) -> None:
+    table, now_s = TrackTable(1e9), 0.0
+    for each_s in every_s:
+        now_s += each_s
+        table.take(TrackReport("A", "manned", now_s, now_s, (20.0 * now_s, 0.0, -50.0)))
+    first, later = (table.at(now_s + after_s).spread[0, :, [0, 2]] for after_s in (one_s, one_s + more_s))
+    assert (later >= first - 1e-9).all()
+
+
+@given(st.permutations(range(6)), st.data())
+def test_reports_of_the_past_change_nothing(order: list[int], data: st.DataObject) -> None:
+    """Neither what is late, nor what arrives twice."""
+
+    def report(second: int) -> TrackReport:
+        place_m = (20.0 * second, 0.0, -50.0)
+        return TrackReport("A", "manned", 9.0, float(second), place_m, (20.0, 0.0, 0.0))
+
+    def believed(seconds: list[int]) -> Array:
+        table = TrackTable(15.0)
+        for second in seconds:
+            table.take(report(second))
+        return table.at(9.0).position_m
+
+    newest = [second for place, second in enumerate(order) if second >= max(order[: place + 1])]
+    doubled = [second for second in order for _ in range(data.draw(st.integers(1, 3)))]
+    np.testing.assert_array_equal(believed(list(order)), believed(newest))
+    np.testing.assert_array_equal(believed(doubled), believed(newest))

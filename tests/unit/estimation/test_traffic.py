@@ -1,0 +1,109 @@
+"""The table of all traffic: each track is estimated, and whatever arrives, it stays small."""
+
+from math import isnan, nan
+
+import numpy as np
+import pytest
+
+from gcs.estimation.traffic import AGAIN, TRACKS_KEPT, TrackReport, TrackTable
+
+NORTH_M_S = 20.0
+
+
+def report(
+    at_s: float, name: str = "A", *, x_m: float | None = None, z_m: float = -50.0, velocity: bool = True
+) -> TrackReport:
+    """A track that flies north."""
+    moves_m_s = (NORTH_M_S, 0.0, 0.0) if velocity else (nan, nan, nan)
+    place_m = (NORTH_M_S * at_s if x_m is None else x_m, 5.0, z_m)
+    return TrackReport(name, "manned", at_s, at_s, place_m, moves_m_s, 3.0, 3.0, 0.5)
+
+
+def flown(until_s: int = 10, *, velocity: bool = True) -> TrackTable:
+    table = TrackTable(15.0)
+    for second in range(until_s + 1):
+        table.take(report(float(second), velocity=velocity))
+    return table
+
+
+@pytest.mark.parametrize("velocity", [True, False])
+def test_track_moves_on_as_it_did(velocity: bool) -> None:
+    traffic = flown(velocity=velocity).at(12.0)
+    assert traffic.ids == ("A",)
+    assert traffic.kinds == ("manned",)
+    assert traffic.position_m[0] == pytest.approx([240.0, 5.0, -50.0], abs=0.5)
+    assert traffic.velocity_m_s[0] == pytest.approx([NORTH_M_S, 0.0, 0.0], abs=0.3)
+    assert traffic.age_s[0] == 2.0
+
+
+def test_velocity_that_is_not_reported_is_less_certain() -> None:
+    reported, not_reported = (flown(velocity=velocity).at(12.0).spread[0, 0] for velocity in (True, False))
+    assert (reported < not_reported).all()
+
+
+def test_height_is_not_known_until_it_is_reported() -> None:
+    table = TrackTable(15.0)
+    table.take(report(0.0, z_m=nan))
+    assert isnan(table.at(0.0).position_m[0, 2])
+    table.take(report(1.0, z_m=-80.0))
+    assert table.at(1.0).position_m[0, 2] == -80.0
+
+
+def test_track_is_forgotten() -> None:
+    table = flown()
+    table.forget(24.0)
+    assert len(table) == 1
+    table.forget(26.0)
+    assert len(table) == 0
+
+
+def test_late_and_repeated_reports_change_nothing() -> None:
+    table = flown()
+    before = table.at(11.0)
+    table.take(report(4.0))
+    table.take(report(10.0))
+    table.take(TrackReport("A", "manned", 10.5, 10.5, (200.0, 5.0, -50.0), (NORTH_M_S, 0.0, 0.0)))
+    assert (table.late, table.repeated) == (1, 2)
+    np.testing.assert_array_equal(table.at(11.0).position_m, before.position_m)
+
+
+def test_jump_is_not_believed_until_it_lasts() -> None:
+    table = flown()
+    for second in range(AGAIN - 1):
+        table.take(report(11.0 + second, x_m=-900.0 - second))
+    assert table.outliers == AGAIN - 1
+    assert table.at(12.0).position_m[0, 0] > 200.0
+    table.take(report(14.0, x_m=-905.0))
+    assert table.at(14.0).position_m[0, 0] == pytest.approx(-905.0)
+
+
+def test_nearest_tracks_are_kept() -> None:
+    table = TrackTable(15.0)
+    for number in range(3 * TRACKS_KEPT):
+        away_m = 50.0 + 10.0 * ((number * 7) % (3 * TRACKS_KEPT))
+        table.take(report(0.0, f"T{number}", x_m=away_m))
+    assert len(table) == TRACKS_KEPT
+    assert table.crowded_s == 0.0
+    assert table.at(0.0).position_m[:, 0].max() < 50.0 + 10.0 * TRACKS_KEPT
+
+
+def test_slow_tracks_stay_slow_until_they_are_fast() -> None:
+    table, seen = TrackTable(15.0), []
+    for second, speed_m_s in enumerate([1.0] * 5 + [2.0] * 5 + [4.0] * 8 + [2.0] * 5):
+        place_m = (2.0 * second, 0.0, 0.0)
+        exact = 0.1
+        table.take(
+            TrackReport(
+                "boat",
+                "vessel",
+                float(second),
+                float(second),
+                place_m,
+                (speed_m_s, 0.0, 0.0),
+                50.0,
+                50.0,
+                exact,
+            )
+        )
+        seen.append(bool(table.at(float(second)).slow[0]))
+    assert [seen[second] for second in (4, 9, 17, 22)] == [True, True, False, False]

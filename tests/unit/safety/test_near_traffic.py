@@ -1,0 +1,108 @@
+"""Vehicles leave the corridor of fast traffic in time, and enter none."""
+
+import numpy as np
+import pytest
+
+from gcs.model.state import Array
+from gcs.safety.constraints import Braking
+from gcs.safety.near_traffic import EARLY_S, WIDEST, Evading, NearTraffic, track_constraints
+
+SPEED_M_S, RADIUS_M = 20.0, 30.0
+
+
+def near_traffic(
+    *place_m: float, velocity_m_s: tuple[float, float, float] = (SPEED_M_S, 0.0, 0.0)
+) -> NearTraffic:
+    """One that comes from the south, exactly known."""
+    return NearTraffic(
+        ("A",),
+        np.array([place_m]),
+        np.array([velocity_m_s]),
+        np.array([RADIUS_M]),
+        np.array([15.0]),
+        np.zeros((1, 2, 3)),
+    )
+
+
+def evading(
+    *place_m: tuple[float, float, float], desired_m_s: Array | None = None, reach_m: float = 300.0
+) -> Evading:
+    n = len(place_m)
+    return Evading(
+        np.array(place_m),
+        np.ones(n, np.bool_),
+        np.zeros((n, 3)) if desired_m_s is None else desired_m_s,
+        np.zeros(n),
+        np.full(n, 8.0),
+        Braking().of_each(n),
+        reach_m,
+    )
+
+
+AHEAD = near_traffic(-130.0, 0.0, -40.0)
+"""100 m before the cylinder would be over the origin: 5 s."""
+
+
+def test_vehicle_leaves_sideways_as_fast_as_needed() -> None:
+    rows = track_constraints(evading((0.0, 10.0, -40.0)), AHEAD)
+    assert rows.reason.tolist() == ["traffic A"]
+    assert rows.normal[0] == pytest.approx([0.0, 1.0, 0.0])
+    left_s = (130.0 - RADIUS_M) / SPEED_M_S - EARLY_S
+    assert rows.bound_m_s[0] == pytest.approx(20.0 / left_s)
+
+
+def test_side_is_that_to_which_the_desired_velocity_leads() -> None:
+    back = np.array([[0.0, -4.0, 0.0]])
+    early = near_traffic(-160.0, 0.0, -40.0)
+    rows = track_constraints(evading((0.0, 5.0, -40.0), desired_m_s=back), early)
+    assert rows.normal[0] == pytest.approx([0.0, -1.0, 0.0])
+
+
+def test_other_side_where_only_that_is_reached_in_time() -> None:
+    near = near_traffic(-90.0, 0.0, -40.0)
+    back = np.array([[0.0, -8.0, 0.0]])
+    rows = track_constraints(evading((0.0, 11.0, -40.0), desired_m_s=back), near)
+    assert rows.normal[0] == pytest.approx([0.0, 1.0, 0.0])
+
+
+def test_no_vehicle_is_led_over_the_fence() -> None:
+    rows = track_constraints(evading((0.0, 10.0, -40.0), reach_m=25.0), near_traffic(-160.0, 0.0, -40.0))
+    assert rows.normal[0] == pytest.approx([0.0, 1.0, 0.0]), "both ways lead over it: the nearer one"
+    rows = track_constraints(evading((5.0, 90.0, -40.0), reach_m=100.0), near_traffic(-160.0, 85.0, -40.0))
+    assert rows.normal[0] == pytest.approx([0.0, -1.0, 0.0])
+
+
+def test_vehicle_beside_the_corridor_does_not_enter() -> None:
+    rows = track_constraints(evading((0.0, 34.0, -40.0)), AHEAD)
+    assert rows.normal[0] == pytest.approx([0.0, 1.0, 0.0])
+    assert rows.bound_m_s[0] == pytest.approx(-Braking().speed_m_s(np.array([4.0]))[0])
+
+
+@pytest.mark.parametrize(("height_m", "down"), [(60.0, -1.0), (20.0, 1.0)])
+def test_vehicle_above_or_below_stays_there(height_m: float, down: float) -> None:
+    rows = track_constraints(evading((0.0, 3.0, -height_m)), AHEAD)
+    assert rows.normal[0] == pytest.approx([0.0, 0.0, down])
+    assert rows.bound_m_s[0] == pytest.approx(-Braking().speed_m_s(np.array([5.0]))[0])
+
+
+def test_climb_of_the_track_counts() -> None:
+    climbing = near_traffic(-130.0, 0.0, -10.0, velocity_m_s=(SPEED_M_S, 0.0, -4.0))
+    rows = track_constraints(evading((0.0, 10.0, -40.0)), climbing)
+    assert rows.normal[0] == pytest.approx([0.0, 1.0, 0.0]), "it is as high when it arrives"
+
+
+@pytest.mark.parametrize(
+    "place_m", [(100.0, 0.0, -40.0), (-600.0, 0.0, -40.0)], ids=["has passed", "is far away"]
+)
+def test_other_tracks_constrain_nothing(place_m: tuple[float, float, float]) -> None:
+    assert len(track_constraints(evading((0.0, 0.0, -40.0)), near_traffic(*place_m))) == 0
+
+
+def test_cylinder_is_widened_by_what_is_not_known() -> None:
+    one = near_traffic(-130.0, 0.0, -40.0)
+    spread = np.zeros((1, 2, 3))
+    spread[0, 0] = 4.0, 0.0, 1.0
+    unsure = NearTraffic(one.names, one.position_m, one.velocity_m_s, one.radius_m, one.half_height_m, spread)
+    radius_m, half_m = unsure.widened_m(np.array([[0.0], [5.0], [1000.0]]))
+    assert radius_m[:, 0] == pytest.approx([36.0, 30.0 + 3.0 * np.sqrt(29.0), WIDEST * 30.0])
+    assert half_m[:, 0] == pytest.approx(15.0)
