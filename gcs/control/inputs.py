@@ -10,7 +10,7 @@ from gcs.formation.law import LawSettings
 from gcs.formation.obstacles import Ellipse
 from gcs.formation.orbit import Center
 from gcs.model.jit import kernel
-from gcs.model.plan import Obstacle, Plan
+from gcs.model.plan import Obstacle, Plan, Target
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array, FleetState, Mask, Traits, freeze
 from gcs.safety.constraints import stopping_speed_m_s
@@ -66,6 +66,7 @@ class Tasks:
     silent_segments: int = 0  # the last of `segments_m` are of vehicles that are silent, and not lost yet
     drawn: DrawnGoals | None = None  # of the vehicles with the task DRAWN; None: no drawn show leads
     near_traffic: NearTraffic | None = None  # traffic that all keep clear of; None: there is none
+    kept_clear: tuple[Target, ...] = ()  # targets with a clearance, beside the plan's
 
     def __post_init__(self) -> None:
         n = len(self.task)

@@ -353,7 +353,7 @@ def _surroundings(
         None if now.tasks.drawn is None else now.tasks.task == Task.DRAWN,
         now.tasks.near_traffic,
         shared_m_s,
-        now.plan.target,
+        (now.plan.target, *now.tasks.kept_clear),
         now.fleet.time_s,
     )
 

@@ -209,7 +209,7 @@ def check_clearance(target: Target, pads_m: Mapping[VehicleId, Array]) -> None:
     if near:
         raise RefusedError(
             f"the target is nearer than its clearance of {target.clearance_m:g} m to the"
-            f" {'pad' if len(near) == 1 else 'pads'} of {', '.join(near)}; let it go away"
+            f" {'pad' if len(near) == 1 else 'pads'} of {', '.join(near)}"
         )
 
 

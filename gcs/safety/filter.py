@@ -96,7 +96,7 @@ class Surroundings:
     drawn: Mask | None = None  # (n,) on trajectories that were drawn for the fleet; None: none of them
     near_traffic: NearTraffic | None = None  # traffic; None: there is none
     shared_m_s: Array | None = None  # (n, 3) what other stations' filters allowed last; NaN, None: not shared
-    target: Target = Target()  # with the clearance that is kept from it
+    targets: tuple[Target, ...] = ()  # those with a clearance are kept clear of
     time_s: float = 0.0  # of all these
 
     def over_link(self, delay_s: float) -> "Surroundings":
@@ -290,19 +290,22 @@ def _walls(
         response=here.response,
         fastest_m_s=fastest_m_s,
     )
-    clear_of_target = clearance_constraints(
-        position_m,
-        here.velocity_m_s,
-        here.commanded,
-        here.target,
-        here.time_s + settings.link_delay_s,
-        floor=settings.floor,
-        braking=braking,
-        uncertainty_m=here.uncertainty_m,
-        response=here.response,
-        fastest_m_s=fastest_m_s,
+    clear_of_targets = (
+        clearance_constraints(
+            position_m,
+            here.velocity_m_s,
+            here.commanded,
+            target,
+            here.time_s + settings.link_delay_s,
+            floor=settings.floor,
+            braking=braking,
+            uncertainty_m=here.uncertainty_m,
+            response=here.response,
+            fastest_m_s=fastest_m_s,
+        )
+        for target in here.targets
     )
-    walls = Constraints.joined(keepout, fence, obstacles, clear_of_target)
+    walls = Constraints.joined(keepout, fence, obstacles, *clear_of_targets)
     if here.near_traffic is None:
         return walls
     evading = Evading(

@@ -273,7 +273,7 @@ def test_formation_flies_clear_of_a_person() -> None:
         await show.standby()
         show.service.plan.select_target("boat")
         await report(show, 2.0, lambda _: np.zeros(3))
-        check = {each.name: each for each in show.service.preflight.report().fleet}["target"]
+        check = {each.name: each for each in show.service.preflight.report().fleet}["kept clear"]
         assert "clearance of 12 m" in check.problem
         await report(show, 2.0, lambda _: FAR_M)
         show.service.plan.select_target("boat")
@@ -418,3 +418,25 @@ def test_target_that_is_too_fast_is_said_before_it_is_lost() -> None:
     alarm_s, follows_m_s = fly(story, show_config(4, **TARGETS))
     assert follows_m_s < 9.0
     assert alarm_s <= 3.0 * follows_m_s / 9.0 + 3.0  # it is as fast as they are then, and 3 s later
+
+
+def test_person_who_is_not_followed_is_kept_clear_of_too() -> None:
+    """The formation is sent over them, to a place behind; also after they are lost."""
+    people = {"targets": [PERSON["targets"][0] | {"coast_s": 3.0}]}
+
+    async def story(show: VirtualShow) -> float:
+        await show.start()
+        show.service.plan.set_orbit(Orbit(0.0, 4.0))
+        await report(show, 2.0, lambda _: FAR_M)
+        show.service.plan.set_target(Target(2.0 * FAR_M[0], FAR_M[1]))
+        nearest_m = np.inf
+        for number in range(40):
+            if number < 5:
+                await report(show, 1.0, lambda _: FAR_M)
+            else:
+                await show.wait(1.0)
+            nearest_m = min(nearest_m, float(np.linalg.norm(show.true_m - FAR_M, axis=1).min()))
+        assert off_m(show, 2.0 * FAR_M) < 8.0
+        return nearest_m
+
+    assert fly(story, show_config(4, **people)) > 12.0

@@ -126,16 +126,20 @@ class SpaceAlarms:
     def of_the_target(self) -> Iterator[Condition]:
         """Yield own vehicles that are nearer to the target than its clearance, and a fence too low for it."""
         fleet, plan = self.newest.state, self.in_force.plan
-        if not plan.target.clearance_m:
-            return
-        kept = f"{plan.target.clearance_m:g} m are kept"
+        targets = [each for each in (*self.newest.kept_clear, plan.target) if each.clearance_m]
         flying = [vehicle for vehicle in self.vehicles.in_phase(*FLOWN) if not vehicle.flags.handed_over]
-        apart_m = away_m(fleet.position_m[[each.row for each in flying]], plan.target, fleet.time_s)
-        for vehicle, each_m in zip(flying, apart_m.tolist(), strict=True):
-            if each_m < plan.target.clearance_m:
-                yield Condition(AlarmCause.TARGET_NEAR, f"{each_m:.1f} m from it, {kept}", (vehicle.id,))
+        if not targets or not flying:
+            return
+        here_m = fleet.position_m[[each.row for each in flying]]
+        apart_m = np.array([away_m(here_m, each, fleet.time_s) for each in targets])
+        inside_m = apart_m - np.array([[each.clearance_m] for each in targets])
+        for vehicle, which, off_m in zip(flying, inside_m.argmin(axis=0), inside_m.min(axis=0), strict=True):
+            if off_m < 0.0:
+                kept_m = targets[which].clearance_m
+                because = f"{kept_m + off_m:.1f} m from it, {kept_m:g} m are kept"
+                yield Condition(AlarmCause.TARGET_NEAR, because, (vehicle.id,))
         too_low_m = without_room_m(plan.target, plan.orbit, plan.formation, self.in_force.control.safety)
-        if flying and too_low_m > 0.0:
+        if too_low_m > 0.0:
             because = f"the fence is {too_low_m:.0f} m too low for a sphere that keeps clear of it"
             consequence = f"The safety filter keeps {plan.target.clearance_m:g} m, and the shape gives way."
             yield Condition(AlarmCause.TARGET_NO_ROOM, because, consequence=consequence)

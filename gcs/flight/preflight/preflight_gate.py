@@ -76,6 +76,7 @@ TO_DO: Final = {
     "show": "check and select the show again, name the vehicles that fly, or take the others out",
     "formation": "choose a larger radius, better receivers, or fewer vehicles",
     "target": "say where the target is now, and how it moves",
+    "kept clear": "have it go away, or move the vehicles",
     "loss times": "do as the text says, or fly vehicles with one time only",
     "loss of the ground station": "do as the text says, or choose a larger radius",
     "obstacles": "remove the obstacle, or move the pad",
@@ -417,7 +418,8 @@ class PreflightGate:
             return
         yield ("formation", "a sphere that has room for all vehicles", lambda: self._check_formations(chosen))
         if flight.show.run is None:
-            yield "target", "where the formation can follow it", lambda: self._check_target(chosen)
+            yield "target", "where the formation can follow it", self._check_target
+        yield "kept clear", "no target is too near to a pad", lambda: self._check_pads(chosen)
         if operation.require_safe_setpoint_loss:
             alone = [flight.vehicles[name].without_setpoints for name in chosen]
             flies_on_s = np.array([each.flies_on_s for each in alone])
@@ -462,8 +464,8 @@ class PreflightGate:
                     raise InvalidError(error.field, error.value, error.allowed + whose) from None
                 raise RefusedError(f"at '{cue}': {error}{whose}") from None
 
-    def _check_target(self, chosen: Sequence[VehicleId]) -> None:
-        """Check that the target can be followed where it has moved to, and that no pad is too near."""
+    def _check_target(self) -> None:
+        """Check that the target is where it can be followed: it has moved on since it was set."""
         plan, now_s = self.flight.in_force.plan, self.flight.newest.state.time_s
         x_m, y_m = plan.target.position_m(now_s)
         target = replace(plan.target, x_m=x_m, y_m=y_m, time_s=now_s)
@@ -471,8 +473,12 @@ class PreflightGate:
             check_target(target, plan.orbit, plan.formation, self.flight.in_force.control)
         except InvalidError as error:
             raise RefusedError(f"the target has moved out of reach: {error}") from None
-        pads_m = {name: self.flight.newest.position_m(self.flight.vehicles[name]) for name in chosen}
-        check_clearance(target, pads_m)
+
+    def _check_pads(self, chosen: Sequence[VehicleId]) -> None:
+        flight = self.flight
+        pads_m = {name: flight.newest.position_m(flight.vehicles[name]) for name in chosen}
+        for target in (*flight.newest.kept_clear, flight.in_force.plan.target):
+            check_clearance(target.held(flight.newest.state.time_s), pads_m)
 
     def _least_certain(self, chosen: Sequence[VehicleId]) -> str:
         """Which vehicle's receiver decides the least radius, in words."""

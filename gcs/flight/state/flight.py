@@ -500,6 +500,8 @@ class Flight:
             tasks = tasks.led_by(show_run.goals, moves=show_run.moves)
         if self.newest.near_traffic is not None:
             tasks = replace(tasks, near_traffic=self.newest.near_traffic)
+        if self.newest.kept_clear:
+            tasks = replace(tasks, kept_clear=self.newest.kept_clear)
         self.last_tasks = tasks
         return tasks
 

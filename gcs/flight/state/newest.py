@@ -7,7 +7,7 @@ import numpy as np
 
 from gcs.control import ControlSettings, Memory
 from gcs.flight.state.vehicle import Vehicle
-from gcs.model.plan import Plan
+from gcs.model.plan import Plan, Target
 from gcs.model.state import (
     Array,
     FleetState,
@@ -35,6 +35,7 @@ class Newest:
     without_heartbeat: dict[VehicleId, str]  # airborne, sends positions: since when, in words
 
     near_traffic: NearTraffic | None = None  # traffic that vehicles keep clear of in the next tick
+    kept_clear: tuple[Target, ...] = ()  # targets with a clearance, followed or not
     manned: str = ""  # a manned aircraft that is too near, in words; empty: there is none
 
     def position_m(self, vehicle: Vehicle) -> Array:

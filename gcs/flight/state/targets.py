@@ -22,6 +22,7 @@ from gcs.links.targets.receive import intake_of, keep_receiving
 from gcs.links.targets.settings import TargetSettings
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.frames import ShowFrame
+from gcs.model.plan import Target
 from gcs.model.preflight_report import Check, State
 from gcs.model.target_fix import TargetFix
 from gcs.service.alarms import AlarmCause, Condition
@@ -39,6 +40,7 @@ class ConfiguredTarget:
     estimate: TargetEstimate
     intakes: Sequence[Intake]
     problems: list[str] = field(default_factory=list)  # of each source, in words; empty: none
+    placed: Target | None = None  # with its clearance, as it was last known; None: never, or it has none
 
     @staticmethod
     def of(settings: TargetSettings) -> "ConfiguredTarget":
@@ -153,7 +155,11 @@ class Targets(Feature):
         return self._targets[name]
 
     def lead(self, at: Instant) -> None:
-        """Have the plan's target be where the selected one is estimated, or hold where it was lost."""
+        """Have the plan's target be where the selected one is estimated, or hold where it was lost.
+
+        All that have a clearance are kept clear of, also while another one, or a show, leads.
+        """
+        self._newest.kept_clear = tuple(self._kept_clear(at.time_s))
         run, plan = at.show_run, self._in_force.plan
         if not self.selected or not self._leads() or (run is not None and not run.is_live(at.time_s)):
             return
@@ -174,6 +180,18 @@ class Targets(Feature):
         if run is not None:
             run.live = target
         self._in_force.plan = replace(plan, target=target)
+
+    def _kept_clear(self, now_s: float) -> Iterator[Target]:
+        for target in self._targets.values():
+            if not target.settings.clearance_m:
+                continue
+            motion = target.estimate.motion(now_s)
+            if motion is not None and target.estimate.state(now_s) is not TrackState.LOST:
+                target.placed = motion.target(now_s, target.settings.clearance_m)
+            elif target.placed is not None and target.placed.followed:
+                target.placed = replace(target.placed.held(now_s), followed=False)
+            if target.placed is not None:
+                yield target.placed
 
     @property
     def silent_s(self) -> float:
