@@ -92,16 +92,19 @@ def _limits(now: TickInputs, center: Center, radius_m: float) -> CenterLimits:
     too_fast = hypot(*center.velocity_m_s[:2]) > law.center_speed_max_m_s + STANDS_M_S
     if not follows and not too_fast:
         return limits
-    fleet = _fleet_limits(now, radius_m)
+    x_m, y_m = now.plan.target.position_m(now.fleet.time_s)
+    behind_m = hypot(x_m - center.position_m[0], y_m - center.position_m[1])
+    fleet = _fleet_limits(now, radius_m, 0.0 if now.plan.orbit.radius_m else behind_m)
     hardest_m_s2 = max(limits.acceleration_m_s2, fleet.acceleration_m_s2)
     return CenterLimits(max(limits.speed_m_s, fleet.speed_m_s) if follows else limits.speed_m_s, hardest_m_s2)
 
 
-def _fleet_limits(now: TickInputs, radius_m: float) -> CenterLimits:
-    """What the whole sphere can."""
+def _fleet_limits(now: TickInputs, radius_m: float, behind_m: float = 0.0) -> CenterLimits:
+    """What the whole sphere can, so far from its target."""
     fastest_m_s = np.minimum(now.settings.safety.limits.horizontal_m_s, now.traits.speed_max_m_s)
     rim_m_s = abs(now.plan.formation.spin_rad_s) * radius_m
-    return fleet_limits(fastest_m_s[now.sphere], now.acceleration_max_m_s2[now.sphere], rim_m_s)
+    hardest_m_s2 = now.acceleration_max_m_s2[now.sphere]
+    return fleet_limits(fastest_m_s[now.sphere], hardest_m_s2, rim_m_s, behind_m=behind_m)
 
 
 def _out_of_traffic(
@@ -197,7 +200,7 @@ def _around_obstacles(
 
 def _following(now: TickInputs, ahead: Center, reach_m: float, pace: float, limits: CenterLimits) -> Array:
     """(2,) the velocity that follows a target, or circles it, as fast as `limits` allow."""
-    target, orbit, then_s = now.plan.target, now.plan.orbit, now.fleet.time_s + now.dt_s
+    target, orbit, then_s = now.plan.target, now.plan.orbit, now.fleet.time_s
     target_m_s2 = np.array([target.acceleration_x_m_s2, target.acceleration_y_m_s2])
     asked_m = np.array(target.position_m(then_s))
     target_m, target_m_s = followed_target(asked_m, np.array(target.velocity_m_s), reach_m)

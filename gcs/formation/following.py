@@ -16,6 +16,12 @@ from gcs.model.state import Array
 SPEED_SHARE: Final = 0.8
 """Share of its vehicles' speed with which the formation follows; the rest keeps the shape."""
 
+BEHIND_SHARE: Final = 0.95
+"""The same where it is far behind: straight on, the shape needs little."""
+
+NEAR_M, FAR_M = 2.0, 8.0
+"""From the one distance from its target to the other the share grows."""
+
 ANSWER_PER_S, ANSWER_LEAST_PER_S = 4.0, 1.0
 """Rate at which the centre takes on a velocity that is known well, and one that is known badly."""
 
@@ -41,12 +47,16 @@ class CenterLimits:
     acceleration_m_s2: float
 
 
-def fleet_limits(fastest_m_s: Array, hardest_m_s2: Array, rim_m_s: float) -> CenterLimits:
+def fleet_limits(
+    fastest_m_s: Array, hardest_m_s2: Array, rim_m_s: float, *, behind_m: float = 0.0
+) -> CenterLimits:
     """Limits of a centre whose vehicles (k,), at least one, fly so fast and accelerate so hard.
 
-    `rim_m_s` is how fast the spin moves them.
+    `rim_m_s` is how fast the spin moves them, `behind_m` how far the centre is from its target.
     """
-    return CenterLimits(SPEED_SHARE * float(fastest_m_s.min()) - rim_m_s, float(hardest_m_s2.min()))
+    far = min(max((behind_m - NEAR_M) / (FAR_M - NEAR_M), 0.0), 1.0)
+    share = SPEED_SHARE + (BEHIND_SHARE - SPEED_SHARE) * far
+    return CenterLimits(share * float(fastest_m_s.min()) - rim_m_s, float(hardest_m_s2.min()))
 
 
 def answer_per_s(deviation_m_s: float) -> float:

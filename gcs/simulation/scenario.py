@@ -114,6 +114,7 @@ class TrackedTarget(Settings):
     doubled: Share = 0.0  # of the reports
     coast_s: Positive = 5.0
     clearance_m: NotNegative = 0.0
+    ahead_m: NotNegative = 0.0  # where it begins
     from_s: NotNegative = 20.0  # errors count from then on
 
     @field_validator("motion")

@@ -14,7 +14,7 @@ from gcs.model.frames import ShowFrame
 from gcs.model.plan import Target
 from gcs.model.state import Array
 from gcs.sim.settings import Origin
-from gcs.sim.targets.motions import motion
+from gcs.sim.targets.motions import motion, moved
 from gcs.sim.targets.reports import Errors, reports
 from gcs.sim.targets.reports import Report as Sent
 from gcs.simulation.scenario import TrackedTarget
@@ -28,7 +28,8 @@ class MovingTarget:
 
     def __init__(self, settings: TrackedTarget, seed: int) -> None:
         self._settings = settings
-        self._motion = motion(settings.motion, seed=seed, speed_m_s=settings.speed_m_s)
+        begins = motion(settings.motion, seed=seed, speed_m_s=settings.speed_m_s)
+        self._motion = moved(begins, settings.ahead_m, 0.0)
         names = {field.name for field in fields(Errors)}
         errors = Errors(
             **{name: getattr(settings, name) for name in names & type(settings).model_fields.keys()}
