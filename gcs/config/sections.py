@@ -303,7 +303,8 @@ class OperationSettings(Settings):
     setpoint_loss_action: Literal["descend", "hold", "land", "return"] = "hold"
     """What the autopilot must do without setpoints (PX4: COM_OBL_RC_ACT)."""
     setpoint_loss_s: Annotated[float, Field(ge=0.5, le=10)] = 1.0
-    """How long it may fly on without setpoints before that (PX4: COM_OF_LOSS_T), in s."""
+    """How long it may fly on without setpoints before that (PX4: COM_OF_LOSS_T), in s; above 1 vehicles keep
+    farther apart on their way."""
     return_height_m: Positive = 30.0
     """Height above home at which the first vehicle returns by itself (RTL_RETURN_ALT), in m."""
     return_layer_m: NotNegative = 4.0

@@ -293,7 +293,7 @@ def _stopping_inside(now: TickInputs, desired_m_s: Array) -> Array:
     and turns later than the circle does, would leave it.
     """
     safety, own = now.settings.safety, now.own
-    delay_s, response = safety.link_delay_s, now.traits.response.rows(own)
+    delay_s, response = safety.link_delay_s, now.stops.rows(own)
     each = safety.braking.over_link(delay_s).of_each(len(response), response.over_link(delay_s))
     _slow_down_inside(now.position_m, desired_m_s, each, safety.fence.distance_max_m)
     return desired_m_s

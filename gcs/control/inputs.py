@@ -11,6 +11,7 @@ from gcs.formation.obstacles import Ellipse
 from gcs.formation.orbit import Center
 from gcs.model.jit import kernel
 from gcs.model.plan import Obstacle, Plan, Target
+from gcs.model.response import FleetResponse
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array, FleetState, Mask, Traits, freeze
 from gcs.safety.constraints import stopping_speed_m_s
@@ -220,6 +221,15 @@ class TickInputs:
         most_m = max(fence.height_max_m - sphere_m, planned_m)
         lowest_m = min(fence.height_min_m + sphere_m, planned_m)
         return max(min(max(asked_m, least_m), most_m), lowest_m)
+
+    @property
+    def stops(self) -> FleetResponse:
+        """(n,) How the vehicles stop, if their setpoints may end in any tick.
+
+        What drawn vehicles do without setpoints is predicted before the show (`gcs.simulation.control_loss`).
+        """
+        drawn = None if self.tasks.drawn is None else self.tasks.task == Task.DRAWN
+        return self.traits.response.without_setpoints(self.settings.safety.braking.reaction_s, drawn)
 
     @property
     def acceleration_max_m_s2(self) -> Array:

@@ -349,7 +349,7 @@ def _surroundings(
         now.tasks.segments_of,
         now.tasks.drift,
         None if routes is None else routes.passage,
-        now.traits.response,
+        now.stops,
         None if now.tasks.drawn is None else now.tasks.task == Task.DRAWN,
         now.tasks.near_traffic,
         shared_m_s,

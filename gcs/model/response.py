@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 from math import inf
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,15 @@ from numpy.typing import NDArray
 from gcs.model.errors import ShapeError
 
 Column: TypeAlias = NDArray[np.float64]
+Mask: TypeAlias = NDArray[np.bool_]
+
+FLIES_ON_S: Final = 1.0
+"""For so long a vehicle may fly on without setpoints: the safety filter's margins allow for it."""
+
+BLIND_SHARE: Final = 2.0
+"""So many seconds earlier a vehicle brakes for each second that it may fly on longer. The inner loop sends up
+to 2.5 times a change of velocity, and a vehicle that flies on for long reaches that.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,6 +34,7 @@ class Response:
     loop_share: float = 1.0  # of the inner loop's gains
     lead_share: float = 1.0  # of the lead for accelerations that are known beforehand
     trim_share: float = 1.0  # of the rate at which setpoints are trimmed; 0: its autopilot leaves no error
+    blind_s: float = 0.0  # so much longer than `FLIES_ON_S` it may fly on when its setpoints end
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,6 +46,7 @@ class FleetResponse:
     loop_share: Column
     lead_share: Column
     trim_share: Column
+    blind_s: Column
 
     def __post_init__(self) -> None:
         """Raises: ShapeError when the columns have different lengths."""
@@ -73,3 +84,16 @@ class FleetResponse:
     def over_link(self, delay_s: float) -> "FleetResponse":
         """The same when telemetry and setpoints each take `delay_s`: a stop begins a round trip later."""
         return self if delay_s == 0.0 else replace(self, swings_s=self.swings_s + 2.0 * delay_s)
+
+    def without_setpoints(self, reaction_s: float, besides: Mask | None = None) -> "FleetResponse":
+        """The same where setpoints may end at any time: a stop begins when the vehicle notices it.
+
+        Args:
+            reaction_s: least one of these vehicles, as of `gcs.safety.constraints.Braking`.
+            besides: (n,) vehicles that stay as they are; None: none.
+        """
+        if not self.blind_s.any():
+            return self
+        longer = self.blind_s > 0.0 if besides is None else (self.blind_s > 0.0) & ~besides
+        begins_s = np.maximum(self.swings_s, reaction_s) + BLIND_SHARE * self.blind_s
+        return replace(self, swings_s=np.where(longer, begins_s, self.swings_s))

@@ -72,6 +72,23 @@ def test_recovered_vehicles_re_form_and_resume() -> None:
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=cut_off)
 
 
+def test_take_over_waits_for_a_heartbeat_after_the_stall() -> None:
+    """Of what the vehicles sent meanwhile the oldest was kept: their modes are not known yet."""
+
+    async def story(show: VirtualShow) -> None:
+        stall(show, 5.3, kept_share=0.3)
+        await show.until(lambda: show.view.interrupted is not None, 2.0)
+        ages_s = [seen.heartbeat_age_s or 0.0 for seen in vehicles_of(show.view)]
+        assert min(ages_s) > 3.0
+        show.befall("d4", "pilot")
+        record = await show.settled(show.service.recovery.settle(Offer.TAKE_OVER))
+        assert [record.outcomes[name].outcome for name in FIRST] == [Outcome.DONE] * 3
+        assert record.outcomes["d4"].outcome is Outcome.NOT_INCLUDED
+        assert show.vehicle("d4").phase is Phase.PILOT
+
+    fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=running)
+
+
 @pytest.mark.soak
 def test_vehicle_piloted_around_the_stall_stays_piloted() -> None:
     async def story(show: VirtualShow) -> None:

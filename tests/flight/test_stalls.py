@@ -8,13 +8,20 @@ import numpy as np
 import pytest
 
 from gcs.model.interrupted_flight import Offer
-from gcs.model.lifecycle import FLOWN, ShowPhase
+from gcs.model.lifecycle import FLOWN, Phase, ShowPhase
 from gcs.model.state import Array, Counts, Mode
 from gcs.service import Outcome, ShowAction
 from gcs.service.alarms import AlarmCause
 from gcs.sim.vehicle.px4 import Mode as PilotMode
 from gcs.testing.views import vehicles_of
-from gcs.testing.virtual_show import HOLDS_WHEN_LOST, SLOWLY_DISARMED, VirtualShow, fly, show_config
+from gcs.testing.virtual_show import (
+    HOLDS_WHEN_LOST,
+    SLOWLY_DISARMED,
+    TAKEOFF_HEIGHT_M,
+    VirtualShow,
+    fly,
+    show_config,
+)
 from tests.support.show_phases import aborting, arming, assembling, on_the_pads, paused, returning, running
 from tests.support.stalls import floor_violations, stall
 
@@ -39,6 +46,16 @@ async def uncontrolled(show: VirtualShow) -> None:
     stall(show, 3.0)
 
 
+async def climbing(show: VirtualShow) -> None:
+    await arming(show)
+    await show.until(lambda: 1.0 < -show.true_m[:, 2].min() < TAKEOFF_HEIGHT_M)
+
+
+async def landing(show: VirtualShow) -> None:
+    await returning(show)
+    await show.until(lambda: Phase.LANDING in {seen.phase for seen in vehicles_of(show.view)})
+
+
 PHASES: tuple[Into, ...] = (
     running,
     assembling,
@@ -49,26 +66,30 @@ PHASES: tuple[Into, ...] = (
     uncontrolled,
     counting_down,
     on_the_pads,
-    returning,
+    climbing,
+    landing,
 )
 
 
 def begins(into: Into) -> Into:
     """What phases have in common, which is flown once for all of them."""
-    return on_the_pads if into in {arming, assembling, counting_down, on_the_pads} else running
+    return on_the_pads if into in {arming, assembling, climbing, counting_down, on_the_pads} else running
 
 
 STALLS_S = (4.0, 1.0, 10.0, 2.0)
+KEPT = (0, 1, 11)
+"""In formation, while assembling, and in formation with a STOP before a heartbeat came after the stall."""
+
 CASES = [
     pytest.param(
         turn,
         PHASES[turn % len(PHASES)],
-        STALLS_S[turn % len(STALLS_S)],
-        marks=() if turn < 2 else pytest.mark.soak,
+        STALLS_S[turn] if turn < 2 else round(random.Random(turn).uniform(0.3, 10.0), 1),
+        marks=() if turn in KEPT else pytest.mark.soak,
     )
-    for turn in range(20)
+    for turn in range(33)
 ]
-"""`make test` flies two phases once, `make soak` each with two moments and lengths."""
+"""`make soak` flies each phase with three moments and lengths; after the shortest vehicles are flown on."""
 
 
 def assert_true(show: VirtualShow) -> None:

@@ -189,7 +189,8 @@ class Commander(VehicleCommands):
         flying = [*(v for v in flight.vehicles.airborne if v not in spared), *back]
         waiting, later = maneuvers.waiting, self._expected(reclaim=reclaim)
         self._lead(event, reason, [*flying, *waiting])
-        left_out = self._not_ours(back) | {v.id: f"comes down already: {v.reason}" for v in spared}
+        left_out = self._not_ours([*back, *later])
+        left_out |= {v.id: f"comes down already: {v.reason}" for v in spared}
         ids = [v.id for v in (*flying, *waiting, *later)]
         record = flight.book.open(action or event.value, ids, left_out)
         if event is ShowEvent.STOP:

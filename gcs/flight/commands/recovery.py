@@ -159,8 +159,16 @@ class FlightRecovery:
         """Vehicles of the interrupted flight that have sent nothing yet: a command to all includes them."""
         if self.found is None or self._wrong:
             return []
-        vehicles = [self.vehicles[name] for name in self.found.vehicles]
-        return [vehicle for vehicle in vehicles if vehicle.phase is Phase.OFFLINE]
+        return [
+            self.vehicles[name] for name in self.found.vehicles if self._is_unreceived(self.vehicles[name])
+        ]
+
+    def _is_unreceived(self, vehicle: Vehicle) -> bool:
+        """Whether it has sent nothing yet; after a stall no heartbeat, which comes within a second."""
+        if vehicle.phase is not Phase.PILOT or self.stalls.stall is None:
+            return vehicle.phase is Phase.OFFLINE
+        never = self.refusals.why_never(vehicle) or self.refusals.why_not_touching_down(vehicle)
+        return not never and bool(self.refusals.why_not_without_heartbeat(vehicle))
 
     def _receive(self) -> None:
         shown = self.view()
@@ -172,7 +180,8 @@ class FlightRecovery:
             why = self.why_not(vehicle) if vehicle.phase is Phase.PILOT else ""
             return why or texts.get(vehicle.id, vehicle.reason)
 
-        self.awaited.receive({reclaimable.id for reclaimable in self.reclaimable}, why_missed)
+        reclaimable = {vehicle.id for vehicle in self.reclaimable}
+        self.awaited.receive(reclaimable, self._is_unreceived, why_missed)
 
     # once a tick
 
@@ -265,7 +274,9 @@ class FlightRecovery:
         if offer not in shown.offers:
             raise RefusedError(f"{offer} is not offered: {shown.notice}")
         self.plans.restore(interruption, offer)
+        unreceived = self.unreceived
         waiting = {name for name, left in shown.vehicles.items() if left.waits}
+        waiting -= {vehicle.id for vehicle in unreceived}
         refused = {
             name: why
             for name in waiting
@@ -275,7 +286,6 @@ class FlightRecovery:
         if offer is Offer.BRING_HOME:
             return self.send_home(f"brought home: {shown.cause}")
         chosen = [vehicle for name, vehicle in self.vehicles.items() if name in waiting]
-        unreceived = self.unreceived
         meant = [vehicle.id for vehicle in (*chosen, *unreceived)]
         left_out = {name: left.text for name, left in shown.vehicles.items() if name not in meant} | refused
         record = self.book.open(offer.value, meant, left_out)

@@ -196,11 +196,17 @@ class AwaitedVehicles:
         command.vehicles[vehicle.id] = vehicle
         return True
 
-    def receive(self, waiting: Collection[VehicleId], why_not: Callable[[Vehicle], str]) -> None:
+    def receive(
+        self,
+        waiting: Collection[VehicleId],
+        is_unreceived: Callable[[Vehicle], bool],
+        why_not: Callable[[Vehicle], str],
+    ) -> None:
         """Pass on the vehicles that have sent telemetry by now; report those whose time is over as missed.
 
         Args:
             waiting: vehicles that the command may take control of.
+            is_unreceived: whether a vehicle has not sent yet what decides that.
             why_not: returns why the command may not take control of a vehicle.
         """
         command = self._command
@@ -208,7 +214,7 @@ class AwaitedVehicles:
             return
         late = self.newest.state.time_s > command.given_s + RECEIVED_WITHIN_S
         for vehicle in list(command.vehicles.values()):
-            if vehicle.phase is Phase.OFFLINE and not late:
+            if is_unreceived(vehicle) and not late:
                 continue
             del command.vehicles[vehicle.id]
             if vehicle.phase is Phase.OFFLINE:

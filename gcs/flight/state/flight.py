@@ -43,7 +43,7 @@ from gcs.model.errors import CommandError
 from gcs.model.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowPhase
 from gcs.model.plan import LawName
 from gcs.model.preflight_report import Exclusion
-from gcs.model.response import FleetResponse
+from gcs.model.response import FLIES_ON_S, FleetResponse
 from gcs.model.setpoint_loss import FleetWithoutSetpoints, WithoutSetpoints
 from gcs.model.state import (
     Array,
@@ -290,12 +290,12 @@ class Flight:
     def note_parameters(self, vehicle: Vehicle, values: Mapping[str, ParameterValue]) -> None:
         """Take the parameters of a vehicle as read; what it does without setpoints follows from them."""
         self.parameters[vehicle.id] = values
-        self.newest.traits = replace(self.newest.traits, response=self._response())
         alone = self._without_setpoints(vehicle)
         if alone != vehicle.without_setpoints:
             vehicle.without_setpoints = alone
             of_all = [each.without_setpoints for each in self.vehicles.values()]
             self.uncontrolled.without_setpoints = FleetWithoutSetpoints(of_all)
+        self.newest.traits = replace(self.newest.traits, response=self._response())
 
     def _without_setpoints(self, vehicle: Vehicle) -> WithoutSetpoints:
         operation = self.config.operation
@@ -303,10 +303,15 @@ class Flight:
         return vehicle.autopilot.without_setpoints(action, loss_s, self._known_parameters(vehicle))
 
     def _response(self) -> FleetResponse:
-        """How the vehicles answer setpoints, by their profiles and their parameters as read."""
-        vehicles = self.vehicles.values()
+        """How the vehicles answer setpoints and their end, by their profiles and their parameters as read."""
         return FleetResponse.of(
-            [vehicle.autopilot.response(self._known_parameters(vehicle)) for vehicle in vehicles]
+            [
+                replace(
+                    vehicle.autopilot.response(self._known_parameters(vehicle)),
+                    blind_s=max(vehicle.without_setpoints.flies_on_s - FLIES_ON_S, 0.0),
+                )
+                for vehicle in self.vehicles.values()
+            ]
         )
 
     def _known_parameters(self, vehicle: Vehicle) -> Mapping[str, ParameterValue]:

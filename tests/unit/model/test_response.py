@@ -1,5 +1,7 @@
 """The responses of a fleet, as columns."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -28,4 +30,14 @@ def test_columns_are_read_only_and_of_one_length() -> None:
         fleet.swings_s[0] = 1.0
     one, two = np.ones(1), np.ones(2)
     with pytest.raises(ShapeError, match="lead_share"):
-        FleetResponse(two, two, two, one, two)
+        FleetResponse(two, two, two, one, two, two)
+
+
+def test_vehicles_that_fly_on_for_longer_stop_so_much_later() -> None:
+    patient = replace(GENTLE, blind_s=2.0)
+    alike = FleetResponse.of([GENTLE, Response()])
+    assert alike.without_setpoints(0.8) is alike
+    fleet = FleetResponse.of([GENTLE, patient, patient])
+    drawn = np.array([False, False, True])
+    assert fleet.without_setpoints(0.8, drawn).swings_s == pytest.approx([0.45, 4.8, 0.45])
+    assert fleet.without_setpoints(0.3).swings_s == pytest.approx([0.45, 4.45, 4.45])
