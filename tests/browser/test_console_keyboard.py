@@ -19,6 +19,8 @@ from tests.support.console_bench import AGAIN_MS, SOON_MS, Console
 from tests.support.console_states import ConsoleState, Prepare, flown, in_state
 from tests.support.show_files import checked_show
 
+pytestmark = pytest.mark.usefixtures("prompt_checks")
+
 Command: TypeAlias = tuple[str, str]
 """Method and path of the API, below /api/v1/."""
 
@@ -231,7 +233,7 @@ COMMANDS: Final[dict[Command, ByKeys]] = {
     ("POST", "show/begin"): ByKeys((">begin", f"begin-time={NOON}", "!Enter"), states.begins),
     ("DELETE", "show/begin"): ByKeys((">>begin-cancel",), states.begins),
     ("POST", "show/external-clock"): ByKeys((">>follow",), states.timecode(frozen=True)),
-    ("POST", "show/seek"): ByKeys((">cue-2",), with_selected),
+    ("POST", "show/seek"): ByKeys((">cue-turn",), with_selected),
     ("POST", "show/deselect"): ByKeys((opened("shows"), ">show-deselect-lighthouse"), with_selected),
     ("POST", "shows"): ByKeys((opened("shows"), chooses("night.skyc", states.night_skyc)), states.nothing),
     ("PUT", "shows/{name}"): ByKeys(

@@ -9,6 +9,8 @@ from playwright.sync_api import Browser, expect
 from tests.support.console_bench import Console
 from tests.support.console_states import STATES, ConsoleState, in_state
 
+pytestmark = pytest.mark.usefixtures("prompt_checks")
+
 PHONE: Final = (360, 640)
 DESK: Final = (1280, 800)
 OTHERS: Final = ((768, 1024), (1920, 1080), (2560, 1440))
