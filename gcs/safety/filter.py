@@ -304,6 +304,7 @@ def _walls(
             fastest_m_s=fastest_m_s,
         )
         for target in here.targets
+        if target.clearance_m
     )
     walls = Constraints.joined(keepout, fence, obstacles, *clear_of_targets)
     if here.near_traffic is None:
