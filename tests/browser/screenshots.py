@@ -18,15 +18,15 @@ from pathlib import Path
 from typing import Final
 
 from PIL import Image
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Browser, Page, expect
 
 from gcs.client import Client
 from gcs.config import schema as configuration
-from tests.support.console_bench import FLIGHT_MS, ROOT, SOON_MS, Console, browser, console, fault
+from tests.support.console_bench import FLIGHT_MS, ROOT, SOON_MS, Console, browser, console, fault, station
 from tests.support.machine import free_ports
 from tests.support.processes import ORIGIN, SOON_S, flying_config, proper, service, wait_passes, wait_until
 from tests.support.replays import replay
-from tests.support.started import Started
+from tests.support.started import DEVNULL, Started
 
 Size = tuple[int, int]
 """Width and height of the window, CSS pixels."""
@@ -43,6 +43,8 @@ SETTLED_S: Final = 2.0
 """For trails to grow, and the camera to come to rest."""
 LAID_OUT_MS: Final = 500
 """For the page to take note of the window's new size."""
+FOLLOWED_S: Final = 25.0
+"""For the formation to be over the target that it follows."""
 STALL_S: Final = 8.0
 """Longer than the fake vehicles fly on without setpoints."""
 
@@ -119,8 +121,8 @@ def preview(camera: Photographer, ui: Console) -> None:
     ui.press("placing-fit")
     expect(ui.part("placing-summary")).to_contain_text("off the pads", timeout=SOON_MS)
     camera.shoot(ui, "placing", "shows", None, sizes=((1440, 900), (844, 390), (390, 844)))
-    ui.press("placing-close")
-    ui.press("drawn-close")
+    ui.closes(lambda: ui.press("placing-close"), "placing")
+    ui.closes(lambda: ui.press("drawn-close"), "drawn")
 
 
 def fly(camera: Photographer, ui: Console, client: Client, control: int) -> None:
@@ -198,6 +200,32 @@ def watch(camera: Photographer, ui: Console, client: Client) -> None:
     camera.shoot(ui, "replay", None, "report", sizes=(*DESKS, (844, 390)))
 
 
+def follow(camera: Photographer, chrome: Browser, folder: Path) -> None:
+    """A flight over a boat that reports itself."""
+    folder.mkdir()
+    at = f"udp://127.0.0.1:{free_ports()}"
+    targets = [{"name": "boat", "sources": [{"kind": "nmea", "at": at}], "delay_s": 0.3}]
+    motion = ("--target", "boat", "--send", "nmea", "--to", at, "--delay", "0.3", "--noise", "1")
+    with (
+        station(folder, 8, sections={"targets": targets}, radius_m=7.0, height_m=14.0) as ground,
+        console(chrome, ground.url, width=1440, height=900) as ui,
+    ):
+        client = ground.client
+        wait_until("ready", SOON_S, lambda: all(each.ready for each in client.fleet().vehicles))
+        wait_passes(client)
+        client.start()
+        ui.says("show-phase", "running", FLIGHT_MS)
+        boat = Started("gcs.sim", *motion, "--origin", ORIGIN, "--grid-at=-15,25", stdout=DEVNULL)
+        try:
+            wait_until("tracked", SOON_S, lambda: client.targets().targets[0].state == "tracked")
+            client.select_target("boat")
+            time.sleep(FOLLOWED_S)
+            camera.shoot(ui, "targets", None, "feature-targets", sizes=((1440, 900),))
+        finally:
+            boat.terminate()
+            boat.wait()
+
+
 def main() -> None:
     """Overwrites what is in the folder."""
     parser = argparse.ArgumentParser(description="Pictures of the console.")
@@ -238,6 +266,7 @@ def main() -> None:
             console(chrome, url) as ui,
         ):
             watch(camera, ui, client)
+        follow(camera, chrome, Path(temporary) / "target")
 
 
 if __name__ == "__main__":
