@@ -56,6 +56,9 @@ PROBES: Final = frozenset({"/healthz", "/readyz"})
 vehicles fly. A response costs no more than a refusal.
 """
 
+STREAM: Final = "/api/v1/stream"
+"""Path prefix of the WebSockets that only read."""
+
 READING: Final = frozenset({"GET", "HEAD", "OPTIONS", "WEBSOCKET"})
 
 EMERGENCIES: Final = frozenset(
@@ -102,7 +105,7 @@ def needed(method: str, path: str) -> Right | None:
     """The right that a call needs; None: no right. Calls not known to be harmless need `OPERATE`."""
     if path in PUBLIC or (is_public(path) and method in READING):
         return None
-    if method in READING:
+    if method in READING and (method != "WEBSOCKET" or path.startswith(STREAM)):
         return Right.WATCH
     return Right.EMERGENCY if is_emergency(method, path) else Right.OPERATE
 

@@ -81,7 +81,7 @@ class FormationRun(SimulatedFlight):
             )
         )
         self._target_m_s = np.array([flight.target.velocity_x_m_s, flight.target.velocity_y_m_s])
-        self._tracked = None if flight.tracked is None else MovingTarget(flight.tracked, seed)
+        self.tracked = None if flight.tracked is None else MovingTarget(flight.tracked, seed)
         self._traffic = (
             None
             if flight.traffic is None
@@ -138,8 +138,8 @@ class FormationRun(SimulatedFlight):
         now_s, dt_s = self.time_s, self.world.tick_s
         if self._target_stands and now_s > 0.0:
             return
-        if self._tracked is not None:
-            self.plan = replace(self.plan, target=self._tracked.seen(now_s, self.plan.target))
+        if self.tracked is not None:
+            self.plan = replace(self.plan, target=self.tracked.seen(now_s, self.plan.target))
             return
         if now_s > 0.0:
             acceleration_m_s2 = np.zeros(2)
@@ -153,7 +153,7 @@ class FormationRun(SimulatedFlight):
         self.plan = replace(self.plan, target=target)
 
     def true_target_m(self) -> Array:
-        return super().true_target_m() if self._tracked is None else self._tracked.truth_m(self.time_s)
+        return super().true_target_m() if self.tracked is None else self.tracked.truth_m(self.time_s)
 
     def _carry(self, carried: Carried) -> None:
         """Carry the first vehicle along the sphere, hold it, and let it go."""

@@ -43,18 +43,22 @@ class MovingTarget:
         state = self._motion(time_s)
         return np.array([state.north_m, state.east_m])
 
+    def take(self, now_s: float) -> None:
+        """Take what has been sent."""
+        while self._next.sent_s <= now_s:
+            self._estimate.tracker.take(self.report(self._next), 0.0)
+            self._next = next(self._sent)
+
     def seen(self, now_s: float, was: Target) -> Target:
         """What the formation follows: where the target is estimated, or where it was when it was lost."""
-        while self._next.sent_s <= now_s:
-            self._estimate.tracker.take(self._report(self._next), 0.0)
-            self._next = next(self._sent)
+        self.take(now_s)
         motion = self._estimate.motion(now_s)
         if motion is None:
             return was
         is_lost = self._estimate.state(now_s) is TrackState.LOST
         return was.held(now_s) if is_lost else motion.target(now_s, self._settings.clearance_m)
 
-    def _report(self, sent: Sent) -> TargetReport:
+    def report(self, sent: Sent) -> TargetReport:
         degrees = (np.array([sent.latitude_deg]), np.array([sent.longitude_deg]))
         place_m = FRAME.position_m(*degrees, np.array([ORIGIN.altitude_amsl_m]))[0]
         moves_m_s = (sent.north_m_s, sent.east_m_s) if self._settings.velocity else (nan, nan)

@@ -74,6 +74,7 @@ class FakePlan:
     def __init__(self, phases: dict[str, Phase]) -> None:
         self._phases = phases
         self.current = Plan(Formation(radius_m=10.0, height_m=20.0))
+        self.reported: list[TargetFix] = []
 
     def set_formation(self, formation: Formation, fields: Sequence[str] = ()) -> None:
         least_m, count = 3.0 * sqrt(len(self._phases)), len(self._phases)
@@ -102,6 +103,7 @@ class FakePlan:
     def report_target(self, name: str, fix: TargetFix) -> None:
         if name != "boat":
             raise UnknownError(f"there is no target {name!r}")
+        self.reported.append(fix)
 
     def set_yaw(self, yaw: Yaw, fields: Sequence[str] = ()) -> None:
         self.current = replace(self.current, yaw=yaw)

@@ -79,7 +79,13 @@ class TargetEstimate:
         return apart_m
 
     def _best(self, now_s: float) -> int:
-        """Index of the first that is tracked; else of the one in use while it is no worse than others."""
+        """Index of the first that is tracked; else of the one in use while it is no worse than others.
+
+        One that is late already is not waited for while another is not.
+        """
+        for source, tracker in enumerate(self.trackers):
+            if tracker.is_fresh(now_s):
+                return source
         states = [tracker.state(now_s) for tracker in self.trackers]
         for state in BEST_FIRST:
             if state is not TrackState.TRACKED and states[self.active] is state:

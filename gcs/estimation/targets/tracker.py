@@ -18,7 +18,7 @@ from gcs.estimation.targets.motion import (
     foreseen,
     off_deviations,
 )
-from gcs.estimation.targets.source_clock import SourceClock
+from gcs.estimation.targets.source_clock import STEP_S, SourceClock
 from gcs.model.state import Array
 
 GATE: Final = 4.5
@@ -27,6 +27,9 @@ GATE: Final = 4.5
 GATE_LEAST_M: Final = 3.0
 """Nearer than this none is refused: sources err by more than they say."""
 
+FASTER_M_S: Final = 1.0
+"""By so much a target may have been faster than before, while nothing was received."""
+
 REFUSED_S: Final = 1.0
 """After refused reports for so long the source counts as saying something else."""
 
@@ -34,13 +37,25 @@ STANDS_M: Final = 0.01
 """Two reports nearer to each other than this are of the same place."""
 
 STANDS_S, STANDING_M_S = 1.0, 0.5
-"""A source that repeats a place for so long, of a target that moves faster than this, has stopped."""
+"""A source that repeats a place for so long, of a target that moves faster than this, has stopped.
+
+One that reports such a velocity beside it is not believed from the first repetition on.
+"""
+
+STOPS_M_S: Final = 2.0
+"""Nor is one without a velocity, of a target that was faster than this: such a one brakes before it stops."""
+
+NOT_AGAIN: Final = 256
+"""Newest reports that a source may not repeat."""
 
 KEPT: Final = 32
 """Newest reports that are kept for those that arrive out of order."""
 
 SILENT_S, SILENT_PERIODS = 0.5, 2.5
 """A source is silent when nothing came for both so long and so many of its periods."""
+
+FRESH_S, FRESH_PERIODS = 0.3, 1.6
+"""A source whose next report is later than this gives way to one that is not."""
 
 FARTHEST_M: Final = 100_000.0
 """Farther from the show's origin a report is of another frame: degrees exchanged, or none."""
@@ -112,25 +127,35 @@ class Tracker:
         default_factory=lambda: deque(maxlen=KEPT), init=False
     )
     _arrived_s: float = field(default=-inf, init=False)
-    _source_s: float = field(default=nan, init=False)
+    _reported: deque[tuple[float, tuple[float, float]]] = field(
+        default_factory=lambda: deque(maxlen=NOT_AGAIN), init=False
+    )
     _place_m: tuple[float, float] = field(default=(nan, nan), init=False)
     _since_s: float = field(default=nan, init=False)  # when the source began to say this place
     _refused_s: float = field(default=nan, init=False)  # when it began to be refused
+    _away: tuple[Array, float] = field(default=(np.zeros(2), -inf), init=False)  # refused last, and when
     _late_s: float = field(default=0.0, init=False)  # how late the newest believed report was
 
     def take(self, report: TargetReport, unix_minus_loop_s: float = nan) -> None:
         """Take one report, whatever it says."""
-        if not all(map(isfinite, report.position_m)) or hypot(*report.position_m) > FARTHEST_M:
+        far_m = hypot(*report.position_m)
+        if not far_m <= FARTHEST_M:  # written so that NaN is refused
             self.outliers += 1
-            self.why = "it is reported too far away: are latitude and longitude exchanged?"
+            far = "it is reported too far away: are latitude and longitude exchanged?"
+            self.why = far if isfinite(far_m) else "it is reported without a place"
             return
-        if isfinite(report.source_s) and report.source_s == self._source_s:
+        if isfinite(report.source_s) and (report.source_s, report.position_m) in self._reported:
             self.doubled += 1
+            is_old = self._reported[-1][0] - report.source_s > STEP_S
+            if is_old or report.arrived_s - self._arrived_s > self._silent_s:
+                self.why = "its source repeats old reports"
             return
-        self._source_s = report.source_s
+        self._reported.append((report.source_s, report.position_m))
         if self._stands(report):
             self.standing += 1
-            self.why = f"its source has repeated one place for {report.arrived_s - self._since_s:.1f} s"
+            stands_s = report.arrived_s - self._since_s
+            if stands_s >= STANDS_S:
+                self.why = f"its source has repeated one place for {stands_s:.1f} s"
             return
         was_s = self.clock.was_s(report.arrived_s, report.source_s, unix_minus_loop_s)
         if not isfinite(was_s):
@@ -144,9 +169,16 @@ class Tracker:
         if self.belief is None:
             return TrackState.NONE
         silent_s = now_s - self.newest_s
-        if silent_s - self._late_s <= max(SILENT_S, SILENT_PERIODS * self.period_s) and not self.why:
+        if silent_s - self._late_s <= self._silent_s and not self.why:
             return TrackState.TRACKED
         return TrackState.COASTING if silent_s - self._late_s <= self.coast_s else TrackState.LOST
+
+    def is_fresh(self, now_s: float) -> bool:
+        """Whether it is tracked, and the next report is not late."""
+        late_s = now_s - self.newest_s - self._late_s
+        return (
+            late_s <= max(FRESH_S, FRESH_PERIODS * self.period_s) and self.state(now_s) is TrackState.TRACKED
+        )
 
     def motion(self, now_s: float) -> TargetMotion | None:
         """How the target moves at `now_s`; None: nothing was received."""
@@ -155,6 +187,11 @@ class Tracker:
         return replace(
             foreseen(self.belief, now_s), height=None if self.height is None else self.height.foreseen(now_s)
         )
+
+    @property
+    def _silent_s(self) -> float:
+        """Without a report for longer the source is silent."""
+        return max(SILENT_S, SILENT_PERIODS * self.period_s)
 
     def begin_again(self) -> None:
         """Forget the target: the next report is believed, wherever it is."""
@@ -169,10 +206,11 @@ class Tracker:
             self._place_m, self._since_s = report.position_m, report.arrived_s
             return False
         moves_m_s = hypot(*report.velocity_m_s)
-        if not isfinite(moves_m_s):
-            motion = self.motion(report.arrived_s)
-            moves_m_s = 0.0 if motion is None else float(np.hypot(*motion.velocity_m_s))
-        return report.arrived_s - self._since_s >= STANDS_S and moves_m_s > STANDING_M_S
+        if isfinite(moves_m_s):
+            return moves_m_s > STANDING_M_S
+        motion = self.motion(report.arrived_s)
+        moves_m_s = 0.0 if motion is None else float(np.hypot(*motion.velocity_m_s))
+        return moves_m_s > (STANDING_M_S if report.arrived_s - self._since_s >= STANDS_S else STOPS_M_S)
 
     def _note_period(self, arrived_s: float) -> None:
         if isfinite(self._arrived_s):
@@ -191,6 +229,10 @@ class Tracker:
             return  # older than all that are kept
         off_m = self._off_m(before, was_s, reported, variance)
         if off_m > 0.0:
+            if self._is_found_again(before, was_s, reported, variance):
+                self._believed.clear()
+                self._insert(was_s, reported, variance, None)
+                return
             self.outliers += 1
             if not isfinite(self._refused_s):
                 self._refused_s = was_s
@@ -224,6 +266,24 @@ class Tracker:
         off_m = float(np.hypot(*(reported[:2] - expected.position_m)))
         near = off_m <= GATE_LEAST_M or off_deviations(expected, reported[:2], variance[0]) <= GATE
         return 0.0 if near else off_m
+
+    def _is_found_again(self, before: TargetBelief, was_s: float, reported: Array, variance: Array) -> bool:
+        """Whether after a drop-out this report and the refused one before agree on a place within reach.
+
+        What the target did was not seen: it may be as far from its last place as it can have moved by the
+        time at which the first report was refused, and a second later.
+        """
+        (refused_m, refused_s), self._away = self._away, (reported[:2], was_s)
+        if not self._refused_s - before.time_s > self._silent_s:
+            return False
+        last = foreseen(before, before.time_s)
+        speeds_m_s = [float(np.hypot(*each)) for each in (last.velocity_m_s, reported[2:]) if len(each)]
+        fastest_m_s = max(speeds_m_s) + FASTER_M_S
+        unseen_s = min(was_s, self._refused_s + REFUSED_S) - before.time_s
+        scatter_m = GATE * float(np.sqrt(2.0 * variance[0]))
+        is_within_reach = np.hypot(*(reported[:2] - last.position_m)) <= fastest_m_s * unseen_s + scatter_m
+        agree = np.hypot(*(reported[:2] - refused_m)) <= fastest_m_s * (was_s - refused_s) + scatter_m
+        return bool(is_within_reach and agree)
 
     def _before(self, was_s: float) -> TargetBelief | None:
         """The newest belief that is not later than a report; None: all that are kept are."""
