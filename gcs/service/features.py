@@ -308,12 +308,13 @@ class TrafficView(FeatureView):
     reports: Annotated[int, Described("Reports that were believed.", "gcs_traffic_reports")]
     refused: Annotated[int, Described("Reports that were late, repeated or far off.", "gcs_traffic_refused")]
     radius_m: Annotated[float, Field(description="Of the cylinder around each track.")]
+    half_height_m: Annotated[float, Field(description="Half of its height.")]
     nearest: Annotated[tuple[TrackView, ...], Described("The nearest 64, the nearest first.")]
 
     @staticmethod
     def none() -> "TrafficView":
         """Of a service that has no source of it."""
-        return TrafficView(0, 0, 0, "no source: add traffic to the configuration", 0, 0, 0.0, ())
+        return TrafficView(0, 0, 0, "no source: add traffic to the configuration", 0, 0, 0.0, 0.0, ())
 
     def line(self, unix_time_s: float) -> Line:  # noqa: ARG002
         if self.problem:

@@ -261,6 +261,7 @@ class OtherTraffic(Feature):
             reports=table.accepted,
             refused=table.outliers + table.late + table.repeated,
             radius_m=self._settings.radius_m,
+            half_height_m=self._settings.half_height_m,
             nearest=nearest,
         )
 
