@@ -186,6 +186,9 @@ class Format(NamedTuple):
     encoder: Callable[[argparse.Namespace, float], formats.Encoder]
 
 
+AIRCRAFT, VESSEL = 0x3C6444, 211_234_560
+"""ICAO address and MMSI of what a receiver of ADS-B or AIS reports."""
+
 FORMATS = {
     "nmea": Format("udp://127.0.0.1:10110", lambda _, unix_s: formats.nmea(unix_s)),
     "gpsd": Format("tcp://127.0.0.1:2947", lambda _, unix_s: formats.tpv(unix_s)),
@@ -193,6 +196,10 @@ FORMATS = {
     "mavlink": Format("udp://127.0.0.1:14560", lambda given, _: formats.Mavlink(given.system_id)),
     "follow-target": Format(
         "udp://127.0.0.1:14560", lambda given, _: formats.Mavlink(given.system_id, follow_target=True)
+    ),
+    "adsb": Format("udp://127.0.0.1:14560", lambda given, _: formats.Transponder(given.system_id, AIRCRAFT)),
+    "ais": Format(
+        "udp://127.0.0.1:14560", lambda given, _: formats.Transponder(given.system_id, VESSEL, vessel=True)
     ),
 }
 
@@ -213,8 +220,9 @@ def _add_target(parser: argparse.ArgumentParser) -> None:
     usual = ", ".join(f"{name} {kind.speed_m_s:g}" for name, kind in motions.KINDS.items())
     add("--speed", type=number(0.1, 300.0), metavar="M_S", help=f"without: {usual}")
     add("--rate", type=number(0.01, 200.0), default=5.0, metavar="HZ", help="reports a second")
+    add("--height", type=number(-100.0, 1e4), default=0.0, metavar="M", help="above the origin")
     add("--name", default="target", metavar="NAME", help="of cot: uid and callsign")
-    add("--system-id", type=whole(1, 255), default=42, metavar="N", help="of mavlink and follow-target")
+    add("--system-id", type=whole(1, 255), default=42, metavar="N", help="of all but nmea, gpsd and cot")
     text = "how long an error of the position stays alike; 0: each is another"
     add("--correlated", type=number(0.0, 1e4), default=0.0, metavar="S", help=text)
     add("--delay", type=number(0.0, 60.0), default=0.0, metavar="S", help="from measuring to sending")
@@ -425,7 +433,9 @@ def _motion(given: argparse.Namespace) -> tuple[Origin, motions.Motion]:
     """Raises: FleetError where there is no such motion or track."""
     if given.target in motions.KINDS:
         options = {"seed": given.seed, "course_deg": given.heading, "speed_m_s": given.speed}
-        return given.origin, motions.moved(motions.motion(given.target, **options), *given.grid_at)
+        north_m, east_m = given.grid_at
+        moved = motions.moved(motions.motion(given.target, **options), north_m, east_m, -given.height)
+        return given.origin, moved
     if not given.target.lower().endswith(".csv"):
         kinds = ", ".join(motions.KINDS)
         raise FleetError(2, f"--target {given.target}: there are {kinds}, and tracks, FILE.csv")

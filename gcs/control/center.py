@@ -118,7 +118,7 @@ def _out_of_traffic(
     evading = Evading(
         ahead.position_m[None],
         np.ones(1, np.bool_),
-        desired_m_s[None],
+        ahead.velocity_m_s[None],  # a side that was begun is kept
         np.array([sphere_m + now.settings.law.avoidance.near_m]),
         np.array([speed_m_s]),
         safety.braking.of_each(1),

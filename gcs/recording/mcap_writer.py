@@ -21,7 +21,7 @@ from gcs.recording import mcap_layout as layout
 from gcs.recording.mcap_layout import SCHEMAS, SHOW, as_json, stamp
 from gcs.recording.sample import RecordedElsewhere, Sample
 from gcs.service import FleetView
-from gcs.service.features import Features
+from gcs.service.features import Features, TrackView
 
 CHUNK_S: Final = 1.0
 WAITING_MAX: Final = 400
@@ -178,6 +178,7 @@ TARGET_HEIGHT_M: Final = 2.0
 _UPRIGHT: Final = {"x": 0, "y": 0, "z": 0, "w": 1}
 _BLUE: Final = {"r": 0.2, "g": 0.5, "b": 1.0, "a": 0.12}
 _RED: Final = {"r": 0.9, "g": 0.2, "b": 0.1, "a": 0.9}
+_ORANGE: Final = {"r": 1.0, "g": 0.6, "b": 0.1, "a": 0.3}
 _GREY: Final = {"r": 0.6, "g": 0.6, "b": 0.6, "a": 0.6}
 _WHITE: Final = {"r": 1.0, "g": 1.0, "b": 1.0, "a": 1.0}
 _PRIMITIVES: Final = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
@@ -205,12 +206,27 @@ def scene_message(sample: Sample) -> bytes:
         size = _xyz(2.0 * box.half_length_x_m, 2.0 * box.half_length_y_m, box.height_m)
         cube = {"pose": _pose(x_m, y_m, -box.height_m / 2.0), "size": size, "color": _GREY}
         entities.append(_entity(view, f"obstacle {box.id}", cubes=[cube]))
+    traffic = () if view.features.traffic is None else view.features.traffic.nearest
+    entities += [
+        _entity(view, f"traffic {track.id}", cylinders=[_cylinder(view, track)])
+        for track in traffic
+        if track.near or track.evaded
+    ]
     names = layout.recorded_ids(sample)
     if len(names) <= LABELS_MAX:
         rows = np.concatenate([layout.own_rows(sample), layout.rows_elsewhere(sample)])
         places_m = layout.vectors(rows, layout.POSITION).tolist()
         entities.append(_entity(view, "names", texts=_names(names, places_m)))
     return as_json({"deletions": [], "entities": entities})
+
+
+def _cylinder(view: FleetView, track: TrackView) -> dict[str, Any]:
+    """The cylinder around a track; one without a known height stands on the ground."""
+    traffic, height_m = view.features.traffic, track.height_m
+    radius_m, tall_m = (0.0, 0.0) if traffic is None else (traffic.radius_m, 2.0 * traffic.half_height_m)
+    place_m = track.x_m, track.y_m, -(tall_m / 2.0 if height_m is None else height_m)
+    size = _xyz(2.0 * radius_m, 2.0 * radius_m, tall_m)
+    return {"pose": _pose(*place_m), "size": size, "bottom_scale": 1.0, "top_scale": 1.0, "color": _ORANGE}
 
 
 def _entity(view: FleetView, name: str, **primitives: object) -> dict[str, Any]:

@@ -114,7 +114,14 @@ def track_constraints(evading: Evading, near_traffic: NearTraffic | None) -> Con
     level_m, upright_m, upward = level_m.ravel()[kept], upright_m.ravel()[kept], upward.ravel()[kept]
     each, row = evading.each[:, rows[which]], rows[which]
     side, needed_m_s = _way_out(
-        evading, row, aside[track], beside_m.ravel()[kept], radius_m.ravel()[kept], arrives_s.ravel()[kept]
+        evading,
+        row,
+        aside[track],
+        beside_m.ravel()[kept],
+        radius_m.ravel()[kept],
+        near_traffic.radius_m[track] + evading.extra_m[row],
+        _led_m(evading.desired_m_s[rows, :2] @ aside.T, beside_m, arrives_s, radius_m).ravel()[kept],
+        arrives_s.ravel()[kept],
     )
     upright = (upright_m > 0.0) & (upright_m >= level_m)
     normal = np.zeros((len(kept), 3))
@@ -140,16 +147,32 @@ def _above_or_below(
     return np.maximum(above_m, below_m), np.where(above_m >= below_m, 1.0, -1.0)
 
 
+def _led_m(desired_m_s: Array, beside_m: Array, arrives_s: Array, radius_m: Array) -> Array:
+    """(r, k) where the desired velocities (r, k) lead by then; near each other all take one side."""
+    then_m = beside_m + desired_m_s * np.maximum(arrives_s - EARLY_S, LEAST_S)
+    whole_m = np.broadcast_to(then_m.mean(axis=0), then_m.shape)
+    together = np.abs(beside_m - beside_m.mean(axis=0)) < radius_m
+    led_m: Array = np.where(together, whole_m, then_m)
+    return led_m
+
+
 def _way_out(
-    evading: Evading, row: NDArray[np.intp], aside: Array, beside_m: Array, radius_m: Array, arrives_s: Array
+    evading: Evading,
+    row: NDArray[np.intp],
+    aside: Array,
+    beside_m: Array,
+    radius_m: Array,
+    least_m: Array,
+    then_m: Array,
+    arrives_s: Array,
 ) -> tuple[Array, Array]:
     """(c,) sides, 1 along `aside` (c, 2) or -1, and the speeds to be out on it in time.
 
-    The side is that to which the desired velocity leads, else the nearer one; the other where only that can
-    be reached in time, or within the fence.
+    The side is that of `then_m` (c,), where the desired velocity leads; the other where only that can be
+    reached in time, or within the fence. In time is out of `least_m` (c,), the cylinder without what is not
+    known of it: else a sphere is split by tracks that are known badly.
     """
     left_s = np.maximum(arrives_s - EARLY_S, LEAST_S)
-    then_m = beside_m + (evading.desired_m_s[row, :2] * aside).sum(axis=1) * left_s
     desired = np.where(np.abs(beside_m) < radius_m, np.where(then_m >= 0.0, 1.0, -1.0), np.sign(beside_m))
     inside = np.abs(beside_m) < radius_m
     cost_m_s = []
@@ -157,10 +180,10 @@ def _way_out(
         way_m = np.maximum(radius_m - side * beside_m, 0.0)
         there_m = evading.position_m[row, :2] + (side * way_m)[:, None] * aside
         fenced = np.hypot(*there_m.T) > evading.reach_m - FENCED_M
-        cost_m_s.append((way_m / left_s, fenced))
-    (first_m_s, first_fenced), (other_m_s, other_fenced) = cost_m_s
+        cost_m_s.append((way_m / left_s, (least_m - side * beside_m) / left_s, fenced))
+    (first_m_s, soonest_m_s, first_fenced), (other_m_s, _, other_fenced) = cost_m_s
     most_m_s = evading.speed_max_m_s[row]
-    late = (first_m_s > most_m_s) & (other_m_s < first_m_s)
+    late = (soonest_m_s > most_m_s) & (other_m_s < first_m_s)
     turned = inside & ((late & ~other_fenced) | (first_fenced & ~other_fenced))
     side = np.where(turned, -desired, desired)
     return side, np.minimum(np.where(turned, other_m_s, first_m_s), most_m_s)

@@ -301,24 +301,29 @@ class TrafficView(FeatureView):
 
     __pydantic_config__ = PUBLISHED
 
-    known: Annotated[int, Described("Tracks that are known; at most 128, the nearest.", "gcs_traffic_tracks")]
-    near: Annotated[int, Described("Tracks that come near the formation.", "gcs_traffic_near", moves=False)]
-    manned: Annotated[int, Described("Manned aircraft that are too near.", "gcs_traffic_manned", moves=False)]
+    known: Annotated[
+        float, Described("Tracks that are known; at most 128, the nearest.", "gcs_traffic_tracks")
+    ]
+    near: Annotated[float, Described("Tracks that come near the formation.", "gcs_traffic_near", moves=False)]
+    manned: Annotated[
+        float, Described("Manned aircraft that are too near.", "gcs_traffic_manned", moves=False)
+    ]
     problem: Annotated[str, Described("Why traffic is not known; empty: its sources report.", moves=False)]
     reports: Annotated[int, Described("Reports that were believed.", "gcs_traffic_reports")]
     refused: Annotated[int, Described("Reports that were late, repeated or far off.", "gcs_traffic_refused")]
     radius_m: Annotated[float, Field(description="Of the cylinder around each track.")]
+    half_height_m: Annotated[float, Field(description="Half of its height.")]
     nearest: Annotated[tuple[TrackView, ...], Described("The nearest 64, the nearest first.")]
 
     @staticmethod
     def none() -> "TrafficView":
         """Of a service that has no source of it."""
-        return TrafficView(0, 0, 0, "no source: add traffic to the configuration", 0, 0, 0.0, ())
+        return TrafficView(0, 0, 0, "no source: add traffic to the configuration", 0, 0, 0.0, 0.0, ())
 
     def line(self, unix_time_s: float) -> Line:  # noqa: ARG002
         if self.problem:
             yield f"NOT KNOWN: {self.problem} ", "bad"
-        yield f"{self.known} tracks", ""
+        yield f"{self.known:g} tracks", ""
         for track in self.nearest:
             if track.near:
                 soon = f", {track.nearest_m:.0f} m in {track.nearest_s:.0f} s"

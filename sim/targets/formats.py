@@ -189,6 +189,40 @@ class Mavlink:
         )
 
 
+class Transponder(Mavlink):
+    """Frames of a receiver of ADS-B or AIS that reports one aircraft or vessel."""
+
+    def __init__(self, system_id: int, track: int, *, vessel: bool = False) -> None:
+        super().__init__(system_id)
+        self._track, self._position = track, self._vessel if vessel else self._aircraft
+
+    def _aircraft(self, report: Report) -> Message:
+        speed_m_s, course = _over_ground(report)
+        climb = max(-32_767, min(round(-100 * report.down_m_s), 32_766))
+        flags = (
+            common.ADSB_FLAGS_VALID_COORDS
+            | common.ADSB_FLAGS_VALID_ALTITUDE
+            | common.ADSB_FLAGS_VALID_HEADING
+            | common.ADSB_FLAGS_VALID_VELOCITY
+            | common.ADSB_FLAGS_VERTICAL_VELOCITY_VALID
+        )
+        return common.MAVLink_adsb_vehicle_message(
+            self._track, *_place(report)[:2], common.ADSB_ALTITUDE_TYPE_GEOMETRIC, _place(report)[2],
+            round(100 * course) % 36_000, min(round(100 * speed_m_s), 65_534), climb, b"FAKE",
+            common.ADSB_EMITTER_TYPE_LIGHT, 0, flags, 0,
+        )  # fmt: skip
+
+    def _vessel(self, report: Report) -> Message:
+        speed_m_s, course = _over_ground(report)
+        flags = (
+            common.AIS_FLAGS_POSITION_ACCURACY | common.AIS_FLAGS_VALID_COG | common.AIS_FLAGS_VALID_VELOCITY
+        )
+        return common.MAVLink_ais_vessel_message(
+            self._track, *_place(report)[:2], round(100 * course) % 36_000, 0,
+            min(round(100 * speed_m_s), 65_534), 0, 0, 0, 10, 10, 2, 2, b"", b"FAKE", 0, flags,
+        )  # fmt: skip
+
+
 def _boot_ms(report: Report) -> int:
     return max(round(1000 * (BOOTED_S + report.clock_s)), 0)
 

@@ -190,16 +190,18 @@ def motion(name: str, *, seed: int = 0, course_deg: float = 0.0, speed_m_s: floa
     return lambda time_s: _added(course(time_s), drift[0] * time_s, drift[1] * time_s, *drift)
 
 
-def moved(motion: Motion, north_m: float, east_m: float) -> Motion:
+def moved(motion: Motion, north_m: float, east_m: float, down_m: float = 0.0) -> Motion:
     """The same motion elsewhere."""
-    return lambda time_s: _added(motion(time_s), north_m, east_m, 0.0, 0.0)
+    return lambda time_s: _added(motion(time_s), north_m, east_m, 0.0, 0.0, down_m)
 
 
-def _added(state: State, north_m: float, east_m: float, north_m_s: float, east_m_s: float) -> State:
+def _added(
+    state: State, north_m: float, east_m: float, north_m_s: float, east_m_s: float, down_m: float = 0.0
+) -> State:
     return State(
         state.north_m + north_m,
         state.east_m + east_m,
-        state.down_m,
+        state.down_m + down_m,
         state.north_m_s + north_m_s,
         state.east_m_s + east_m_s,
         state.down_m_s,

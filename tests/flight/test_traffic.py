@@ -123,6 +123,21 @@ def test_own_vehicle_is_no_traffic() -> None:
     fly(story, FOUR, after=running)
 
 
+def test_start_waits_until_traffic_is_gone() -> None:
+    async def story(show: VirtualShow) -> None:
+        await show.standby()
+        report(show, 100.0, kind="manned")
+        await show.wait(0.5)
+        check = {each.name: each for each in show.service.preflight.report().fleet}["traffic-clear"]
+        assert not check.passes
+        assert "4CA1B2 (manned)" in check.problem
+        await show.wait(16.0)
+        check = {each.name: each for each in show.service.preflight.report().fleet}["traffic-clear"]
+        assert check.passes
+
+    fly(story, FOUR)
+
+
 def test_what_is_not_received_is_not_known() -> None:
     async def story(show: VirtualShow) -> None:
         traffic_of(show).failed(0, "nothing arrives at udp://127.0.0.1:14999")

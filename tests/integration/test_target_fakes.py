@@ -9,11 +9,15 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from math import nan
 from typing import Any
 
 import pytest
 from pynmeagps import NMEAReader
 
+from gcs.links.targets.receive import intake_of, keep_receiving_tracks
+from gcs.links.targets.settings import CotTracks, MavlinkTracks
+from gcs.model.target_fix import TargetFix
 from gcs.sim.settings import Origin
 from gcs.sim.targets import formats
 from gcs.sim.targets.motions import motion
@@ -74,6 +78,33 @@ def test_command_is_received_as_a_target(form: str) -> None:
     assert (last.latitude_deg - first.latitude_deg) * 111_180 / passed_s == pytest.approx(3.0, abs=1.5)
     assert last.north_m_s == pytest.approx(3.0, abs=0.2)
     assert last.deviation_m == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(
+    ("form", "track", "kind", "height_m"),
+    [("adsb", "3C6444", "manned", 90.0), ("ais", "211234560", "vessel", nan), ("cot", "X1", "ground", 90.0)],
+)
+def test_command_is_received_as_traffic(form: str, track: str, kind: str, height_m: float) -> None:
+    port, fixes, reasons = free_ports(), list[TargetFix](), list[str]()
+    at = f"udp://127.0.0.1:{port}"
+    settings: MavlinkTracks | CotTracks = MavlinkTracks(kind="mavlink", at=at)
+    if form == "cot":
+        settings = CotTracks(kind="cot", at=at, geoid_m=formats.GEOID_M)
+    options = ("--target", "straight", "--speed", "20", "--rate", "20", "--height", "90", "--name", "X1")
+
+    async def story() -> None:
+        intake = intake_of("traffic", settings)
+        receiving = keep_receiving_tracks(settings, frozenset({1}), fixes.append, reasons.append, intake)
+        task = asyncio.create_task(receiving)
+        with running(*options, "--send", form, "--to", at):
+            await until(lambda: len(fixes) >= 10)
+        task.cancel()
+
+    asyncio.run(story())
+    assert {(fix.track, fix.kind) for fix in fixes} == {(track, kind)}
+    assert fixes[-1].north_m_s == pytest.approx(20.0, abs=0.5)
+    high_m = fixes[-1].altitude_amsl_m - Origin().altitude_amsl_m
+    assert high_m == pytest.approx(height_m, abs=10.0, nan_ok=True)
 
 
 @contextmanager

@@ -42,6 +42,8 @@ from gcs.service.features import (
     TargetsView,
     TargetView,
     TimecodeView,
+    TrackView,
+    TrafficView,
 )
 from gcs.shows.formats import write_drawing
 from tests.support.api_background import Ticking, in_background
@@ -176,6 +178,18 @@ def targets(service: FakeService) -> None:
             ),
             off_m=0.42,
         )
+    )
+
+
+def traffic(service: FakeService) -> None:
+    """An aircraft that is near and evaded, and a source that fails."""
+    running(service)
+    plane = TrackView(
+        "3C6444", "manned", 300.0, 40.0, 90.0, -30.0, 0.0, 0.0, 3.0, 0.5, 290.0, 30.0, 9.0,
+        evaded=True, near=True,
+    )  # fmt: skip
+    service.features = Features(
+        traffic=TrafficView(1, 1, 1, "nothing arrives at udp://0.0.0.0:14560", 10, 0, 30.0, 15.0, (plane,))
     )
 
 
@@ -445,6 +459,7 @@ STATES: Final = (
     ),
     ConsoleState("timecode", "timecode", timecode(frozen=False)),
     ConsoleState("timecode-frozen", "frozen-for", timecode(frozen=True)),
+    ConsoleState("traffic", "traffic", traffic, panel("feature-traffic")),
     ConsoleState("corrections", "corrections", corrections("")),
     ConsoleState("corrections-stopped", "corrections", corrections("nothing for 12 s")),
     ConsoleState("interrupted", "take-over", interrupted),

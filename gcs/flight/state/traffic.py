@@ -254,13 +254,14 @@ class OtherTraffic(Feature):
             return None
         table, nearest = self._table, tuple(self._tracks()) if self._seen is not None else ()
         return TrafficView(
-            known=len(table),
-            near=len(self._rows_near()),
-            manned=0 if self._seen is None else len(self._seen.manned),
+            known=float(len(table)),
+            near=float(len(self._rows_near())),
+            manned=float(0 if self._seen is None else len(self._seen.manned)),
             problem="; ".join(self._problems(at.time_s)),
             reports=table.accepted,
             refused=table.outliers + table.late + table.repeated,
             radius_m=self._settings.radius_m,
+            half_height_m=self._settings.half_height_m,
             nearest=nearest,
         )
 

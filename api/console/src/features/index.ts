@@ -7,8 +7,9 @@ import type { Feature, FeaturePanel } from "./feature";
 import { lights } from "./lights";
 import { targets } from "./targets";
 import { timecode } from "./timecode";
+import { traffic } from "./traffic";
 
-export const features: readonly Feature[] = [timecode, corrections, targets, lights];
+export const features: readonly Feature[] = [timecode, corrections, targets, traffic, lights];
 
 /** Panels of those that are configured. */
 export const panelsOf = (status: Status | null): readonly FeaturePanel[] =>

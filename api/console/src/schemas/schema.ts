@@ -2416,6 +2416,8 @@ export interface components {
         };
         /** @description Other traffic: aircraft, vessels, vehicles that are not of this show. */
         TrafficView: {
+            /** @description Half of its height. */
+            half_height_m: number;
             /** @description Tracks that are known; at most 128, the nearest. */
             known: number;
             /** @description Manned aircraft that are too near. */
