@@ -165,7 +165,8 @@ def check_target(
         fastest_m_s = max(fastest_m_s, SPEED_SHARE * safety.limits.horizontal_m_s)
     if changed == "target" and target.speed_m_s > fastest_m_s:
         raise InvalidError("velocity", f"{target.speed_m_s:.2f} m/s", f"at most {fastest_m_s:g} m/s")
-    if (too_low_m := without_room_m(target, orbit, formation, safety)) > NEARLY_M:
+    too_low_m = without_room_m(target, orbit, formation, safety) if changed == "target" else 0.0
+    if too_low_m > NEARLY_M:
         least_m = _up(safety.fence.height_max_m + too_low_m)
         allowed = f"less, or `fence.height_max_m` of {least_m:.1f} m, so that the sphere stays clear of it"
         raise InvalidError("clearance_m", target.clearance_m, allowed)
@@ -194,21 +195,22 @@ def without_room_m(target: Target, orbit: Orbit, formation: Formation, safety: S
     return max(least_m + formation.radius_m - safety.fence.height_max_m, 0.0)
 
 
-def check_clearance(target: Target, pads_m: Mapping[VehicleId, Array]) -> None:
+def check_clearance(name: str, target: Target, pads_m: Mapping[VehicleId, Array]) -> None:
     """Check that no pad is nearer to the target than its clearance. Raises: RefusedError naming vehicles.
 
     Args:
+        name: of the target; empty: it has none.
         target: at its `x_m` and `y_m`.
         pads_m: (3,) where each vehicle stands.
     """
     near = [
-        name
-        for name, pad_m in pads_m.items()
+        vehicle
+        for vehicle, pad_m in pads_m.items()
         if hypot(pad_m[0] - target.x_m, pad_m[1] - target.y_m) < target.clearance_m
     ]
     if near:
         raise RefusedError(
-            f"the target is nearer than its clearance of {target.clearance_m:g} m to the"
+            f"target {name or 'of the plan'} is nearer than its clearance of {target.clearance_m:g} m to the"
             f" {'pad' if len(near) == 1 else 'pads'} of {', '.join(near)}"
         )
 

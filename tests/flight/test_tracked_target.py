@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.interrupted_flight import Offer
-from gcs.model.lifecycle import ShowPhase
+from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Obstacle, Orbit, Target
 from gcs.model.state import Array
 from gcs.model.target_fix import TargetFix
@@ -440,3 +440,96 @@ def test_person_who_is_not_followed_is_kept_clear_of_too() -> None:
         return nearest_m
 
     assert fly(story, show_config(4, **people)) > 12.0
+
+
+async def walks_with(show: VirtualShow, seconds: float, place_m: Array) -> tuple[float, set[Phase]]:
+    """Report the person there; how near a vehicle in the air came, and the phases at the end."""
+    nearest_m = np.inf
+    for _ in range(round(seconds)):
+        await report(show, 1.0, lambda _: place_m)
+        aloft_m = show.true_m[show.true_m[:, 2] < -0.5]
+        off_m = np.linalg.norm(aloft_m - place_m, axis=1)
+        nearest_m = min(nearest_m, float(off_m.min(initial=np.inf)))
+    return nearest_m, {show.vehicle(name).phase for name in show.config.ids}
+
+
+@pytest.mark.parametrize("action", [ShowAction.ABORT, ShowAction.STOP])
+def test_all_land_clear_of_a_person(action: ShowAction) -> None:
+    """An abort over them who are followed, and a return to pads at which they stand by now."""
+
+    async def story(show: VirtualShow) -> tuple[float, set[Phase]]:
+        await report(show, 1.0, lambda _: FAR_M)
+        await show.start()
+        show.service.plan.set_orbit(Orbit(0.0, 4.0))
+        show.service.plan.select_target("boat")
+        await walks_with(show, 30.0, FAR_M)
+        there_m = FAR_M
+        if action is ShowAction.STOP:
+            show.service.plan.hold_target()
+            show.service.plan.select_target("boat")  # it is believed to be elsewhere now
+            show.service.plan.hold_target()
+            there_m = np.zeros(3)
+            await report(show, 1.0, lambda _: there_m)
+        await show.show(action)
+        return await walks_with(show, 120.0, there_m)
+
+    nearest_m, phases = fly(story, show_config(4, **PERSON))
+    assert phases == {Phase.STANDBY}
+    assert nearest_m > 12.0
+
+
+def test_target_that_is_not_tracked_is_held_after_a_while() -> None:
+    """The formation does not fly on for ever on the motion of the one before."""
+
+    async def story(show: VirtualShow) -> float:
+        await show.start()
+        show.service.plan.set_orbit(Orbit(0.0, 4.0))
+        show.service.plan.select_target("boat")
+        await report(show, 15.0)
+        show.service.plan.select_target("dinghy")
+        await show.wait(10.0)
+        stood_m = show.true_m.mean(axis=0)
+        await show.wait(10.0)
+        assert AlarmCause.TARGET_LOST in alarms(show)
+        return off_m(show, stood_m)
+
+    assert fly(story, show_config(4, **TARGETS)) < 1.0
+
+
+def test_target_can_be_held_where_the_fence_leaves_no_room() -> None:
+    low = {"control": {"safety": {"fence": {"height_max_m": 24.0}}}}
+
+    async def story(show: VirtualShow) -> float:
+        await show.start()
+        show.service.plan.set_orbit(Orbit(0.0, 2.0))
+        await report(show, 2.0)
+        show.service.plan.select_target("boat")
+        await report(show, 10.0, begin_s=2.0)
+        show.service.plan.hold_target()
+        await show.wait(1.0)
+        held_m = np.array(show.view.target_m)
+        await report(show, 10.0, begin_s=12.0)
+        return float(np.hypot(*(np.array(show.view.target_m) - held_m)))
+
+    assert fly(story, show_config(4, **PERSON, **low)) < 0.1
+
+
+def test_person_who_is_lost_is_forgotten_by_a_command() -> None:
+    """Selected again, and held: the start is no longer refused."""
+
+    async def story(show: VirtualShow) -> list[bool]:
+        await show.standby()
+        await report(show, 2.0, lambda _: np.zeros(3))
+        await show.wait(60.0)
+        passes = []
+        for name in ("", "boat", ""):
+            if name:
+                show.service.plan.select_target(name)
+            else:
+                show.service.plan.hold_target()
+            await show.wait(1.0)
+            checks = {each.name: each for each in show.service.preflight.report().fleet}
+            passes.append(checks["kept clear"].passes)
+        return passes
+
+    assert fly(story, show_config(4, **PERSON)) == [False, True, True]

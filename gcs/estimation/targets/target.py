@@ -7,12 +7,16 @@ from typing import Final
 
 import numpy as np
 
+from gcs.estimation.targets.height import HeightBelief
 from gcs.estimation.targets.motion import TargetMotion
 from gcs.estimation.targets.tracker import Tracker, TrackState
 from gcs.model.state import Array
 
 BRIDGED_S: Final = 1.0
 """After a change of the source the difference between both decays with this time constant."""
+
+HEIGHT_S: Final = 3.0
+"""A height that was not reported for so long does not climb on."""
 
 DISAGREE: Final = 3.0
 """Sources that differ by more than so many standard deviations of both contradict each other."""
@@ -35,6 +39,7 @@ class TargetEstimate:
     changes: int = 0
     _bridge_m: Array = field(default_factory=lambda: np.zeros(2), init=False)
     _bridged_s: float = field(default=0.0, init=False)
+    _height: HeightBelief | None = field(default=None, init=False)  # the newest of any source
 
     @property
     def tracker(self) -> Tracker:
@@ -52,7 +57,10 @@ class TargetEstimate:
                 self._bridged_s = now_s
                 self.changes += 1
             self.active = best
-        return motion and replace(motion, position_m=motion.position_m + self._bridge(now_s))
+        if motion is None:
+            return None
+        height = self._kept_height(now_s)
+        return replace(motion, position_m=motion.position_m + self._bridge(now_s), height=height)
 
     def state(self, now_s: float) -> TrackState:
         return self.tracker.state(now_s)
@@ -61,7 +69,7 @@ class TargetEstimate:
         """Forget where it was: the next report of each source is believed, wherever it is."""
         for tracker in self.trackers:
             tracker.begin_again()
-        self._bridge_m = np.zeros(2)
+        self._bridge_m, self._height = np.zeros(2), None
 
     def apart_m(self, now_s: float) -> float:
         """How far another tracked source is from the one in use, if they contradict each other; else 0."""
@@ -77,6 +85,17 @@ class TargetEstimate:
             if off_m > DISAGREE * float(np.hypot(other.deviation_m, motion.deviation_m)):
                 apart_m = max(apart_m, off_m)
         return apart_m
+
+    def _kept_height(self, now_s: float) -> HeightBelief | None:
+        """How high it is; what was not reported for a while stays where it was, whatever source is used."""
+        if self.tracker.height is not None:
+            self._height = self.tracker.height
+        if self._height is None:
+            return None
+        then = self._height.foreseen(now_s)
+        if now_s - self._height.time_s <= HEIGHT_S:
+            return then
+        return replace(then, height_m=self._height.height_m, climb_m_s=0.0)
 
     def _best(self, now_s: float) -> int:
         """Index of the first that is tracked; else of the one in use while it is no worse than others.

@@ -57,6 +57,9 @@ SILENT_S, SILENT_PERIODS = 0.5, 2.5
 FRESH_S, FRESH_PERIODS = 0.3, 1.6
 """A source whose next report is later than this gives way to one that is not."""
 
+LEAST: Final = 1e-3
+"""A smaller standard deviation counts as this, in m and m/s: no receiver is better."""
+
 FARTHEST_M: Final = 100_000.0
 """Farther from the show's origin a report is of another frame: degrees exchanged, or none."""
 
@@ -251,6 +254,7 @@ class Tracker:
         if not isfinite(deviation_m):
             sideways_m = report.deviation_m if isfinite(report.deviation_m) else self.deviation_m
             deviation_m = UP_SHARE * sideways_m
+        deviation_m = max(deviation_m, LEAST)
         believed = HeightBelief.begun if self.height is None else self.height.corrected
         self.height = believed(was_s, report.height_m, deviation_m)
 
@@ -290,12 +294,13 @@ class Tracker:
         return next((belief for time_s, _, _, belief in reversed(self._believed) if time_s <= was_s), None)
 
     def _values(self, report: TargetReport) -> tuple[Array, Array]:
-        deviation_m = report.deviation_m if isfinite(report.deviation_m) else self.deviation_m
+        deviation_m = max(report.deviation_m if isfinite(report.deviation_m) else self.deviation_m, LEAST)
         if not all(map(isfinite, report.velocity_m_s)):
             return np.array(report.position_m), np.full(2, deviation_m**2)
         deviation_m_s = report.velocity_deviation_m_s
         if not isfinite(deviation_m_s):
             deviation_m_s = VELOCITY_DEVIATION_M_S
+        deviation_m_s = max(deviation_m_s, LEAST)
         variance = np.array([deviation_m, deviation_m, deviation_m_s, deviation_m_s]) ** 2
         return np.array([*report.position_m, *report.velocity_m_s]), variance
 

@@ -93,8 +93,8 @@ class PlanEditor:
         self.targets.select(name)
 
     def hold_target(self) -> None:
+        self.show_player.set_target(self.in_force.plan.target.held(self.now_s()), checked=False)
         self.targets.select("")
-        self.show_player.set_target(self.in_force.plan.target.held(self.now_s()))
 
     def report_target(self, name: str, fix: TargetFix) -> None:
         self.targets.report(name, fix)
@@ -279,7 +279,7 @@ class RestoredPlan:
             check_formation(plan.formation, max(1, len(interruption.vehicles)), control.safety)
             check_orbit(plan.orbit, control.law)
             target = followed(plan, self.newest.state.time_s, control.safety.fence)
-            check_target(target, plan.orbit, plan.formation, control)
+            check_target(replace(target, clearance_m=0.0), plan.orbit, plan.formation, control)
         except GcsError as error:
             raise RefusedError(f"what was flown cannot be flown now: {error}") from None
         return plan

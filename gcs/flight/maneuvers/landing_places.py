@@ -1,8 +1,9 @@
 """Where vehicles of a flight land: near where they are, at home, or beside a pad that is closed."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from math import sqrt
 
 import numpy as np
 
@@ -13,9 +14,11 @@ from gcs.flight.state.newest import InForce, Newest
 from gcs.flight.state.vehicle import FlightVehicles, Vehicle
 from gcs.formation.obstacles import Ellipse
 from gcs.model.lifecycle import AIRBORNE, Phase
+from gcs.model.plan import MAX_OBSTACLES, Obstacle, Plan
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.landing_sites import are_covered, distinct_sites_m
 from gcs.planning.return_paths.planner import closed_places, return_places_m
+from gcs.safety.target_clearance import kept_clear_m
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +34,20 @@ class LandingPlaces:
     elsewhere: Callable[[], Elsewhere]
 
     def _ellipses(self) -> dict[str, Ellipse]:
-        return ellipses_of(self.in_force.plan, self.in_force.control, self.newest.state.time_s)
+        return ellipses_of(self._plan(), self.in_force.control, self.newest.state.time_s)
+
+    def _plan(self) -> Plan:
+        """The plan, with the space round targets that are kept clear of as obstacles: no place lies in it."""
+        plan, time_s = self.in_force.plan, self.newest.state.time_s
+        floor, worst_m = self.in_force.control.safety.floor, self.newest.traits.uncertainty_m.max(initial=0.0)
+        targets = [*self.newest.kept_clear.values(), plan.target]
+        boxes = []
+        for number, target in enumerate(each for each in targets if each.clearance_m):
+            (beside_m,), (above_m,) = kept_clear_m(target, floor, np.array([worst_m])).tolist()
+            half_m, height_m = beside_m / sqrt(2.0), max(above_m + target.height_m, 1.0)
+            x_m, y_m = target.position_m(time_s)
+            boxes.append(Obstacle(f"target {number}", x_m, y_m, half_m, half_m, height_m, time_s=time_s))
+        return replace(plan, obstacles=(*plan.obstacles, *boxes)[:MAX_OBSTACLES]) if boxes else plan
 
     def sites_m(self, vehicles: Sequence[Vehicle]) -> dict[VehicleId, Array]:
         """(3,) For each vehicle: a landing position clear of obstacles, all pads, and the other positions."""
@@ -75,7 +91,7 @@ class LandingPlaces:
             operation.takeoff_height_m,
             operation.landing_site_spacing_m,
             self.in_force.control,
-            self.in_force.plan,
+            self._plan(),
             self.newest.state.time_s,
             own_m,
             self.closed(),
@@ -93,7 +109,7 @@ class LandingPlaces:
 
     def is_covered(self, place_m: Array) -> bool:
         """Whether an obstacle keeps a vehicle from landing at a place (3,)."""
-        if not self.in_force.plan.obstacles:
+        if not self._plan().obstacles:
             return False
         return bool(are_covered(place_m[None], self._ellipses())[0])
 

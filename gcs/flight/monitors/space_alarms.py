@@ -126,7 +126,7 @@ class SpaceAlarms:
     def of_the_target(self) -> Iterator[Condition]:
         """Yield own vehicles that are nearer to the target than its clearance, and a fence too low for it."""
         fleet, plan = self.newest.state, self.in_force.plan
-        targets = [each for each in (*self.newest.kept_clear, plan.target) if each.clearance_m]
+        targets = [each for each in (*self.newest.kept_clear.values(), plan.target) if each.clearance_m]
         flying = [vehicle for vehicle in self.vehicles.in_phase(*FLOWN) if not vehicle.flags.handed_over]
         if not targets or not flying:
             return

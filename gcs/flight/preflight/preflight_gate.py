@@ -76,7 +76,7 @@ TO_DO: Final = {
     "show": "check and select the show again, name the vehicles that fly, or take the others out",
     "formation": "choose a larger radius, better receivers, or fewer vehicles",
     "target": "say where the target is now, and how it moves",
-    "kept clear": "have it go away, or move the vehicles",
+    "kept clear": "have it go away, or move the vehicles; select a lost one, then hold: it is forgotten",
     "loss times": "do as the text says, or fly vehicles with one time only",
     "loss of the ground station": "do as the text says, or choose a larger radius",
     "obstacles": "remove the obstacle, or move the pad",
@@ -477,8 +477,8 @@ class PreflightGate:
     def _check_pads(self, chosen: Sequence[VehicleId]) -> None:
         flight = self.flight
         pads_m = {name: flight.newest.position_m(flight.vehicles[name]) for name in chosen}
-        for target in (*flight.newest.kept_clear, flight.in_force.plan.target):
-            check_clearance(target.held(flight.newest.state.time_s), pads_m)
+        for name, target in [*flight.newest.kept_clear.items(), ("", flight.in_force.plan.target)]:
+            check_clearance(name, target.held(flight.newest.state.time_s), pads_m)
 
     def _least_certain(self, chosen: Sequence[VehicleId]) -> str:
         """Which vehicle's receiver decides the least radius, in words."""

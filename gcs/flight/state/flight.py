@@ -506,7 +506,7 @@ class Flight:
         if self.newest.near_traffic is not None:
             tasks = replace(tasks, near_traffic=self.newest.near_traffic)
         if self.newest.kept_clear:
-            tasks = replace(tasks, kept_clear=self.newest.kept_clear)
+            tasks = replace(tasks, kept_clear=tuple(self.newest.kept_clear.values()))
         self.last_tasks = tasks
         return tasks
 

@@ -1,7 +1,8 @@
 """What a flight knows and follows now: replaced with every tick, or by a command."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
@@ -35,7 +36,7 @@ class Newest:
     without_heartbeat: dict[VehicleId, str]  # airborne, sends positions: since when, in words
 
     near_traffic: NearTraffic | None = None  # traffic that vehicles keep clear of in the next tick
-    kept_clear: tuple[Target, ...] = ()  # targets with a clearance, followed or not
+    kept_clear: Mapping[str, Target] = MappingProxyType({})  # targets with a clearance, followed or not
     manned: str = ""  # a manned aircraft that is too near, in words; empty: there is none
 
     def position_m(self, vehicle: Vehicle) -> Array:

@@ -131,7 +131,9 @@ class Targets(Feature):
             estimate = self._known(name).estimate
             if estimate.state(self._newest.state.time_s) is not TrackState.TRACKED:
                 estimate.begin_again()
-        self.selected, self._holds, self._moved_s = name, False, inf
+                self._targets[name].placed = None
+        self.selected, self._holds = name, False
+        self._moved_s = self._newest.state.time_s if name else inf
 
     def resume(self, name: str, was_s: float) -> None:
         """Follow a target again that was followed before a restart, and was at the plan's target at `was_s`.
@@ -159,7 +161,7 @@ class Targets(Feature):
 
         All that have a clearance are kept clear of, also while another one, or a show, leads.
         """
-        self._newest.kept_clear = tuple(self._kept_clear(at.time_s))
+        self._newest.kept_clear = dict(self._kept_clear(at.time_s))
         run, plan = at.show_run, self._in_force.plan
         if not self.selected or not self._leads() or (run is not None and not run.is_live(at.time_s)):
             return
@@ -181,8 +183,8 @@ class Targets(Feature):
             run.live = target
         self._in_force.plan = replace(plan, target=target)
 
-    def _kept_clear(self, now_s: float) -> Iterator[Target]:
-        for target in self._targets.values():
+    def _kept_clear(self, now_s: float) -> Iterator[tuple[str, Target]]:
+        for name, target in self._targets.items():
             if not target.settings.clearance_m:
                 continue
             motion = target.estimate.motion(now_s)
@@ -191,7 +193,7 @@ class Targets(Feature):
             elif target.placed is not None and target.placed.followed:
                 target.placed = replace(target.placed.held(now_s), followed=False)
             if target.placed is not None:
-                yield target.placed
+                yield name, target.placed
 
     @property
     def silent_s(self) -> float:
@@ -199,8 +201,9 @@ class Targets(Feature):
         if not self.selected or not self._leads():
             return nan
         now_s, estimate = self._newest.state.time_s, self._targets[self.selected].estimate
-        is_silent = estimate.state(now_s) in (TrackState.COASTING, TrackState.LOST)
-        return now_s - estimate.tracker.newest_s if is_silent else nan
+        state = estimate.state(now_s)
+        since_s = self._moved_s if state is TrackState.NONE else estimate.tracker.newest_s
+        return nan if state is TrackState.TRACKED else now_s - since_s
 
     def checks(self, at: Instant) -> Iterator[Check]:
         """Whether the selected target is known."""
@@ -215,6 +218,7 @@ class Targets(Feature):
             )
             motion = self._targets[self.selected].estimate.tracker.motion(at.time_s)
             cannot = "" if motion is None else self._beyond(motion) or self._outruns(motion)
+            cannot = cannot or self._without_height(at.time_s)
             yield Check(
                 "target-followed",
                 State.FAIL if cannot else State.PASS,
@@ -226,10 +230,14 @@ class Targets(Feature):
         if not self.selected:
             return
         target, name = self._targets[self.selected], self.selected
-        is_lost = target.estimate.state(at.time_s) is TrackState.LOST
+        state = target.estimate.state(at.time_s)
+        is_late = at.time_s - self._moved_s > target.settings.coast_s
+        is_lost = state is TrackState.LOST or (state is TrackState.NONE and is_late)
         if why := target.why(at.time_s):
             consequence = "Its last place is the target." if is_lost else "It is followed on its last motion."
             yield Condition(AlarmCause.TARGET_LOST, why, about=name, consequence=consequence)
+        elif lacks := self._without_height(at.time_s):
+            yield Condition(AlarmCause.TARGET_LOST, lacks, about=name, consequence="It counts as at 0 m.")
         if apart_m := target.estimate.apart_m(at.time_s):
             yield Condition(AlarmCause.TARGET_SOURCES, f"they differ by {apart_m:.0f} m", about=name)
         motion = target.estimate.tracker.motion(at.time_s)
@@ -261,6 +269,12 @@ class Targets(Feature):
         rim_m_s = abs(formation.spin_rad_s) * formation.radius_m
         fleet = fleet_limits(fastest_m_s, traits.response.acceleration_m_s2, rim_m_s)
         return max(fleet.speed_m_s, control.law.center_speed_max_m_s)
+
+    def _without_height(self, now_s: float) -> str:
+        """That the selected target's height is needed and not reported, in words; empty: it is not needed."""
+        target = self._targets[self.selected]
+        motion = target.estimate.motion(now_s) if target.settings.height == "reported" else None
+        return "" if motion is None or motion.height is not None else "its height is not reported"
 
     def _beyond(self, motion: TargetMotion) -> str:
         """How far a target is beyond where it can be followed, in words; empty: it can."""

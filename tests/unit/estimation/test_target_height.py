@@ -7,6 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from gcs.estimation.targets.height import HeightBelief
+from gcs.estimation.targets.source_clock import SourceClock
+from gcs.estimation.targets.target import TargetEstimate
+from gcs.estimation.targets.tracker import TargetReport, Tracker
 
 NOISE_M, PERIOD_S = 2.0, 0.2
 
@@ -43,3 +46,31 @@ def test_height_is_never_better_known_without_reports(one_s: float, more_s: floa
     belief = after(5.0, 0.5)
     sooner, later = belief.foreseen(5.0 + one_s), belief.foreseen(5.0 + one_s + more_s)
     assert later.deviation_m >= sooner.deviation_m >= belief.deviation_m
+
+
+def test_height_stays_when_its_source_falls_silent() -> None:
+    """The other source reports none. It climbed: it does not climb on for ever."""
+    first, second = (Tracker(1.0, 5.0, SourceClock(0.0)) for _ in range(2))
+    estimate = TargetEstimate([first, second])
+    for number in range(100):
+        time_s = number * PERIOD_S
+        if number < 50:
+            first.take(TargetReport(time_s, (0.0, 0.0), height_m=40.0 + time_s))
+        second.take(TargetReport(time_s, (0.0, 0.0)))
+        motion = estimate.motion(time_s)
+    assert estimate.active == 1
+    assert motion is not None
+    assert motion.height is not None
+    assert motion.height.height_m == pytest.approx(50.0, abs=1.5)
+    assert motion.height.climb_m_s == 0.0
+
+
+@pytest.mark.parametrize("tiny", [1e-170, 5e-324])
+def test_deviation_that_cannot_be_is_no_failure(tiny: float) -> None:
+    """Two equal events with it ended the service."""
+    tracker = Tracker(tiny, 5.0, SourceClock(0.0))
+    for _ in range(3):
+        tracker.take(
+            TargetReport(1.0, (0.0, 0.0), (1.0, 0.0), tiny, tiny, height_m=3.0, height_deviation_m=tiny)
+        )
+    assert tracker.motion(2.0) is not None

@@ -89,9 +89,9 @@ def test_fence_without_room_above_the_target_is_refused() -> None:
 
 def test_pads_within_the_clearance_are_named() -> None:
     pads_m = {"d1": np.array([3.0, 0.0, 0.0]), "d2": np.array([30.0, 0.0, 0.0])}
-    with pytest.raises(RefusedError, match=r"10 m to the pad of d1$"):
-        check_clearance(PERSON, pads_m)
-    check_clearance(replace(PERSON, clearance_m=2.0), pads_m)
+    with pytest.raises(RefusedError, match=r"target anna .* 10 m to the pad of d1$"):
+        check_clearance("anna", PERSON, pads_m)
+    check_clearance("anna", replace(PERSON, clearance_m=2.0), pads_m)
 
 
 @pytest.mark.parametrize("clearance_m", [-1.0, np.nan, np.inf])
