@@ -203,7 +203,7 @@ def test_file_truncated_anywhere_is_read_up_to_its_cut(tmp_path: Path) -> None:
 
 def test_damaged_chunk_is_rejected(tmp_path: Path) -> None:
     whole = bytearray(flight(tmp_path, moving(60)).read_bytes())
-    whole[len(whole) // 4] ^= 0xFF  # behind it is the index
+    whole[len(whole) // 8] ^= 0xFF  # behind it are schemas and index
     (tmp_path / "flight.mcap").write_bytes(whole)
     data = FlightData(tmp_path / "flight.mcap")
     assert list(data.ticks()) == []
