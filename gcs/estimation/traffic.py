@@ -4,7 +4,7 @@ A report corrects one row, and all rows are foreseen at once: a hundred tracks c
 y a track is known equally well, so that it has two covariances: sideways and up. Show frame, z down.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import hypot, inf, isfinite, nan
 from typing import Final, NamedTuple
 
@@ -16,6 +16,13 @@ TRACKS_KEPT: Final = 128
 """The nearest to the show's origin are kept."""
 
 FARTHEST_M: Final = 100_000.0
+"""Farther sideways a report is not believed; farther up or down it has no height."""
+
+FASTEST_M_S: Final = 1000.0
+"""Along an axis; a report of more has no velocity."""
+
+DEVIATIONS: Final = (1e-3, 1e5)
+"""Least and greatest standard deviation of a report: of less the square is 0, of more there is none."""
 
 AGILITY: Final = (2.0, 0.5)
 """Power of the random acceleration, sideways and up, in m^2/s^3: turns of 3 degrees a second at 30 m/s."""
@@ -101,9 +108,10 @@ class TrackTable:
         """Take one report, whatever it says."""
         x_m, y_m, _ = report.position_m
         away_m = hypot(x_m, y_m)
-        if not away_m <= FARTHEST_M:
+        if not (away_m <= FARTHEST_M and isfinite(report.was_s)):
             self.outliers += 1
             return
+        report = _bounded(report)
         row = self._rows.get(report.id)
         if row is None:
             row = self._place_for(report, away_m)
@@ -187,6 +195,25 @@ class TrackTable:
         self.accepted += 1
 
 
+def _bounded(report: TrackReport) -> TrackReport:
+    """The same, without what no track does."""
+    x_m, y_m, z_m = report.position_m
+    fast = not all(abs(speed_m_s) <= FASTEST_M_S for speed_m_s in report.velocity_m_s if isfinite(speed_m_s))
+    return replace(
+        report,
+        position_m=(x_m, y_m, z_m if abs(z_m) <= FARTHEST_M else nan),
+        velocity_m_s=(nan, nan, nan) if fast else report.velocity_m_s,
+        deviation_m=_certain(report.deviation_m),
+        height_deviation_m=_certain(report.height_deviation_m),
+        velocity_deviation_m_s=_certain(report.velocity_deviation_m_s),
+    )
+
+
+def _certain(deviation: float) -> float:
+    least, greatest = DEVIATIONS
+    return max(least, min(greatest, deviation))  # NaN: the greatest
+
+
 def _move(state: list[float], dt_s: float) -> None:
     for axis in range(3):
         state[axis] += dt_s * state[_VX + axis]
@@ -200,11 +227,12 @@ def _move(state: list[float], dt_s: float) -> None:
 def _correct(state: list[float], report: TrackReport, *, place: bool = True) -> None:
     """Correct a row by what a report says, of its place and of its velocity."""
     height_m = report.position_m[2]
-    if isfinite(height_m) and not isfinite(state[_Z]):
-        state[_Z], state[_UP] = height_m, report.height_deviation_m**2
+    begins = isfinite(height_m) and not isfinite(state[_Z])
+    if begins:
+        state[_Z], state[_UP], state[_UP + 1] = height_m, report.height_deviation_m**2, 0.0
     if place:
         _pull(state, (_X, _Y), _SIDE, report.position_m, 0, report.deviation_m)
-        if isfinite(height_m):
+        if isfinite(height_m) and not begins:
             _pull(state, (_Z,), _UP, report.position_m, 0, report.height_deviation_m)
     if isfinite(report.velocity_m_s[0]) and isfinite(report.velocity_m_s[1]):
         _pull(state, (_X, _Y), _SIDE, report.velocity_m_s, 1, report.velocity_deviation_m_s)

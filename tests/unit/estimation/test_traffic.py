@@ -49,6 +49,23 @@ def test_height_is_not_known_until_it_is_reported() -> None:
     assert table.at(1.0).position_m[0, 2] == -80.0
 
 
+def test_height_after_many_reports_without_one() -> None:
+    table = TrackTable(15.0)
+    for second in range(9):
+        table.take(report(float(second), z_m=nan))
+    table.take(report(9.0, z_m=-80.0))
+    assert table.at(9.0).spread[0, 1, 0] == pytest.approx(9.0, abs=0.1), "that of the report"
+
+
+def test_report_cannot_be_certain_to_the_digit() -> None:
+    table, exact = TrackTable(15.0), 1e-170
+    for second in range(3):
+        place_m = (float(second), 0.0, -50.0)
+        table.take(TrackReport("A", "manned", 0.0, float(second), place_m, (1.0, 0.0, 0.0), *[exact] * 3))
+    assert table.accepted == 3
+    assert (table.at(2.0).spread[0, :, 0] > 0.0).all()
+
+
 def test_track_is_forgotten() -> None:
     table = flown()
     table.forget(24.0)
