@@ -112,6 +112,20 @@ def test_manned_aircraft_brings_a_written_show_home(tmp_path: Path) -> None:
     written_show.fly(story, written_show.config(tmp_path, **TRAFFIC))
 
 
+def test_slow_track_does_not_stop_a_landing() -> None:
+    async def story(show: VirtualShow) -> None:
+        for second in range(150):
+            report(show, 0.0, kind="ground", height_m=0.0)
+            await show.wait(1.0)
+            if second == 20:
+                show.service.commands.command_show(ShowAction.ABORT)
+            if show.view.show is ShowPhase.LANDED:
+                return
+        assert show.view.show is ShowPhase.LANDED
+
+    fly(story, FOUR, after=running)
+
+
 def test_own_vehicle_is_no_traffic() -> None:
     async def story(show: VirtualShow) -> None:
         report(show, 100.0, kind="manned", name="0000aa")
