@@ -40,6 +40,10 @@ AGAIN: Final = 3
 STANDS_M_S: Final = 0.5
 """A place that is repeated to the digit, of a track that is faster, is old."""
 
+ON_THE_SURFACE: Final = frozenset({"vessel", "ground"})
+SURFACE_M: Final = 5.0
+"""Without a reported height these are as high as they were, at first as the show's origin, so exactly."""
+
 SLOW_M_S: Final = (1.5, 2.5)
 """Slower than the first a track is flown round, faster than the second it is evaded; else as before."""
 
@@ -226,18 +230,22 @@ def _move(state: list[float], dt_s: float) -> None:
 
 def _correct(state: list[float], report: TrackReport, *, place: bool = True) -> None:
     """Correct a row by what a report says, of its place and of its velocity."""
-    height_m = report.position_m[2]
-    begins = isfinite(height_m) and not isfinite(state[_Z])
-    if begins:
-        state[_Z], state[_UP], state[_UP + 1] = height_m, report.height_deviation_m**2, 0.0
+    z_m, (x_m_s, y_m_s, z_m_s) = report.position_m[2], report.velocity_m_s
+    begins = not isfinite(state[_Z])
+    if report.kind in ON_THE_SURFACE and not isfinite(z_m):
+        least = inf if begins else state[_UP]
+        state[_Z], state[_UP], state[_UP + 1] = 0.0 if begins else state[_Z], min(least, SURFACE_M**2), 0.0
+        z_m_s = z_m_s if isfinite(z_m_s) else 0.0
+    elif begins and isfinite(z_m):
+        state[_Z], state[_UP], state[_UP + 1] = z_m, report.height_deviation_m**2, 0.0
     if place:
         _pull(state, (_X, _Y), _SIDE, report.position_m, 0, report.deviation_m)
-        if isfinite(height_m) and not begins:
+        if isfinite(z_m) and not begins:
             _pull(state, (_Z,), _UP, report.position_m, 0, report.height_deviation_m)
-    if isfinite(report.velocity_m_s[0]) and isfinite(report.velocity_m_s[1]):
-        _pull(state, (_X, _Y), _SIDE, report.velocity_m_s, 1, report.velocity_deviation_m_s)
-    if isfinite(report.velocity_m_s[2]):
-        _pull(state, (_Z,), _UP, report.velocity_m_s, 1, report.velocity_deviation_m_s)
+    if isfinite(x_m_s) and isfinite(y_m_s):
+        _pull(state, (_X, _Y), _SIDE, (x_m_s, y_m_s, z_m_s), 1, report.velocity_deviation_m_s)
+    if isfinite(z_m_s):
+        _pull(state, (_Z,), _UP, (x_m_s, y_m_s, z_m_s), 1, report.velocity_deviation_m_s)
 
 
 def _pull(

@@ -44,12 +44,13 @@ def report(
     speed_m_s: float = 0.0,
     height_m: float = 20.0,
     name: str = "4CA1B2",
+    down_m_s: float = 0.0,
 ) -> None:
     """Report a track on the show's x axis, as a receiver would."""
     latitude_deg, longitude_deg, altitude_m = show.config.frame.geodetic(np.array([[x_m, 0.0, -height_m]]))
     place = float(latitude_deg[0]), float(longitude_deg[0]), float(altitude_m[0])
     north_m_s, east_m_s, _ = show.config.frame.into_ned(np.array([speed_m_s, 0.0, 0.0])).tolist()
-    fix = TargetFix(show.now_s, *place, north_m_s, east_m_s, 0.0, 3.0, 3.0, 0.5, nan, name, kind)
+    fix = TargetFix(show.now_s, *place, north_m_s, east_m_s, down_m_s, 3.0, 3.0, 0.5, nan, name, kind)
     traffic_of(show).take(0, fix)
 
 
@@ -124,6 +125,17 @@ def test_slow_track_does_not_stop_a_landing() -> None:
         assert show.view.show is ShowPhase.LANDED
 
     fly(story, FOUR, after=running)
+
+
+def test_velocity_counts_without_a_climb() -> None:
+    async def story(show: VirtualShow) -> None:
+        report(show, 300.0, speed_m_s=-12.0, down_m_s=nan)
+        await show.wait(0.2)
+        features = show.view.features.traffic
+        assert features is not None
+        assert features.nearest[0].velocity_x_m_s == pytest.approx(-12.0, abs=0.1)
+
+    fly(story, FOUR)
 
 
 def test_own_vehicle_is_no_traffic() -> None:

@@ -116,26 +116,21 @@ class OtherTraffic(Feature):
         altitude_m = fix.altitude_amsl_m if isfinite(fix.altitude_amsl_m) else self._frame.altitude_amsl_m
         degrees = (np.array([fix.latitude_deg]), np.array([fix.longitude_deg]))
         x_m, y_m, z_m = self._frame.position_m(*degrees, np.array([altitude_m]))[0].tolist()
-        x_m_s, y_m_s, z_m_s = self._frame.from_ned(
-            np.array([fix.north_m_s, fix.east_m_s, fix.down_m_s])
-        ).tolist()
+        sideways_m_s = np.array([fix.north_m_s, fix.east_m_s, 0.0])  # one NaN would spread to all
+        x_m_s, y_m_s, _ = self._frame.from_ned(sideways_m_s).tolist()
         self._table.take(
             TrackReport(
                 fix.track,
                 fix.kind or "manned",
                 fix.arrived_s,
                 self._was_s(fix, self._settings.sources[source].kind == "cot"),
-                (x_m, y_m, self._height_z_m(fix, z_m)),
-                (x_m_s, y_m_s, z_m_s),
+                (x_m, y_m, z_m if isfinite(fix.altitude_amsl_m) else nan),
+                (x_m_s, y_m_s, fix.down_m_s),
                 _first(fix.deviation_m, DEVIATION_M),
                 _first(fix.height_deviation_m, DEVIATION_M),
                 _first(fix.velocity_deviation_m_s, DEVIATION_M_S),
             )
         )
-
-    def _height_z_m(self, fix: TargetFix, z_m: float) -> float:
-        """What floats is at the height of the show's origin if it reports none."""
-        return z_m if isfinite(fix.altitude_amsl_m) or fix.kind == "vessel" else nan
 
     def _was_s(self, fix: TargetFix, is_utc: bool) -> float:
         """When a report was true, loop clock: by its source if that has a clock, else by its arrival."""
