@@ -17,7 +17,7 @@ from gcs.service.alarms import AlarmCause
 from gcs.testing.virtual_show import VirtualShow, fly, show_config
 from tests.support import written_show
 from tests.support.failsafe_flights import failsafe, reacts
-from tests.support.show_phases import running
+from tests.support.show_phases import paused, running
 
 RADIUS_M = 15.0
 TRAFFIC = {
@@ -97,6 +97,20 @@ def test_manned_aircraft_has_the_formation_descend() -> None:
         assert show.service.plan.current.formation.height_m < 20.0, "an operator raises it again"
 
     fly(story, FOUR, after=running)
+
+
+def test_paused_show_stays_paused_near_a_manned_aircraft() -> None:
+    async def story(show: VirtualShow) -> None:
+        await show.reach(ShowPhase.PAUSED)
+        for _ in range(5):
+            report(show, 150.0, kind="manned", height_m=60.0)
+            await show.wait(1.0)
+        reported = failsafe(show, Cause.MANNED_AIRCRAFT)
+        assert reported is not None
+        assert reported.action == "pause"
+        assert show.view.show is ShowPhase.PAUSED
+
+    fly(story, FOUR, after=paused)
 
 
 def test_manned_aircraft_brings_a_written_show_home(tmp_path: Path) -> None:
