@@ -44,6 +44,9 @@ ON_THE_SURFACE: Final = frozenset({"vessel", "ground"})
 SURFACE_M: Final = 5.0
 """Without a reported height these are as high as they were, at first as the show's origin, so exactly."""
 
+VESSEL_S: Final = 180.0
+"""A vessel is not forgotten sooner: AIS of one at anchor reports every 3 minutes. Its deviation grows."""
+
 SLOW_M_S: Final = (1.5, 2.5)
 """Slower than the first a track is flown round, faster than the second it is evaded; else as before."""
 
@@ -82,7 +85,7 @@ class TrackTable:
     """What is believed of every track. Whatever arrives, its size and the cost of a report are bounded.
 
     Attributes:
-        forgotten_s: a track without a believed report for so long is forgotten.
+        forgotten_s: a track without a believed report for so long is forgotten, a vessel after `VESSEL_S`.
         accepted, outliers, late, repeated: how many reports were each.
         crowded_s: when a track was left out last because nearer ones fill the table.
     """
@@ -143,7 +146,9 @@ class TrackTable:
 
     def forget(self, now_s: float) -> None:
         """Forget the tracks that are silent for too long."""
-        silent = np.flatnonzero((now_s - self._time_s > self.forgotten_s) & (self._away_m >= 0.0))
+        vessels = np.array([kind == "vessel" for kind in self._kinds])
+        after_s = np.where(vessels, max(self.forgotten_s, VESSEL_S), self.forgotten_s)
+        silent = np.flatnonzero((now_s - self._time_s > after_s) & (self._away_m >= 0.0))
         if len(silent):
             gone = set(silent.tolist())
             for name in [name for name, row in self._rows.items() if row in gone]:

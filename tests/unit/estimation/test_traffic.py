@@ -88,6 +88,17 @@ def test_track_is_forgotten() -> None:
     assert len(table) == 0
 
 
+def test_vessel_is_known_between_its_reports() -> None:
+    table = TrackTable(15.0)
+    table.take(TrackReport("A", "vessel", 0.0, 0.0, (0.0, 50.0, nan), (4.0, 0.0, nan)))
+    sure, unsure = (table.at(after_s).spread[0, 0, 0] for after_s in (0.0, 170.0))
+    assert unsure > 100.0 * sure
+    table.forget(170.0)
+    assert table.at(170.0).position_m[0, :2] == pytest.approx([680.0, 50.0], abs=1.0)
+    table.forget(181.0)
+    assert len(table) == 0
+
+
 def test_late_and_repeated_reports_change_nothing() -> None:
     table = flown()
     before = table.at(11.0)
