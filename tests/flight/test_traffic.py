@@ -1,6 +1,7 @@
 """Traffic in flight: it is announced and evaded, and a manned aircraft has the formation give way."""
 
-from math import nan
+from dataclasses import replace
+from math import isfinite, nan
 from pathlib import Path
 
 import numpy as np
@@ -45,12 +46,15 @@ def report(
     height_m: float = 20.0,
     name: str = "4CA1B2",
     down_m_s: float = 0.0,
+    pressure_altitude_m: float = nan,
 ) -> None:
     """Report a track on the show's x axis, as a receiver would."""
     latitude_deg, longitude_deg, altitude_m = show.config.frame.geodetic(np.array([[x_m, 0.0, -height_m]]))
     place = float(latitude_deg[0]), float(longitude_deg[0]), float(altitude_m[0])
     north_m_s, east_m_s, _ = show.config.frame.into_ned(np.array([speed_m_s, 0.0, 0.0])).tolist()
     fix = TargetFix(show.now_s, *place, north_m_s, east_m_s, down_m_s, 3.0, 3.0, 0.5, nan, name, kind)
+    if isfinite(pressure_altitude_m):
+        fix = replace(fix, altitude_amsl_m=nan, pressure_altitude_m=pressure_altitude_m)
     traffic_of(show).take(0, fix)
 
 
@@ -139,6 +143,29 @@ def test_slow_track_does_not_stop_a_landing() -> None:
         assert show.view.show is ShowPhase.LANDED
 
     fly(story, FOUR, after=running)
+
+
+@pytest.mark.parametrize(("over_m", "manned"), [(500.0, 1), (11_000.0, 0)])
+def test_pressure_tells_only_what_is_far_above(over_m: float, manned: int) -> None:
+    async def story(show: VirtualShow) -> None:
+        report(show, 100.0, kind="manned", pressure_altitude_m=show.config.frame.altitude_amsl_m + over_m)
+        await show.wait(0.2)
+        features = show.view.features.traffic
+        assert features is not None
+        assert features.manned == manned
+
+    fly(story, FOUR)
+
+
+def test_only_vehicles_that_fly_count_as_the_formation() -> None:
+    async def story(show: VirtualShow) -> None:
+        traffic, (row, *_) = traffic_of(show), range(4)
+        away_m = show.service.flight.newest.state.position_m.copy()
+        away_m[row] = 3000.0, 0.0, 0.0
+        show.service.flight.newest.state = replace(show.service.flight.newest.state, position_m=away_m)
+        assert traffic._sphere().radius_m < 50.0
+
+    fly(story, FOUR)
 
 
 def test_velocity_counts_without_a_climb() -> None:

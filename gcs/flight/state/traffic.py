@@ -21,6 +21,7 @@ from gcs.links.targets.receive import intake_of, keep_receiving_tracks
 from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import ON_THE_GROUND
 from gcs.model.preflight_report import Check, State
+from gcs.model.state import Mask
 from gcs.model.target_fix import TargetFix
 from gcs.service.alarms import AlarmCause, Condition
 from gcs.service.features import TrackView, TrafficView
@@ -38,6 +39,12 @@ DEVIATION_M: Final = 15.0
 """Standard deviation of a report along each axis, where its source does not say; up and down as well."""
 
 DEVIATION_M_S: Final = 1.0
+
+PRESSURE_M: Final = 1000.0
+"""A height by pressure may be wrong by hundreds of metres; so far above all a track does not count."""
+
+ALARMS_MAX: Final = 8
+"""Tracks with an alarm of their own, manned aircraft first, then the soonest."""
 
 
 @dataclass(eq=False)
@@ -72,6 +79,8 @@ class OtherTraffic(Feature):
         settings: TrafficSettings | None,
         frame: ShowFrame,
         newest: Newest,
+        flown: Callable[[], Mask],
+        highest_m: float,
         own_systems: frozenset[int],
         unix_minus_loop_s: Callable[[], float],
         follows: str,
@@ -82,12 +91,15 @@ class OtherTraffic(Feature):
             settings: None: there are no sources.
             frame: of the show.
             newest: time, vehicles and centre; it is told what they keep clear of.
+            flown: (n,) the vehicles that keep clear of traffic.
+            highest_m: greatest height of any vehicle.
             own_systems: system ids of the vehicles.
             unix_minus_loop_s: this computer's clock minus the loop's; NaN: it is not to be trusted.
             follows: what the failsafe of manned aircraft does.
         """
         self._follows = f"Failsafe {Cause.MANNED_AIRCRAFT}: {follows}."
         self._settings, self._frame, self._newest = settings, frame, newest
+        self._flown, self._highest_amsl_m = flown, frame.altitude_amsl_m + highest_m
         self._own_systems, self._unix_minus_loop_s = own_systems, unix_minus_loop_s
         sources = () if settings is None else settings.sources
         self._own = frozenset(() if settings is None else (name.upper() for name in settings.own))
@@ -112,6 +124,8 @@ class OtherTraffic(Feature):
         """Take a report of one of the sources, by its index."""
         self._sources[source].problem = ""
         if fix.track.upper() in self._own or self._settings is None:
+            return
+        if fix.pressure_altitude_m > self._highest_amsl_m + PRESSURE_M:
             return
         altitude_m = fix.altitude_amsl_m if isfinite(fix.altitude_amsl_m) else self._frame.altitude_amsl_m
         degrees = (np.array([fix.latitude_deg]), np.array([fix.longitude_deg]))
@@ -172,8 +186,8 @@ class OtherTraffic(Feature):
         self._newest.manned = "; ".join(self._words(row) for row in self._seen.manned[:1])
 
     def _sphere(self) -> Sphere:
-        """All vehicles as one, whatever they do; the show's origin while none of them is known."""
-        position_m = self._newest.state.position_m
+        """All vehicles that count as one; the show's origin while the place of none of them is known."""
+        position_m = self._newest.state.position_m[self._flown()]
         known_m = position_m[np.isfinite(position_m).all(axis=1)]
         if not len(known_m):
             return Sphere(np.zeros(3), np.zeros(3), 0.0)
