@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from gcs.failsafe.policy import Cause
-from gcs.flight.state.traffic import OtherTraffic
+from gcs.flight.state.traffic import ALARMS_MAX, OtherTraffic
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Formation
 from gcs.model.target_fix import TargetFix
@@ -166,6 +166,19 @@ def test_only_vehicles_that_fly_count_as_the_formation() -> None:
         assert traffic._sphere().radius_m < 50.0
 
     fly(story, FOUR)
+
+
+def test_alarms_of_many_tracks_are_few() -> None:
+    async def story(show: VirtualShow) -> None:
+        for number in range(20):
+            report(show, 60.0 + number, speed_m_s=-15.0, name=f"T{number}")
+        await show.wait(0.5)
+        found = [alarm for alarm in show.service.alarms.alarms if alarm.cause is AlarmCause.TRAFFIC_NEAR]
+        assert len(found) == ALARMS_MAX
+        (crowded,) = [a for a in show.service.alarms.alarms if a.cause is AlarmCause.TRAFFIC_CROWDED]
+        assert "12 more come near" in crowded.text
+
+    fly(story, FOUR, after=running)
 
 
 def test_velocity_counts_without_a_climb() -> None:

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from gcs.control.traffic import Sphere, announced, approaches, tracks_near
+from gcs.control.traffic import Approaches, Sphere, announced, approaches, tracks_near
 from gcs.estimation.targets.source_clock import AGREES_S, AHEAD_S
 from gcs.estimation.traffic import TrackReport, TracksNow, TrackTable
 from gcs.failsafe.policy import Cause
@@ -63,6 +63,7 @@ class _Around:
 
     traffic: TracksNow
     sphere: Sphere
+    near: Approaches
     announced: tuple[int, ...] = ()  # rows of those that come near
     manned: tuple[int, ...] = ()  # rows of manned aircraft in the space where they are an emergency
     evaded: frozenset[str] = field(default_factory=frozenset)  # that vehicles keep clear of
@@ -178,6 +179,7 @@ class OtherTraffic(Feature):
         self._seen = _Around(
             traffic,
             sphere,
+            approaches(traffic, self._settings, sphere),
             tuple(announced(traffic, self._settings, sphere)),
             self._manned(traffic, sphere, self._settings),
             frozenset((*names, *boxes)),
@@ -209,7 +211,7 @@ class OtherTraffic(Feature):
         seen, settings = self._seen, self._settings
         if seen is None or settings is None:
             return ""
-        near = approaches(seen.traffic, settings, seen.sphere)
+        near = seen.near
         now_m, z_m = near.now_m[row] + settings.radius_m, seen.traffic.position_m[row, 2]
         height = "height not known" if not isfinite(z_m) else f"{-z_m:.0f} m high"
         then_m = max(near.apart_m[row] + settings.radius_m, 0.0)
@@ -245,18 +247,26 @@ class OtherTraffic(Feature):
     def conditions(self, at: Instant) -> Iterator[Condition]:
         for problem in self._problems(at.time_s):
             yield Condition(AlarmCause.TRAFFIC_UNKNOWN, problem)
-        if self._seen is not None and at.time_s - self._table.crowded_s < CROWDED_S:
-            yield Condition(AlarmCause.TRAFFIC_CROWDED, "the farthest are left out")
-        elif self._seen is not None and self._seen.left_out:
-            yield Condition(AlarmCause.TRAFFIC_CROWDED, f"{self._seen.left_out} near ones are not evaded")
-        if self._seen is None or at.show in ON_THE_GROUND:
+        if self._seen is None:
             return
-        for row in self._rows_near():
+        rows = () if at.show in ON_THE_GROUND else self._rows_near()
+        if crowded := "; ".join(self._crowded(at.time_s, self._seen, len(rows))):
+            yield Condition(AlarmCause.TRAFFIC_CROWDED, crowded)
+        for row in rows[:ALARMS_MAX]:
             name, words = self._seen.traffic.ids[row], self._words(row)
             if row in self._seen.manned:
                 yield Condition(AlarmCause.TRAFFIC_MANNED, words, about=name, consequence=self._follows)
             else:
                 yield Condition(AlarmCause.TRAFFIC_NEAR, words, about=name)
+
+    def _crowded(self, now_s: float, seen: _Around, near: int) -> Iterator[str]:
+        """What there is more of than counts, in words."""
+        if now_s - self._table.crowded_s < CROWDED_S:
+            yield "the farthest are left out"
+        elif seen.left_out:
+            yield f"{seen.left_out} near ones are not evaded"
+        if near > ALARMS_MAX:
+            yield f"{near - ALARMS_MAX} more come near"
 
     def view(self, at: Instant) -> TrafficView | None:
         if self._settings is None:
@@ -278,7 +288,7 @@ class OtherTraffic(Feature):
         seen, settings = self._seen, self._settings
         if seen is None or settings is None:
             return
-        traffic, near = seen.traffic, approaches(seen.traffic, settings, seen.sphere)
+        traffic, near = seen.traffic, seen.near
         for row in np.argsort(near.now_m)[:SHOWN_MAX].tolist():
             x_m, y_m, z_m = traffic.position_m[row].tolist()
             x_m_s, y_m_s, z_m_s = traffic.velocity_m_s[row].tolist()
