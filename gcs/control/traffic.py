@@ -1,6 +1,7 @@
 """Which traffic counts for a formation: what it keeps clear of, and what operators are to know."""
 
 from dataclasses import dataclass, replace
+from math import isfinite
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -119,11 +120,8 @@ def _box(traffic: TracksNow, row: int, cylinder: Cylinder, time_s: float) -> Obs
     x_m_s, y_m_s, _ = traffic.velocity_m_s[row].tolist()
     sideways_m, up_m = (cylinder.deviations * np.sqrt(traffic.spread[row, :, 0])).tolist()
     half_m = min(cylinder.radius_m + sideways_m, WIDEST * cylinder.radius_m)
-    top_m = (
-        UP_TO_M
-        if np.isnan(z_m)
-        else -z_m + min(cylinder.half_height_m + up_m, WIDEST * cylinder.half_height_m)
-    )
+    top_m = -z_m + min(cylinder.half_height_m + up_m, WIDEST * cylinder.half_height_m)
+    top_m = top_m if isfinite(top_m) else UP_TO_M
     return Obstacle(
         f"traffic {traffic.ids[row]}", x_m, y_m, half_m, half_m, max(top_m, 0.1), x_m_s, y_m_s, time_s
     )

@@ -4,7 +4,7 @@ A report corrects one row, and all rows are foreseen at once: a hundred tracks c
 y a track is known equally well, so that it has two covariances: sideways and up. Show frame, z down.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import hypot, inf, isfinite, nan
 from typing import Final, NamedTuple
 
@@ -16,6 +16,13 @@ TRACKS_KEPT: Final = 128
 """The nearest to the show's origin are kept."""
 
 FARTHEST_M: Final = 100_000.0
+"""Farther sideways a report is not believed; farther up or down it has no height."""
+
+FASTEST_M_S: Final = 1000.0
+"""Along an axis; a report of more has no velocity."""
+
+DEVIATIONS: Final = (1e-3, 1e5)
+"""Least and greatest standard deviation of a report: of less the square is 0, of more there is none."""
 
 AGILITY: Final = (2.0, 0.5)
 """Power of the random acceleration, sideways and up, in m^2/s^3: turns of 3 degrees a second at 30 m/s."""
@@ -32,6 +39,13 @@ AGAIN: Final = 3
 
 STANDS_M_S: Final = 0.5
 """A place that is repeated to the digit, of a track that is faster, is old."""
+
+ON_THE_SURFACE: Final = frozenset({"vessel", "ground"})
+SURFACE_M: Final = 5.0
+"""Without a reported height these are as high as they were, at first as the show's origin, so exactly."""
+
+VESSEL_S: Final = 180.0
+"""A vessel is not forgotten sooner: AIS of one at anchor reports every 3 minutes. Its deviation grows."""
 
 SLOW_M_S: Final = (1.5, 2.5)
 """Slower than the first a track is flown round, faster than the second it is evaded; else as before."""
@@ -71,7 +85,7 @@ class TrackTable:
     """What is believed of every track. Whatever arrives, its size and the cost of a report are bounded.
 
     Attributes:
-        forgotten_s: a track without a believed report for so long is forgotten.
+        forgotten_s: a track without a believed report for so long is forgotten, a vessel after `VESSEL_S`.
         accepted, outliers, late, repeated: how many reports were each.
         crowded_s: when a track was left out last because nearer ones fill the table.
     """
@@ -101,9 +115,10 @@ class TrackTable:
         """Take one report, whatever it says."""
         x_m, y_m, _ = report.position_m
         away_m = hypot(x_m, y_m)
-        if not away_m <= FARTHEST_M:
+        if not (away_m <= FARTHEST_M and isfinite(report.was_s)):
             self.outliers += 1
             return
+        report = _bounded(report)
         row = self._rows.get(report.id)
         if row is None:
             row = self._place_for(report, away_m)
@@ -131,7 +146,9 @@ class TrackTable:
 
     def forget(self, now_s: float) -> None:
         """Forget the tracks that are silent for too long."""
-        silent = np.flatnonzero((now_s - self._time_s > self.forgotten_s) & (self._away_m >= 0.0))
+        vessels = np.array([kind == "vessel" for kind in self._kinds])
+        after_s = np.where(vessels, max(self.forgotten_s, VESSEL_S), self.forgotten_s)
+        silent = np.flatnonzero((now_s - self._time_s > after_s) & (self._away_m >= 0.0))
         if len(silent):
             gone = set(silent.tolist())
             for name in [name for name, row in self._rows.items() if row in gone]:
@@ -187,6 +204,25 @@ class TrackTable:
         self.accepted += 1
 
 
+def _bounded(report: TrackReport) -> TrackReport:
+    """The same, without what no track does."""
+    x_m, y_m, z_m = report.position_m
+    fast = not all(abs(speed_m_s) <= FASTEST_M_S for speed_m_s in report.velocity_m_s if isfinite(speed_m_s))
+    return replace(
+        report,
+        position_m=(x_m, y_m, z_m if abs(z_m) <= FARTHEST_M else nan),
+        velocity_m_s=(nan, nan, nan) if fast else report.velocity_m_s,
+        deviation_m=_certain(report.deviation_m),
+        height_deviation_m=_certain(report.height_deviation_m),
+        velocity_deviation_m_s=_certain(report.velocity_deviation_m_s),
+    )
+
+
+def _certain(deviation: float) -> float:
+    least, greatest = DEVIATIONS
+    return max(least, min(greatest, deviation))  # NaN: the greatest
+
+
 def _move(state: list[float], dt_s: float) -> None:
     for axis in range(3):
         state[axis] += dt_s * state[_VX + axis]
@@ -199,17 +235,22 @@ def _move(state: list[float], dt_s: float) -> None:
 
 def _correct(state: list[float], report: TrackReport, *, place: bool = True) -> None:
     """Correct a row by what a report says, of its place and of its velocity."""
-    height_m = report.position_m[2]
-    if isfinite(height_m) and not isfinite(state[_Z]):
-        state[_Z], state[_UP] = height_m, report.height_deviation_m**2
+    z_m, (x_m_s, y_m_s, z_m_s) = report.position_m[2], report.velocity_m_s
+    begins = not isfinite(state[_Z])
+    if report.kind in ON_THE_SURFACE and not isfinite(z_m):
+        least = inf if begins else state[_UP]
+        state[_Z], state[_UP], state[_UP + 1] = 0.0 if begins else state[_Z], min(least, SURFACE_M**2), 0.0
+        z_m_s = z_m_s if isfinite(z_m_s) else 0.0
+    elif begins and isfinite(z_m):
+        state[_Z], state[_UP], state[_UP + 1] = z_m, report.height_deviation_m**2, 0.0
     if place:
         _pull(state, (_X, _Y), _SIDE, report.position_m, 0, report.deviation_m)
-        if isfinite(height_m):
+        if isfinite(z_m) and not begins:
             _pull(state, (_Z,), _UP, report.position_m, 0, report.height_deviation_m)
-    if isfinite(report.velocity_m_s[0]) and isfinite(report.velocity_m_s[1]):
-        _pull(state, (_X, _Y), _SIDE, report.velocity_m_s, 1, report.velocity_deviation_m_s)
-    if isfinite(report.velocity_m_s[2]):
-        _pull(state, (_Z,), _UP, report.velocity_m_s, 1, report.velocity_deviation_m_s)
+    if isfinite(x_m_s) and isfinite(y_m_s):
+        _pull(state, (_X, _Y), _SIDE, (x_m_s, y_m_s, z_m_s), 1, report.velocity_deviation_m_s)
+    if isfinite(z_m_s):
+        _pull(state, (_Z,), _UP, (x_m_s, y_m_s, z_m_s), 1, report.velocity_deviation_m_s)
 
 
 def _pull(

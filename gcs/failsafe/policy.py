@@ -173,7 +173,7 @@ class MannedAircraft(Settings):
     """A manned aircraft is within `traffic.manned` of the formation: vehicles give way to it."""
 
     action: Literal["ignore", "descend", "pause", "return", "land"] = "descend"
-    """What the show does. `descend` needs a formation without a written show; else it comes home."""
+    """What the show does. A written show does not `descend`: it comes home; a paused one stays paused."""
     to_height_m: Positive = 15.0
     """Height above the origin to which the centre descends, in m, or as low as the fence lets the sphere."""
 

@@ -82,6 +82,7 @@ class Seen:
     link_share: Array  # (n,) share of the requested position messages that arrive
     manned: str = ""  # a manned aircraft that is too near, in words; empty: there is none
     may_descend: bool = False  # the formation can, without a written show that leads it
+    paused: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -446,8 +447,11 @@ def _of_the_show(
 
 
 def _giving_way(seen: Seen, settings: FailsafePolicy) -> str:
+    """What the show does for a manned aircraft: one that cannot descend stays paused, or comes home."""
     action = settings.manned_aircraft.action
-    return "return" if action == "descend" and not seen.may_descend else action
+    if action != "descend" or seen.may_descend:
+        return action
+    return "pause" if seen.paused else "return"
 
 
 def _late_links(seen: Seen, roles: Roles, settings: LinksLate) -> str:

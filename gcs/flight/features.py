@@ -1,13 +1,17 @@
 """The features of a flight. A new one is its class, and its name here."""
 
 from collections.abc import Callable
+from functools import partial
+
+import numpy as np
 
 from gcs.flight.shows.lights import Lights
 from gcs.flight.state.corrections import Corrections
 from gcs.flight.state.feature import Feature
-from gcs.flight.state.flight import Flight
+from gcs.flight.state.flight import FLIES, Flight
 from gcs.flight.state.targets import Targets
 from gcs.flight.state.traffic import OtherTraffic
+from gcs.model.state import Mask
 
 
 def features_of(flight: Flight, targets: Targets, unix_minus_loop_s: Callable[[], float]) -> list[Feature]:
@@ -21,9 +25,21 @@ def features_of(flight: Flight, targets: Targets, unix_minus_loop_s: Callable[[]
             config.traffic,
             config.frame,
             newest,
+            partial(_flown, flight),
+            config.control.safety.fence.height_max_m,
             frozenset(vehicle.system_id for vehicle in flight.vehicles.values()),
             unix_minus_loop_s,
             config.failsafes.manned_aircraft.action,
         ),
         Lights(newest, flight.vehicles, flight.show, links, config, lambda: flight.elsewhere.owned),
     ]
+
+
+def _flown(flight: Flight) -> Mask:
+    """(n,) The vehicles that fly; before a start those that may, and are within the fence's distance."""
+    flies = np.array([vehicle.phase in FLIES for vehicle in flight.vehicles.values()], np.bool_)
+    if flies.any():
+        return flies
+    place_m, most_m = flight.newest.state.position_m, flight.in_force.control.safety.fence.distance_max_m
+    meant = np.array([name not in flight.excluded for name in flight.vehicles], np.bool_)
+    return np.asarray(meant & (np.hypot(place_m[:, 0], place_m[:, 1]) <= most_m))

@@ -27,3 +27,4 @@ class TargetFix:
     source_s: float = nan  # when it was there, by the source's own clock
     track: str = ""  # which one, of a source that has several
     kind: TrackKind | Literal[""] = ""  # what that is, where its source says
+    pressure_altitude_m: float = nan  # of an aircraft, instead of the other altitude

@@ -282,13 +282,19 @@ def _walls(
         response=here.response,
         fastest_m_s=fastest_m_s,
     )
-    obstacles = obstacle_constraints(
-        position_m,
-        here.commanded,
-        here.ellipses,
-        braking,
-        response=here.response,
-        fastest_m_s=fastest_m_s,
+    slow = set() if here.near_traffic is None else {box.id for box in here.near_traffic.boxes}
+    obstacles = Constraints.joined(
+        *(
+            obstacle_constraints(
+                position_m,
+                commanded,
+                {name: here.ellipses[name] for name in here.ellipses if (name in slow) is is_slow},
+                braking,
+                response=here.response,
+                fastest_m_s=fastest_m_s,
+            )
+            for is_slow, commanded in ((False, here.commanded), (True, here.commanded & ~here.descending))
+        )
     )
     clear_of_targets = (
         clearance_constraints(

@@ -1,13 +1,14 @@
 """Traffic in flight: it is announced and evaded, and a manned aircraft has the formation give way."""
 
-from math import nan
+from dataclasses import replace
+from math import isfinite, nan
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from gcs.failsafe.policy import Cause
-from gcs.flight.state.traffic import OtherTraffic
+from gcs.flight.state.traffic import ALARMS_MAX, OtherTraffic
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Formation
 from gcs.model.target_fix import TargetFix
@@ -17,7 +18,7 @@ from gcs.service.alarms import AlarmCause
 from gcs.testing.virtual_show import VirtualShow, fly, show_config
 from tests.support import written_show
 from tests.support.failsafe_flights import failsafe, reacts
-from tests.support.show_phases import running
+from tests.support.show_phases import paused, running
 
 RADIUS_M = 15.0
 TRAFFIC = {
@@ -44,12 +45,16 @@ def report(
     speed_m_s: float = 0.0,
     height_m: float = 20.0,
     name: str = "4CA1B2",
+    down_m_s: float = 0.0,
+    pressure_altitude_m: float = nan,
 ) -> None:
     """Report a track on the show's x axis, as a receiver would."""
     latitude_deg, longitude_deg, altitude_m = show.config.frame.geodetic(np.array([[x_m, 0.0, -height_m]]))
     place = float(latitude_deg[0]), float(longitude_deg[0]), float(altitude_m[0])
     north_m_s, east_m_s, _ = show.config.frame.into_ned(np.array([speed_m_s, 0.0, 0.0])).tolist()
-    fix = TargetFix(show.now_s, *place, north_m_s, east_m_s, 0.0, 3.0, 3.0, 0.5, nan, name, kind)
+    fix = TargetFix(show.now_s, *place, north_m_s, east_m_s, down_m_s, 3.0, 3.0, 0.5, nan, name, kind)
+    if isfinite(pressure_altitude_m):
+        fix = replace(fix, altitude_amsl_m=nan, pressure_altitude_m=pressure_altitude_m)
     traffic_of(show).take(0, fix)
 
 
@@ -98,6 +103,20 @@ def test_manned_aircraft_has_the_formation_descend() -> None:
     fly(story, FOUR, after=running)
 
 
+def test_paused_show_stays_paused_near_a_manned_aircraft() -> None:
+    async def story(show: VirtualShow) -> None:
+        await show.reach(ShowPhase.PAUSED)
+        for _ in range(5):
+            report(show, 150.0, kind="manned", height_m=60.0)
+            await show.wait(1.0)
+        reported = failsafe(show, Cause.MANNED_AIRCRAFT)
+        assert reported is not None
+        assert reported.action == "pause"
+        assert show.view.show is ShowPhase.PAUSED
+
+    fly(story, FOUR, after=paused)
+
+
 def test_manned_aircraft_brings_a_written_show_home(tmp_path: Path) -> None:
     async def story(show: VirtualShow) -> None:
         show_hash = written_show.select(show)
@@ -110,6 +129,67 @@ def test_manned_aircraft_brings_a_written_show_home(tmp_path: Path) -> None:
         assert show.view.show is ShowPhase.RETURNING
 
     written_show.fly(story, written_show.config(tmp_path, **TRAFFIC))
+
+
+def test_slow_track_does_not_stop_a_landing() -> None:
+    async def story(show: VirtualShow) -> None:
+        for second in range(150):
+            report(show, 0.0, kind="ground", height_m=0.0)
+            await show.wait(1.0)
+            if second == 20:
+                show.service.commands.command_show(ShowAction.ABORT)
+            if show.view.show is ShowPhase.LANDED:
+                return
+        assert show.view.show is ShowPhase.LANDED
+
+    fly(story, FOUR, after=running)
+
+
+@pytest.mark.parametrize(("over_m", "manned"), [(500.0, 1), (11_000.0, 0)])
+def test_pressure_tells_only_what_is_far_above(over_m: float, manned: int) -> None:
+    async def story(show: VirtualShow) -> None:
+        report(show, 100.0, kind="manned", pressure_altitude_m=show.config.frame.altitude_amsl_m + over_m)
+        await show.wait(0.2)
+        features = show.view.features.traffic
+        assert features is not None
+        assert features.manned == manned
+
+    fly(story, FOUR)
+
+
+def test_only_vehicles_that_fly_count_as_the_formation() -> None:
+    async def story(show: VirtualShow) -> None:
+        traffic, (row, *_) = traffic_of(show), range(4)
+        away_m = show.service.flight.newest.state.position_m.copy()
+        away_m[row] = 3000.0, 0.0, 0.0
+        show.service.flight.newest.state = replace(show.service.flight.newest.state, position_m=away_m)
+        assert traffic._sphere().radius_m < 50.0
+
+    fly(story, FOUR)
+
+
+def test_alarms_of_many_tracks_are_few() -> None:
+    async def story(show: VirtualShow) -> None:
+        for number in range(20):
+            report(show, 60.0 + number, speed_m_s=-15.0, name=f"T{number}")
+        await show.wait(0.5)
+        found = [alarm for alarm in show.service.alarms.alarms if alarm.cause is AlarmCause.TRAFFIC_NEAR]
+        assert len(found) == ALARMS_MAX
+        (crowded,) = [a for a in show.service.alarms.alarms if a.cause is AlarmCause.TRAFFIC_CROWDED]
+        assert "12 more come near" in crowded.text
+
+    fly(story, FOUR, after=running)
+
+
+def test_velocity_counts_without_a_climb() -> None:
+    async def story(show: VirtualShow) -> None:
+        report(show, 300.0, speed_m_s=-12.0, down_m_s=nan)
+        await show.wait(0.2)
+        features = show.view.features.traffic
+        assert features is not None
+        assert features.nearest[0].velocity_x_m_s == pytest.approx(-12.0, abs=0.1)
+
+    fly(story, FOUR)
 
 
 def test_own_vehicle_is_no_traffic() -> None:

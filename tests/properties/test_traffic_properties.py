@@ -1,25 +1,47 @@
 """Whatever reports of traffic say, the table stays bounded, and certainty comes of reports alone."""
 
+from math import nan
+
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gcs.control.traffic import Sphere, tracks_near
 from gcs.estimation.traffic import TRACKS_KEPT, TrackReport, TrackTable
 from gcs.model.state import Array
+from gcs.model.traffic import TRACK_KINDS, Cylinder
 
 numbers = st.floats(allow_nan=True, allow_infinity=True)
 three = st.tuples(numbers, numbers, numbers)
 names = st.integers(0, 400).map(str)
-deviations = st.floats(0.01, 1e5)
+deviations = numbers | st.floats(1e-300, 100.0)
 
 
 @st.composite
 def reports(draw: st.DrawFn) -> TrackReport:
     at_s = draw(st.floats(0.0, 1e4))
     return TrackReport(
-        draw(names), "manned", at_s, at_s - draw(st.floats(0.0, 60.0)), draw(three), draw(three),
-        draw(deviations), draw(deviations), draw(deviations),
+        draw(names), draw(st.sampled_from(TRACK_KINDS)), at_s, at_s - draw(st.floats(0.0, 60.0)),
+        draw(three), draw(three), draw(deviations), draw(deviations), draw(deviations),
     )  # fmt: skip
+
+
+@given(
+    st.lists(
+        st.tuples(st.floats(0.0, 8.0), st.just(nan) | st.floats(-500.0, 0.0), st.booleans(), deviations),
+        min_size=1,
+        max_size=30,
+    )
+)
+def test_heights_come_and_go(of_one: list[tuple[float, float, bool, float]]) -> None:
+    table, now_s = TrackTable(1e9), 0.0
+    for after_s, z_m, moves, deviation in of_one:
+        now_s += after_s
+        place_m, velocity_m_s = (0.01 * now_s, 0.0, z_m), (0.01, 0.0, 0.0) if moves else (nan, nan, nan)
+        table.take(TrackReport("A", "ground", now_s, now_s, place_m, velocity_m_s, 5.0, deviation, deviation))
+        traffic = table.at(now_s + after_s)
+        assert (traffic.spread[:, :, [0, 2]] >= 0.0).all()
+        tracks_near(traffic, Cylinder(), Sphere(np.array([0.0, 0.0, -30.0]), np.zeros(3), 10.0), now_s)
 
 
 @given(st.lists(reports(), max_size=60))
@@ -28,6 +50,8 @@ def test_any_reports_are_taken(of_all: list[TrackReport]) -> None:
     for each in of_all:
         table.take(each)
     traffic = table.at(2e4)
+    assert (traffic.spread[:, :, [0, 2]] >= 0.0).all()
+    tracks_near(traffic, Cylinder(), Sphere(np.zeros(3), np.zeros(3), 10.0), 2e4)
     assert len(table) == len(traffic.ids) <= TRACKS_KEPT
     assert np.isfinite(traffic.position_m[:, :2]).all()
     assert np.isfinite(traffic.velocity_m_s).all()

@@ -121,6 +121,7 @@ class FailsafeMonitor:
             self.link_quality.share,
             self.newest.manned,
             self._descended or (self.show.run is None and self.show.phase in FORMED),
+            self.show.phase is ShowPhase.PAUSED,
         )
 
     def _roles(self) -> Roles:

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from gcs.control.traffic import Sphere, announced, approaches, tracks_near
+from gcs.control.traffic import Approaches, Sphere, announced, approaches, tracks_near
 from gcs.estimation.targets.source_clock import AGREES_S, AHEAD_S
 from gcs.estimation.traffic import TrackReport, TracksNow, TrackTable
 from gcs.failsafe.policy import Cause
@@ -21,6 +21,7 @@ from gcs.links.targets.receive import intake_of, keep_receiving_tracks
 from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import ON_THE_GROUND
 from gcs.model.preflight_report import Check, State
+from gcs.model.state import Mask
 from gcs.model.target_fix import TargetFix
 from gcs.service.alarms import AlarmCause, Condition
 from gcs.service.features import TrackView, TrafficView
@@ -39,6 +40,12 @@ DEVIATION_M: Final = 15.0
 
 DEVIATION_M_S: Final = 1.0
 
+PRESSURE_M: Final = 1000.0
+"""A height by pressure may be wrong by hundreds of metres; so far above all a track does not count."""
+
+ALARMS_MAX: Final = 8
+"""Tracks with an alarm of their own, manned aircraft first, then the soonest."""
+
 
 @dataclass(eq=False)
 class _Source:
@@ -56,6 +63,7 @@ class _Around:
 
     traffic: TracksNow
     sphere: Sphere
+    near: Approaches
     announced: tuple[int, ...] = ()  # rows of those that come near
     manned: tuple[int, ...] = ()  # rows of manned aircraft in the space where they are an emergency
     evaded: frozenset[str] = field(default_factory=frozenset)  # that vehicles keep clear of
@@ -72,6 +80,8 @@ class OtherTraffic(Feature):
         settings: TrafficSettings | None,
         frame: ShowFrame,
         newest: Newest,
+        flown: Callable[[], Mask],
+        highest_m: float,
         own_systems: frozenset[int],
         unix_minus_loop_s: Callable[[], float],
         follows: str,
@@ -82,12 +92,15 @@ class OtherTraffic(Feature):
             settings: None: there are no sources.
             frame: of the show.
             newest: time, vehicles and centre; it is told what they keep clear of.
+            flown: (n,) the vehicles that keep clear of traffic.
+            highest_m: greatest height of any vehicle.
             own_systems: system ids of the vehicles.
             unix_minus_loop_s: this computer's clock minus the loop's; NaN: it is not to be trusted.
             follows: what the failsafe of manned aircraft does.
         """
         self._follows = f"Failsafe {Cause.MANNED_AIRCRAFT}: {follows}."
         self._settings, self._frame, self._newest = settings, frame, newest
+        self._flown, self._highest_amsl_m = flown, frame.altitude_amsl_m + highest_m
         self._own_systems, self._unix_minus_loop_s = own_systems, unix_minus_loop_s
         sources = () if settings is None else settings.sources
         self._own = frozenset(() if settings is None else (name.upper() for name in settings.own))
@@ -113,29 +126,26 @@ class OtherTraffic(Feature):
         self._sources[source].problem = ""
         if fix.track.upper() in self._own or self._settings is None:
             return
+        if fix.pressure_altitude_m > self._highest_amsl_m + PRESSURE_M:
+            return
         altitude_m = fix.altitude_amsl_m if isfinite(fix.altitude_amsl_m) else self._frame.altitude_amsl_m
         degrees = (np.array([fix.latitude_deg]), np.array([fix.longitude_deg]))
         x_m, y_m, z_m = self._frame.position_m(*degrees, np.array([altitude_m]))[0].tolist()
-        x_m_s, y_m_s, z_m_s = self._frame.from_ned(
-            np.array([fix.north_m_s, fix.east_m_s, fix.down_m_s])
-        ).tolist()
+        sideways_m_s = np.array([fix.north_m_s, fix.east_m_s, 0.0])  # one NaN would spread to all
+        x_m_s, y_m_s, _ = self._frame.from_ned(sideways_m_s).tolist()
         self._table.take(
             TrackReport(
                 fix.track,
                 fix.kind or "manned",
                 fix.arrived_s,
                 self._was_s(fix, self._settings.sources[source].kind == "cot"),
-                (x_m, y_m, self._height_z_m(fix, z_m)),
-                (x_m_s, y_m_s, z_m_s),
+                (x_m, y_m, z_m if isfinite(fix.altitude_amsl_m) else nan),
+                (x_m_s, y_m_s, fix.down_m_s),
                 _first(fix.deviation_m, DEVIATION_M),
                 _first(fix.height_deviation_m, DEVIATION_M),
                 _first(fix.velocity_deviation_m_s, DEVIATION_M_S),
             )
         )
-
-    def _height_z_m(self, fix: TargetFix, z_m: float) -> float:
-        """What floats is at the height of the show's origin if it reports none."""
-        return z_m if isfinite(fix.altitude_amsl_m) or fix.kind == "vessel" else nan
 
     def _was_s(self, fix: TargetFix, is_utc: bool) -> float:
         """When a report was true, loop clock: by its source if that has a clock, else by its arrival."""
@@ -169,6 +179,7 @@ class OtherTraffic(Feature):
         self._seen = _Around(
             traffic,
             sphere,
+            approaches(traffic, self._settings, sphere),
             tuple(announced(traffic, self._settings, sphere)),
             self._manned(traffic, sphere, self._settings),
             frozenset((*names, *boxes)),
@@ -177,8 +188,8 @@ class OtherTraffic(Feature):
         self._newest.manned = "; ".join(self._words(row) for row in self._seen.manned[:1])
 
     def _sphere(self) -> Sphere:
-        """All vehicles as one, whatever they do; the show's origin while none of them is known."""
-        position_m = self._newest.state.position_m
+        """All vehicles that count as one; the show's origin while the place of none of them is known."""
+        position_m = self._newest.state.position_m[self._flown()]
         known_m = position_m[np.isfinite(position_m).all(axis=1)]
         if not len(known_m):
             return Sphere(np.zeros(3), np.zeros(3), 0.0)
@@ -200,7 +211,7 @@ class OtherTraffic(Feature):
         seen, settings = self._seen, self._settings
         if seen is None or settings is None:
             return ""
-        near = approaches(seen.traffic, settings, seen.sphere)
+        near = seen.near
         now_m, z_m = near.now_m[row] + settings.radius_m, seen.traffic.position_m[row, 2]
         height = "height not known" if not isfinite(z_m) else f"{-z_m:.0f} m high"
         then_m = max(near.apart_m[row] + settings.radius_m, 0.0)
@@ -236,18 +247,26 @@ class OtherTraffic(Feature):
     def conditions(self, at: Instant) -> Iterator[Condition]:
         for problem in self._problems(at.time_s):
             yield Condition(AlarmCause.TRAFFIC_UNKNOWN, problem)
-        if self._seen is not None and at.time_s - self._table.crowded_s < CROWDED_S:
-            yield Condition(AlarmCause.TRAFFIC_CROWDED, "the farthest are left out")
-        elif self._seen is not None and self._seen.left_out:
-            yield Condition(AlarmCause.TRAFFIC_CROWDED, f"{self._seen.left_out} near ones are not evaded")
-        if self._seen is None or at.show in ON_THE_GROUND:
+        if self._seen is None:
             return
-        for row in self._rows_near():
+        rows = () if at.show in ON_THE_GROUND else self._rows_near()
+        if crowded := "; ".join(self._crowded(at.time_s, self._seen, len(rows))):
+            yield Condition(AlarmCause.TRAFFIC_CROWDED, crowded)
+        for row in rows[:ALARMS_MAX]:
             name, words = self._seen.traffic.ids[row], self._words(row)
             if row in self._seen.manned:
                 yield Condition(AlarmCause.TRAFFIC_MANNED, words, about=name, consequence=self._follows)
             else:
                 yield Condition(AlarmCause.TRAFFIC_NEAR, words, about=name)
+
+    def _crowded(self, now_s: float, seen: _Around, near: int) -> Iterator[str]:
+        """What there is more of than counts, in words."""
+        if now_s - self._table.crowded_s < CROWDED_S:
+            yield "the farthest are left out"
+        elif seen.left_out:
+            yield f"{seen.left_out} near ones are not evaded"
+        if near > ALARMS_MAX:
+            yield f"{near - ALARMS_MAX} more come near"
 
     def view(self, at: Instant) -> TrafficView | None:
         if self._settings is None:
@@ -269,7 +288,7 @@ class OtherTraffic(Feature):
         seen, settings = self._seen, self._settings
         if seen is None or settings is None:
             return
-        traffic, near = seen.traffic, approaches(seen.traffic, settings, seen.sphere)
+        traffic, near = seen.traffic, seen.near
         for row in np.argsort(near.now_m)[:SHOWN_MAX].tolist():
             x_m, y_m, z_m = traffic.position_m[row].tolist()
             x_m_s, y_m_s, z_m_s = traffic.velocity_m_s[row].tolist()

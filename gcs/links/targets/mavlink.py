@@ -311,9 +311,8 @@ def aircraft(record: np.void, now_s: float) -> TargetFix:
     has, flags, track = common, int(record["flags"]), f"{int(record['ICAO_address']):06X}"
     if not flags & has.ADSB_FLAGS_VALID_COORDS:
         raise LinkError(f"{track} without a valid position (flags {flags})")
-    has_height = flags & has.ADSB_FLAGS_VALID_ALTITUDE
-    if int(record["altitude_type"]) != has.ADSB_ALTITUDE_TYPE_GEOMETRIC:
-        has_height = 0  # a pressure is no height
+    altitude_m = _millimetres(record["altitude"]) if flags & has.ADSB_FLAGS_VALID_ALTITUDE else nan
+    is_height = int(record["altitude_type"]) == has.ADSB_ALTITUDE_TYPE_GEOMETRIC  # a pressure is none
     moves = has.ADSB_FLAGS_VALID_HEADING | has.ADSB_FLAGS_VALID_VELOCITY
     course = int(record["heading"]) if flags & moves == moves else _COURSES
     climb = int(record["ver_velocity"]) if flags & has.ADSB_FLAGS_VERTICAL_VELOCITY_VALID else None
@@ -322,7 +321,8 @@ def aircraft(record: np.void, now_s: float) -> TargetFix:
         now_s,
         track,
         KIND_OF_EMITTER.get(int(record["emitter_type"]), "manned"),
-        altitude_m=_altitude_m(_millimetres(record["altitude"])) if has_height else nan,
+        altitude_m=_altitude_m(altitude_m) if is_height else nan,
+        pressure_altitude_m=nan if is_height else altitude_m,
         velocity=_along(course, int(record["hor_velocity"]), climb),
     )
 
@@ -350,6 +350,7 @@ def _received(
     *,
     velocity: Velocity,
     altitude_m: float = nan,
+    pressure_altitude_m: float = nan,
     deviation_m: float = nan,
 ) -> TargetFix:
     """A report of what a system has received some seconds ago."""
@@ -367,6 +368,7 @@ def _received(
         source_s=now_s - age_s,
         track=track,
         kind=kind,
+        pressure_altitude_m=pressure_altitude_m,
     )
 
 

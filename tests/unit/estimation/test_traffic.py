@@ -5,7 +5,7 @@ from math import isnan, nan
 import numpy as np
 import pytest
 
-from gcs.estimation.traffic import AGAIN, TRACKS_KEPT, TrackReport, TrackTable
+from gcs.estimation.traffic import AGAIN, SURFACE_M, TRACKS_KEPT, TrackReport, TrackTable
 
 NORTH_M_S = 20.0
 
@@ -49,11 +49,53 @@ def test_height_is_not_known_until_it_is_reported() -> None:
     assert table.at(1.0).position_m[0, 2] == -80.0
 
 
+def test_height_after_many_reports_without_one() -> None:
+    table = TrackTable(15.0)
+    for second in range(9):
+        table.take(report(float(second), z_m=nan))
+    table.take(report(9.0, z_m=-80.0))
+    assert table.at(9.0).spread[0, 1, 0] == pytest.approx(9.0, abs=0.1), "that of the report"
+
+
+@pytest.mark.parametrize(("kind", "height_m"), [("ground", 0.0), ("vessel", 0.0), ("unmanned", nan)])
+def test_what_is_on_the_surface_is_as_high_as_it_was(kind: str, height_m: float) -> None:
+    table = TrackTable(15.0)
+    for second in range(20):
+        table.take(TrackReport("A", kind, 0.0, float(second), (0.1 * second, 0.0, nan)))
+    assert table.at(19.0).position_m[0, 2] == pytest.approx(-height_m, nan_ok=True)
+    table.take(TrackReport("A", kind, 0.0, 20.0, (2.0, 0.0, -40.0), height_deviation_m=1.0))
+    for second in range(21, 25):
+        table.take(TrackReport("A", kind, 0.0, float(second), (0.1 * second, 0.0, nan)))
+    traffic = table.at(24.0)
+    assert traffic.position_m[0, 2] == pytest.approx(-40.0, abs=5.0)
+    assert kind == "unmanned" or np.sqrt(traffic.spread[0, 1, 0]) < SURFACE_M
+
+
+def test_report_cannot_be_certain_to_the_digit() -> None:
+    table, exact = TrackTable(15.0), 1e-170
+    for second in range(3):
+        place_m = (float(second), 0.0, -50.0)
+        table.take(TrackReport("A", "manned", 0.0, float(second), place_m, (1.0, 0.0, 0.0), *[exact] * 3))
+    assert table.accepted == 3
+    assert (table.at(2.0).spread[0, :, 0] > 0.0).all()
+
+
 def test_track_is_forgotten() -> None:
     table = flown()
     table.forget(24.0)
     assert len(table) == 1
     table.forget(26.0)
+    assert len(table) == 0
+
+
+def test_vessel_is_known_between_its_reports() -> None:
+    table = TrackTable(15.0)
+    table.take(TrackReport("A", "vessel", 0.0, 0.0, (0.0, 50.0, nan), (4.0, 0.0, nan)))
+    sure, unsure = (table.at(after_s).spread[0, 0, 0] for after_s in (0.0, 170.0))
+    assert unsure > 100.0 * sure
+    table.forget(170.0)
+    assert table.at(170.0).position_m[0, :2] == pytest.approx([680.0, 50.0], abs=1.0)
+    table.forget(181.0)
     assert len(table) == 0
 
 

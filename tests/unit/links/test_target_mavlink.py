@@ -86,14 +86,18 @@ def test_aircraft_of_the_system_is_a_track() -> None:
 
 
 @pytest.mark.parametrize(
-    "message",
-    [aircraft(flags=1), aircraft(altitude_type=0, course=65_535, climb=32_767)],
+    ("message", "pressure_m"),
+    [(aircraft(flags=1), nan), (aircraft(altitude_type=0, course=65_535, climb=32_767), 900.0)],
     ids=["flags", "values"],
 )
-def test_what_an_aircraft_does_not_say_is_unknown(message: common.MAVLink_adsb_vehicle_message) -> None:
+def test_what_an_aircraft_does_not_say_is_unknown(
+    message: common.MAVLink_adsb_vehicle_message, pressure_m: float
+) -> None:
     """A pressure is no height above mean sea level."""
     (fix,), _, _ = taken(packed(message), track="4CA1B2")
-    expected = approximately(arrived_s=0.25, source_s=-0.75, track="4CA1B2", kind="manned")
+    expected = approximately(
+        arrived_s=0.25, source_s=-0.75, track="4CA1B2", kind="manned", pressure_altitude_m=pressure_m
+    )
     assert asdict(fix) == pytest.approx(expected, nan_ok=True)
 
 

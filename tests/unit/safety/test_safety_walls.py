@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from gcs.formation.obstacles import Ellipse
+from gcs.model.plan import Obstacle
 from gcs.safety.filter import filter_velocities
+from gcs.safety.near_traffic import NearTraffic
 from gcs.safety.walls import Fence, fence_constraints, obstacle_constraints
 from tests.support.safety_world import BOX, BRAKING, FENCE, SETTINGS, filtered, surroundings
 
@@ -55,6 +57,20 @@ def test_above_the_origin_no_direction_is_fenced() -> None:
     over_origin = np.array([[0.0, 0.0, -20.0]])
     found = fence_constraints(over_origin, np.ones(1, bool), np.zeros(1, bool), FENCE, BRAKING)
     assert (found.slack_m_s(np.array([[8.0, 0.0, 0.0]])) > 0.0).all()
+
+
+def test_slow_traffic_does_not_hold_up_descending_vehicles() -> None:
+    inside, sinking = np.array([[1.0, 0.0, -8.0]]), np.array([[0.0, 0.0, 1.0]])
+    none, slow = np.zeros((0, 3)), (Obstacle("traffic A", 0.0, 0.0, 5.0, 5.0, 12.0),)
+    near_traffic = NearTraffic((), none, none, np.zeros(0), np.zeros(0), np.zeros((0, 2, 3)), 3.0, slow)
+    for name, descending, sinks in (
+        ("traffic A", True, True),
+        ("traffic A", False, False),
+        ("B", True, False),
+    ):
+        here = surroundings(inside, descending=descending, ellipses={name: BOX})
+        allowed = filtered(sinking, replace(here, near_traffic=near_traffic))
+        assert bool(allowed[0, 2] == 1.0) is sinks
 
 
 def test_obstacle_is_a_wall_below_its_top_and_a_floor_above() -> None:
