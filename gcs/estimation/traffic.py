@@ -115,7 +115,8 @@ class TrackTable:
         """Take one report, whatever it says."""
         x_m, y_m, _ = report.position_m
         away_m = hypot(x_m, y_m)
-        if not (away_m <= FARTHEST_M and isfinite(report.was_s)):
+        old_s = report.arrived_s - report.was_s
+        if not (away_m <= FARTHEST_M and abs(old_s) <= max(self.forgotten_s, VESSEL_S)):
             self.outliers += 1
             return
         report = _bounded(report)

@@ -1,8 +1,10 @@
 """Traffic in flight: it is announced and evaded, and a manned aircraft has the formation give way."""
 
 from dataclasses import replace
-from math import isfinite, nan
+from math import inf, isfinite, nan
 from pathlib import Path
+from random import Random
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from gcs.flight.state.traffic import ALARMS_MAX, OtherTraffic
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Formation
 from gcs.model.target_fix import TargetFix
-from gcs.model.traffic import TrackKind
+from gcs.model.traffic import TRACK_KINDS, TrackKind
 from gcs.service import ShowAction
 from gcs.service.alarms import AlarmCause
 from gcs.testing.virtual_show import VirtualShow, fly, show_config
@@ -30,6 +32,10 @@ TRAFFIC = {
     }
 }
 FOUR = show_config(4, **TRAFFIC)
+NUMBERS = (
+    "altitude_amsl_m", "north_m_s", "east_m_s", "down_m_s", "deviation_m", "height_deviation_m",
+    "velocity_deviation_m_s", "source_s",
+)  # fmt: skip
 
 
 def traffic_of(show: VirtualShow) -> OtherTraffic:
@@ -177,6 +183,27 @@ def test_alarms_of_many_tracks_are_few() -> None:
         assert len(found) == ALARMS_MAX
         (crowded,) = [a for a in show.service.alarms.alarms if a.cause is AlarmCause.TRAFFIC_CROWDED]
         assert "12 more come near" in crowded.text
+
+    fly(story, FOUR, after=running)
+
+
+def test_no_report_ends_control() -> None:
+    """Whatever numbers a source gives."""
+
+    async def story(show: VirtualShow) -> None:
+        random, frame = Random(1), show.config.frame
+        odd = (nan, inf, -inf, 1e308, -1e308, 1e-170, 0.0, -1.0, 1.0)
+        for number in range(2000):
+            near = frame.latitude_deg + 1e-4 * random.random(), frame.longitude_deg
+            where = near if random.random() < 0.8 else (random.choice(odd), random.choice(odd))
+            values = [random.choice((*odd, frame.altitude_amsl_m)) for _ in range(8)]
+            track, kind = f"T{number % 50}", random.choice(TRACK_KINDS)
+            fields: dict[str, Any] = dict(zip(NUMBERS, values, strict=True))
+            traffic_of(show).take(0, TargetFix(show.now_s, *where, track=track, kind=kind, **fields))
+            if number % 100 == 0:
+                await show.wait(0.1)
+        await show.wait(1.0)
+        assert show.view.show is ShowPhase.RUNNING
 
     fly(story, FOUR, after=running)
 

@@ -4,14 +4,14 @@ import asyncio
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import partial
-from math import inf, isfinite, nan
+from math import hypot, inf, isfinite, nan
 from typing import Final
 
 import numpy as np
 
 from gcs.control.traffic import Approaches, Sphere, announced, approaches, tracks_near
 from gcs.estimation.targets.source_clock import AGREES_S, AHEAD_S
-from gcs.estimation.traffic import TrackReport, TracksNow, TrackTable
+from gcs.estimation.traffic import FARTHEST_M, FASTEST_M_S, TrackReport, TracksNow, TrackTable
 from gcs.failsafe.policy import Cause
 from gcs.flight.state.feature import Feature, Instant
 from gcs.flight.state.newest import Newest
@@ -126,12 +126,17 @@ class OtherTraffic(Feature):
         self._sources[source].problem = ""
         if fix.track.upper() in self._own or self._settings is None:
             return
+        if not (abs(fix.latitude_deg) <= 90.0 and abs(fix.longitude_deg) <= 180.0):
+            self._table.outliers += 1
+            return
         if fix.pressure_altitude_m > self._highest_amsl_m + PRESSURE_M:
             return
-        altitude_m = fix.altitude_amsl_m if isfinite(fix.altitude_amsl_m) else self._frame.altitude_amsl_m
+        has_height = abs(fix.altitude_amsl_m) <= FARTHEST_M
+        altitude_m = fix.altitude_amsl_m if has_height else self._frame.altitude_amsl_m
         degrees = (np.array([fix.latitude_deg]), np.array([fix.longitude_deg]))
         x_m, y_m, z_m = self._frame.position_m(*degrees, np.array([altitude_m]))[0].tolist()
-        sideways_m_s = np.array([fix.north_m_s, fix.east_m_s, 0.0])  # one NaN would spread to all
+        moves = hypot(fix.north_m_s, fix.east_m_s) <= FASTEST_M_S
+        sideways_m_s = np.array([fix.north_m_s, fix.east_m_s, 0.0] if moves else [nan] * 3)
         x_m_s, y_m_s, _ = self._frame.from_ned(sideways_m_s).tolist()
         self._table.take(
             TrackReport(
@@ -139,7 +144,7 @@ class OtherTraffic(Feature):
                 fix.kind or "manned",
                 fix.arrived_s,
                 self._was_s(fix, self._settings.sources[source].kind == "cot"),
-                (x_m, y_m, z_m if isfinite(fix.altitude_amsl_m) else nan),
+                (x_m, y_m, z_m if has_height else nan),
                 (x_m_s, y_m_s, fix.down_m_s),
                 _first(fix.deviation_m, DEVIATION_M),
                 _first(fix.height_deviation_m, DEVIATION_M),
