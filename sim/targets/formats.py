@@ -209,7 +209,7 @@ class Transponder(Mavlink):
         return common.MAVLink_adsb_vehicle_message(
             self._track, *_place(report)[:2], common.ADSB_ALTITUDE_TYPE_GEOMETRIC, _place(report)[2],
             round(100 * course) % 36_000, min(round(100 * speed_m_s), 65_534), climb, b"FAKE",
-            common.ADSB_EMITTER_TYPE_LIGHT, 0, flags, 0,
+            common.ADSB_EMITTER_TYPE_SMALL, 0, flags, 0,
         )  # fmt: skip
 
     def _vessel(self, report: Report) -> Message:

@@ -137,13 +137,16 @@ def test_manned_aircraft_brings_a_written_show_home(tmp_path: Path) -> None:
     written_show.fly(story, written_show.config(tmp_path, **TRAFFIC))
 
 
-def test_slow_track_does_not_stop_a_landing() -> None:
+@pytest.mark.parametrize("action", [ShowAction.ABORT, ShowAction.STOP])
+def test_slow_track_does_not_stop_a_landing(action: ShowAction) -> None:
+    """It is at the pads: vehicles land beside them."""
+
     async def story(show: VirtualShow) -> None:
         for second in range(150):
             report(show, 0.0, kind="ground", height_m=0.0)
             await show.wait(1.0)
             if second == 20:
-                show.service.commands.command_show(ShowAction.ABORT)
+                show.service.commands.command_show(action)
             if show.view.show is ShowPhase.LANDED:
                 return
         assert show.view.show is ShowPhase.LANDED

@@ -49,7 +49,7 @@ FEATURES: Final = {
         r"Targets?View|TargetFix|TargetEstimate|TargetReport|TargetSettings|\bTracker\b|features\??\.targets"
         r"|(?:state|estimation|links|sim) \. targets\b|\./targets",
         r"targets?|tracker",
-        16,
+        18,  # each source is a file; the WebSocket and the receiver of traffic are among them
         15,  # traffic is received as targets are
     ),
     "traffic": Named(  # of others; `gcs/safety/traffic.py` is of the own vehicles

@@ -163,7 +163,7 @@ class CollectiveReturn:
     def _leave_closed_places(self) -> None:
         """Take vehicles out of the plan when their landing place was closed meanwhile."""
         closing = self._find_closing()
-        if closing != self._closing or self._in_force.plan.obstacles:
+        if closing != self._closing or self._landing_places.are_obstructed:
             self._closing = closing
             closed = self._landing_places.closed_to(self._places, self._home_m[: len(self._places)])
             self._left.update(

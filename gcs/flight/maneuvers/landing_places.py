@@ -37,11 +37,11 @@ class LandingPlaces:
         return ellipses_of(self._plan(), self.in_force.control, self.newest.state.time_s)
 
     def _plan(self) -> Plan:
-        """The plan, with the space round targets that are kept clear of as obstacles: no place lies in it."""
+        """The plan, with slow traffic and the space round targets as obstacles: no place lies in these."""
         plan, time_s = self.in_force.plan, self.newest.state.time_s
         floor, worst_m = self.in_force.control.safety.floor, self.newest.traits.uncertainty_m.max(initial=0.0)
         targets = [*self.newest.kept_clear.values(), plan.target]
-        boxes = []
+        boxes = [] if self.newest.near_traffic is None else list(self.newest.near_traffic.boxes)
         for number, target in enumerate(each for each in targets if each.clearance_m):
             (beside_m,), (above_m,) = kept_clear_m(target, floor, np.array([worst_m])).tolist()
             half_m, height_m = beside_m / sqrt(2.0), max(above_m + target.height_m, 1.0)
@@ -107,9 +107,14 @@ class LandingPlaces:
         closed = closed_places(place_m, over_m, floor, uncertainty_m, self.closed())
         return closed | are_covered(place_m, self._ellipses())
 
+    @property
+    def are_obstructed(self) -> bool:
+        """Whether an obstacle, traffic, or a target that is kept clear of could be where vehicles land."""
+        return bool(self._plan().obstacles)
+
     def is_covered(self, place_m: Array) -> bool:
         """Whether an obstacle keeps a vehicle from landing at a place (3,)."""
-        if not self._plan().obstacles:
+        if not self.are_obstructed:
             return False
         return bool(are_covered(place_m[None], self._ellipses())[0])
 
