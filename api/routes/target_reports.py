@@ -49,11 +49,12 @@ async def _receive(websocket: WebSocket, context: Context, name: str) -> None:
         if not bucket.take(context.now_s()):
             dropped += 1
             continue
-        answers = [_problem(message, context, name)]
+        answers = []
         if dropped:
             detail = f"{dropped} reports were dropped unread: {RATE_MAX_HZ:g} a second may come"
             answers.append(bytes(error_response(HTTPStatus.TOO_MANY_REQUESTS, detail).body))
             dropped = 0
+        answers.append(_problem(message, context, name))
         for answer in filter(None, answers):
             await websocket.send_text(answer.decode())
 

@@ -85,7 +85,7 @@ def test_every_number_names_its_unit(document: Any) -> None:
         for field, described in schema.get("properties", {}).items()
         if "number" in json.dumps(described) and not field.endswith(units)
     }
-    # shares of 1, what was wrong, of a replay, and of a timecode's rate
+    # shares of 1, what was wrong, of a replay, of a timecode's rate, and how many tracks
     assert without == {
         *(name for name, column in FRAME.items() if column.unit == SHARE),
         "battery_least",
@@ -100,6 +100,7 @@ def test_every_number_names_its_unit(document: Any) -> None:
         "floor_ratio_if_off",
         "slope",
         "tempo",
+        *("known", "near", "manned"),
     }
 
 
