@@ -419,7 +419,8 @@ class PreflightGate:
         yield ("formation", "a sphere that has room for all vehicles", lambda: self._check_formations(chosen))
         if flight.show.run is None:
             yield "target", "where the formation can follow it", self._check_target
-        yield "kept clear", "no target is too near to a pad", lambda: self._check_pads(chosen)
+        if flight.newest.kept_clear or flight.in_force.plan.target.clearance_m:
+            yield "kept clear", "no target is too near to a pad", lambda: self._check_pads(chosen)
         if operation.require_safe_setpoint_loss:
             alone = [flight.vehicles[name].without_setpoints for name in chosen]
             flies_on_s = np.array([each.flies_on_s for each in alone])

@@ -25,7 +25,7 @@ T = TypeVar("T")
 
 BOX = Obstacle("tower", 1.0, -2.5, 3.0, 4.0, 5.0, 0.5, -0.25, 77.125)
 
-FIX = TargetFix(12345.5, 47.3977, 8.5456, 488.0, 1.25, -0.5, 0.0, 1.0, 2.0, 0.1, 1.8e9, "A1")
+FIX = TargetFix(12345.5, 47.3977, 8.5456, 488.0, 1.25, -0.5, 0.0, 1.0, 2.0, 0.1, 1.8e9, "A1", "manned", 500.0)
 
 CALLS: dict[str, dict[str, Any]] = {
     "audit.call": {"call": Call("crew", "POST", "/api/v1/show/start", '{"a": "ä\u2028"}', 202)},
