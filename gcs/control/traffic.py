@@ -22,7 +22,7 @@ ABOVE_M: Final = 10.0
 """A slow track so far above the formation is no obstacle; one so far above or below it is not announced."""
 
 ANNOUNCED_S, BESIDE_M = 60.0, 20.0
-"""A track is announced whose cylinder will be so near to the formation, within this time."""
+"""A track is announced if its cylinder will be so near to the formation, within this time."""
 
 UP_TO_M: Final = 10_000.0
 """Height of an obstacle with a height that is not known."""
@@ -62,7 +62,7 @@ def approaches(traffic: TracksNow, cylinder: Cylinder, sphere: Sphere) -> Approa
 
 
 def announced(traffic: TracksNow, cylinder: Cylinder, sphere: Sphere) -> list[int]:
-    """Rows of the tracks whose cylinder comes to the formation within `ANNOUNCED_S`, the soonest first.
+    """Rows of tracks with a cylinder that comes to the formation within `ANNOUNCED_S`, the next first.
 
     Whether it flies on or stays: one that evades a track is to say so until that has passed.
     """
@@ -80,7 +80,7 @@ def announced(traffic: TracksNow, cylinder: Cylinder, sphere: Sphere) -> list[in
 def tracks_near(
     traffic: TracksNow, cylinder: Cylinder, sphere: Sphere, time_s: float
 ) -> tuple[NearTraffic | None, int]:
-    """What vehicles keep clear of at `time_s`, the soonest first, and how many that leaves out."""
+    """What vehicles keep clear of at `time_s`, the next to arrive first, and how many that leaves out."""
     if not traffic.ids:
         return None, 0
     speed_m_s = np.hypot(traffic.velocity_m_s[:, 0], traffic.velocity_m_s[:, 1])

@@ -50,7 +50,7 @@ class CenterLimits:
 def fleet_limits(
     fastest_m_s: Array, hardest_m_s2: Array, rim_m_s: float, *, behind_m: float = 0.0
 ) -> CenterLimits:
-    """Limits of a centre whose vehicles (k,), at least one, fly so fast and accelerate so hard.
+    """Limits of a centre with vehicles (k,), at least one, that fly so fast and accelerate so hard.
 
     `rim_m_s` is how fast the spin moves them, `behind_m` how far the centre is from its target.
     """

@@ -168,7 +168,7 @@ class TrafficSettings(Cylinder):
     own: Annotated[tuple[Annotated[str, Field(max_length=40)], ...], Field(max_length=256)] = ()
     """Tracks that are vehicles of this show: ICAO addresses, MMSI, uids; its MAVLink systems are known."""
     delay_s: NotNegative = 0.0
-    """How late reports arrive whose source has no clock, in s."""
+    """How late reports of a source without a clock arrive, in s."""
     forgotten_s: Positive = 15.0
     """A track without a report for so long is forgotten, in s; a vessel after three minutes."""
     manned: MannedArea = MannedArea()

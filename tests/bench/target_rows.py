@@ -1,4 +1,4 @@
-"""Targets whose sources fail, flown in virtual time over seeds: `python -m tests.bench.target_rows ROW`."""
+"""Targets with a source that fails, flown over seeds: `python -m tests.bench.target_rows ROW`."""
 
 import sys
 from collections.abc import Sequence

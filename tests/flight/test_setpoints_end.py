@@ -1,4 +1,4 @@
-"""The service stops at moments of flights whose vehicles fly on for long: no pair comes inside the floor."""
+"""The service stops while vehicles fly on for long without setpoints: no pair comes inside the floor."""
 
 import random
 from collections.abc import Callable

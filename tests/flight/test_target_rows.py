@@ -1,4 +1,4 @@
-"""Targets whose sources fail, each in one flight; `python -m tests.bench.target_rows` flies more of them."""
+"""Targets with a source that fails, each in one flight; `python -m tests.bench.target_rows`: more."""
 
 import pytest
 

@@ -455,7 +455,7 @@ async def walks_with(show: VirtualShow, seconds: float, place_m: Array) -> tuple
 
 @pytest.mark.parametrize("action", [ShowAction.ABORT, ShowAction.STOP])
 def test_all_land_clear_of_a_person(action: ShowAction) -> None:
-    """An abort over them who are followed, and a return to pads at which they stand by now."""
+    """An abort over the person who is followed, and a return to pads at which the person stands by now."""
 
     async def story(show: VirtualShow) -> tuple[float, set[Phase]]:
         await report(show, 1.0, lambda _: FAR_M)

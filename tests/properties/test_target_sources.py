@@ -45,12 +45,14 @@ def is_sound(fix: TargetFix) -> bool:
     return position and all(isfinite(value) or isnan(value) for value in rest)
 
 
-def taken(datagrams: list[bytes], track: str) -> None:
-    reports, now_s = TargetReports(source(track=track), 0.0), 0.0
+def are_sound(datagrams: list[bytes], track: str) -> bool:
+    """Whether all that is read of them is."""
+    reports, now_s, sound = TargetReports(source(track=track), 0.0), 0.0, True
     for datagram in datagrams:
         now_s += 0.5
-        assert all(map(is_sound, reports.take(datagram, now_s)))
+        sound &= all(map(is_sound, reports.take(datagram, now_s)))
         reports.why_silent(now_s)
+    return sound
 
 
 TRACKS = st.sampled_from(["", "4CA1B2", "211234560"])
@@ -58,12 +60,12 @@ TRACKS = st.sampled_from(["", "4CA1B2", "211234560"])
 
 @given(st.lists(st.binary(max_size=400), max_size=10), TRACKS)
 def test_any_bytes_are_read_without_an_error(datagrams: list[bytes], track: str) -> None:
-    taken(datagrams, track)
+    assert are_sound(datagrams, track)
 
 
 @given(st.lists(messages(), max_size=20), TRACKS)
 def test_any_content_of_a_message_is_sound_or_refused(received: list[Any], track: str) -> None:
-    taken([packed(message) for message in received], track)
+    assert are_sound([packed(message) for message in received], track)
 
 
 LINES = st.lists(
@@ -90,8 +92,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("recorded")
 
 
-def read(file: Path, content: bytes) -> None:
-    """Only LinkError is raised, with the file's name; what is read is in order and sound."""
+def is_read_or_refused(file: Path, content: bytes) -> bool:
+    """Whether only LinkError is raised, with the file's name, or what is read is in order and sound."""
     file.write_bytes(content)
     track: tuple[Any, ...] = ()
     refusal = ""
@@ -99,30 +101,28 @@ def read(file: Path, content: bytes) -> None:
         track = tuple(asyncio.run(path._read(points(file), file)))
     except LinkError as error:
         refusal = str(error)
-    assert bool(track) != (file.name in refusal)
-    assert all(is_sound(TargetFix(0.0, *point[1:])) for point in track)
-    assert all(after.time_s > before.time_s for before, after in pairwise(track))
+    either = bool(track) != (file.name in refusal)
+    sound = all(is_sound(TargetFix(0.0, *point[1:])) for point in track)
+    return either and sound and all(after.time_s > before.time_s for before, after in pairwise(track))
 
 
 @given(content=st.binary(max_size=2000), suffix=st.sampled_from([".csv", ".gpx", ".tlog"]))
 def test_any_file_is_read_or_refused(folder: Path, content: bytes, suffix: str) -> None:
-    read(folder / f"any{suffix}", content)
+    assert is_read_or_refused(folder / f"any{suffix}", content)
 
 
 @given(lines=LINES)
 def test_any_lines_below_a_header_are_read_or_refused(folder: Path, lines: list[str]) -> None:
     text = "\n".join(["time_s,latitude_deg,longitude_deg", *lines])
-    read(folder / "lines.csv", text.encode("utf-8", "replace"))
+    assert is_read_or_refused(folder / "lines.csv", text.encode("utf-8", "replace"))
 
 
 @given(tags=TAGS)
 def test_any_tags_are_read_or_refused(folder: Path, tags: list[str]) -> None:
-    read(folder / "tags.gpx", "".join(["<gpx>", *tags]).encode())
+    assert is_read_or_refused(folder / "tags.gpx", "".join(["<gpx>", *tags]).encode())
 
 
 @given(messages=st.lists(st.tuples(st.integers(0, 2**64 - 1), messages()), max_size=20))
 def test_any_log_is_read_or_refused(folder: Path, messages: list[tuple[int, Any]]) -> None:
-    read(
-        folder / "log.tlog",
-        b"".join(struct.pack(">Q", stamp) + packed(message) for stamp, message in messages),
-    )
+    content = b"".join(struct.pack(">Q", stamp) + packed(message) for stamp, message in messages)
+    assert is_read_or_refused(folder / "log.tlog", content)

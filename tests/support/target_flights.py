@@ -1,4 +1,4 @@
-"""Simulated flights after a target whose receivers fail, with the estimator and the law of the flight."""
+"""Simulated flights after a target with receivers that fail, with the estimator and the law of the flight."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -246,7 +246,7 @@ SEEN_S: Final = 4.0
 
 
 def failed(name: str, faults: Sequence[str], seed: int = 0) -> dict[str, Failed]:
-    """Fly over a target whose source fails, in each of these ways."""
+    """Fly over a target with a source that fails, in each of these ways."""
     moving = MOVING[name]
 
     def flown(fault: Fault | None) -> FollowedFlight:

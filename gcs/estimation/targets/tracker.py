@@ -55,7 +55,7 @@ SILENT_S, SILENT_PERIODS = 0.5, 2.5
 """A source is silent when nothing came for both so long and so many of its periods."""
 
 FRESH_S, FRESH_PERIODS = 0.3, 1.6
-"""A source whose next report is later than this gives way to one that is not."""
+"""A source gives way to another one when its next report is later than this, and the other's is not."""
 
 LEAST: Final = 1e-3
 """A smaller standard deviation counts as this, in m and m/s: no receiver is better."""

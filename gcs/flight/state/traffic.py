@@ -91,7 +91,7 @@ class OtherTraffic(Feature):
         Args:
             settings: None: there are no sources.
             frame: of the show.
-            newest: time, vehicles and centre; it is told what they keep clear of.
+            newest: time, vehicles and centre; what they keep clear of is set there.
             flown: (n,) the vehicles that keep clear of traffic.
             highest_m: greatest height of any vehicle.
             own_systems: system ids of the vehicles.

@@ -84,7 +84,7 @@ class Reports(Protocol):
         """Those of a turn. Never raises."""
 
     def why_silent(self, now_s: float) -> str:
-        """Why there were none lately, in words; empty: there were, or it was said."""
+        """Why no report arrived, in words; empty: one did, or the reason was given before."""
 
 
 async def keep_listening(
