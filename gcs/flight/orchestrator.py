@@ -1,4 +1,4 @@
-"""Composes a flight: links, tick, and the roles of `gcs.service.Service`.
+"""Runs a flight: links, tick, and the roles of `gcs.service.Service`.
 
 Everything here runs on one event loop. A link that fails is retried; a bug anywhere in the group ends it,
 and with it all setpoints (the setpoint watchdog in the links ensures that).
@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from copy import copy
 from functools import cache, partial
-from math import isnan, nan
+from math import nan
 from typing import Final, Protocol
 
 from gcs.config.schema import Config
@@ -18,27 +18,13 @@ from gcs.control import Memory, Tick, tick, warm_up
 from gcs.estimation import link_health
 from gcs.estimation.targets import motion
 from gcs.failsafe import triggers
-from gcs.flight.commands.commander import Commander
-from gcs.flight.commands.plan_editor import PlanEditor, RestoredPlan
+from gcs.flight import composition
 from gcs.flight.features import features_of
-from gcs.flight.maneuvers.descent import Descent
-from gcs.flight.maneuvers.landing_places import LandingPlaces
-from gcs.flight.maneuvers.landings import Landings
-from gcs.flight.maneuvers.maneuver_steps import Steps
-from gcs.flight.maneuvers.maneuvers import Maneuvers
 from gcs.flight.monitors.alarm_monitor import AlarmMonitor, Findings
-from gcs.flight.monitors.failsafe_monitor import FailsafeMonitor
 from gcs.flight.monitors.snapshots import Estimating, fleet_view
-from gcs.flight.monitors.telemetry_monitor import TelemetryMonitor
-from gcs.flight.preflight.parameter_reader import ParameterReader
 from gcs.flight.preflight.preflight_gate import PreflightGate
-from gcs.flight.show_progress import ComeBack, ShowProgress
-from gcs.flight.shows.show_begin import ShowBegin
-from gcs.flight.shows.show_player import ShowPlayer
 from gcs.flight.state.elsewhere import Elsewhere
 from gcs.flight.state.flight import Flight
-from gcs.flight.state.refusals import Refusals
-from gcs.flight.state.targets import Targets
 from gcs.flight.state.ticker import TickClock, garbage_between_ticks, ticks
 from gcs.links.batch_link import Link
 from gcs.links.link_set import SetpointRouting, keep_open
@@ -50,8 +36,6 @@ from gcs.service import Audit, FleetView, Latest, NoAudit, Scheduling
 from gcs.service.commands import CommandLog
 from gcs.service.event_log import attached
 from gcs.service.flight_marks import FlightLog
-from gcs.shows.library import ShowLibrary
-from gcs.shows.service_rules import ServiceRules
 
 WARM_UPS: Final = (
     warm_up,
@@ -81,36 +65,6 @@ def _utc_off_s(
 ) -> float:
     """This computer's clock minus the loop's; NaN: it is not to be trusted."""
     return nan if clock_problem() else unix_s() - loop_s()
-
-
-def landing_places(flight: Flight) -> LandingPlaces:
-    return LandingPlaces(
-        flight.newest,
-        flight.in_force,
-        flight.vehicles,
-        flight.config.operation,
-        flight.uncontrolled.last_m,
-        flight.closed,
-        lambda: flight.elsewhere,
-    )
-
-
-def maneuvers_of(flight: Flight, group: asyncio.TaskGroup, places: LandingPlaces) -> Maneuvers:
-    newest, slow_from_m = flight.newest, flight.slow_from_m
-    steps = Steps(newest, flight.ticked, flight.execute)
-    descent = partial(Descent, newest, flight.in_force, flight.config, flight.link_delay, slow_from_m)
-    return Maneuvers(
-        group,
-        steps,
-        Landings(newest, steps, places, descent, flight.may_descend, flight.closing),
-        newest,
-        flight.vehicles,
-        flight.show,
-        flight.config.operation,
-        flight.climb_ended,
-        flight.once,
-        lambda: flight.elsewhere.all_up,
-    )
 
 
 class Orchestrator:
@@ -155,125 +109,41 @@ class Orchestrator:
         self._failed_links: dict[str, str] = {}
         self._interventions = 0
         self._group = asyncio.TaskGroup()  # the control group, entered by `run`
-        newest, vehicles, show, in_force = flight.newest, flight.vehicles, flight.show, flight.in_force
-        self._estimating = Estimating(newest, vehicles, show, in_force, config, flight.slow_from_m)
-        utc_off_s = partial(_utc_off_s, unix_s, loop.time, clock_problem)
-        targets = Targets(
-            config.targets,
-            config.frame,
-            newest,
-            in_force,
-            utc_off_s,
-            lambda: flight.elsewhere.shows.leads,
+        self._estimating = Estimating(
+            flight.newest, flight.vehicles, flight.show, flight.in_force, config, flight.slow_from_m
         )
-        flight.features = features_of(flight, targets, utc_off_s)
         if record is not None:
-            configured = vehicles.keys()
+            configured = flight.vehicles.keys()
             flight.excluded |= {name: out for name, out in record.excluded.items() if name in configured}
-        operation = config.operation
-        refusals = self.refusals = Refusals(newest, vehicles, operation, flight.inputs)
-        places = landing_places(flight)
-        self.maneuvers = maneuvers = maneuvers_of(flight, self._group, places)
-        parameter_reader = ParameterReader(
-            self._group,
-            newest,
-            vehicles,
-            config,
-            flight.link_of,
-            flight.parameters,
-            flight.changed_parameters,
-            flight.note_parameters,
-        )
-
         self.frame = config.frame
         self.replaying = None
+        self.stations = None
         self.audit: Audit = NoAudit() if record is None else record.audit
         self.events = FlightLog()
-        rules = ServiceRules.of(config.control, operation)
-        self.shows = ShowLibrary(None if config.shows is None else config.shows.folder, rules)
-        begin = ShowBegin(
-            newest,
-            vehicles,
-            show,
-            flight.outside_clock,
-            unix_s,
-            clock_problem,
-            flight.assembled,
-            lambda: flight.elsewhere,
-        )
-        self.player = ShowPlayer(
-            newest, in_force, show, vehicles, config, lambda: flight.elsewhere, begin, refusals, self.shows
-        )
-        self.preflight = PreflightGate(flight, refusals, parameter_reader, self.player)
-        self.plan = PlanEditor(
-            in_force,
-            show,
-            vehicles,
-            flight.excluded,
-            flight.in_formation_m,
-            self.player,
-            maneuvers,
-            targets,
-            loop.time,
-        )
+        self.alarms = AlarmMonitor(flight)
+
+        utc_off_s = partial(_utc_off_s, unix_s, loop.time, clock_problem)
+        targets = composition.targets_of(flight, utc_off_s)
+        flight.features = features_of(flight, targets, utc_off_s)
+        refusals = self.refusals = composition.refusals_of(flight)
+        places = composition.landing_places_of(flight)
+        maneuvers = self.maneuvers = composition.maneuvers_of(flight, self._group, places)
+        reader = composition.parameter_reader_of(flight, self._group)
+        self.shows = composition.library_of(flight)
+        player = self.player = composition.show_player_of(flight, refusals, self.shows, clock_problem)
+        self.preflight = PreflightGate(flight, refusals, reader, player)
+        self.plan = composition.plan_editor_of(flight, player, maneuvers, targets, loop.time)
         interruption = None if record is None else record.found
-        self.commands = Commander(
-            flight,
-            refusals,
-            places,
-            maneuvers,
-            self.player,
-            self.preflight,
-            self._planning,
-            RestoredPlan(in_force, show, newest, unix_s, self.player, targets),
-            interruption,
+        self.commands = composition.commander_of(
+            flight, refusals, places, maneuvers, self.preflight, player, targets, self._planning, interruption
         )
         self.recovery = self.commands.recovery
-        self.stations = None
-        self.alarms = AlarmMonitor(flight)
-        come_back = ComeBack(show, maneuvers, self.commands)
-        self._telemetry_monitor = TelemetryMonitor(
-            newest,
-            vehicles,
-            flight.links,
-            config,
-            flight.table,
-            flight.note_seen,
-            lambda: flight.elsewhere.owned,
-            flight.inputs,
-            maneuvers,
-            come_back.fly,
+        self._telemetry_monitor = composition.telemetry_monitor_of(flight, maneuvers, self.commands)
+        self._failsafe_monitor = composition.failsafe_monitor_of(
+            flight, player, self._clock, self.commands, maneuvers, targets
         )
-        acts = config.failsafes.target_stale.action not in ("ignore", "hold-target")
-        self._failsafe_monitor = FailsafeMonitor(
-            newest,
-            vehicles,
-            show,
-            in_force,
-            config.failsafes,
-            flight.table,
-            flight.link_delay,
-            flight.link_quality,
-            unix_s,
-            self.player,
-            self._clock,
-            self.commands,
-            maneuvers.running,
-            lambda: (
-                targets.silent_s if acts and isnan(self.player.target_age_s) else self.player.target_age_s
-            ),
-        )
-        self._progress = ShowProgress(
-            newest,
-            vehicles,
-            show,
-            flight.assembled,
-            lambda: flight.elsewhere,
-            maneuvers,
-            self.commands,
-            parameter_reader,
-            self._failsafe_monitor,
-            begin,
+        self._progress = composition.show_progress_of(
+            flight, maneuvers, self.commands, reader, self._failsafe_monitor, player
         )
         first = self._decide()
         self.view = Latest(self._promised_view(first)())

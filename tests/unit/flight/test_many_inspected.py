@@ -9,8 +9,8 @@ import pytest
 
 from gcs.config.schema import Config
 from gcs.failsafe.autopilot_failsafe import FailsafeCause
+from gcs.flight.composition import landing_places_of, maneuvers_of
 from gcs.flight.monitors.telemetry_monitor import AT_ONCE_MAX, TelemetryMonitor
-from gcs.flight.orchestrator import landing_places, maneuvers_of
 from gcs.flight.state.flight import Flight
 from gcs.flight.state.vehicle import Vehicle
 from gcs.model.lifecycle import Phase
@@ -62,7 +62,7 @@ class Scene:
         )
         self.link = InTheAir(config.ids)
         self.flight = Flight(config, [self.link], 0.0)
-        maneuvers = maneuvers_of(self.flight, asyncio.TaskGroup(), landing_places(self.flight))
+        maneuvers = maneuvers_of(self.flight, asyncio.TaskGroup(), landing_places_of(self.flight))
         self.monitor = TelemetryMonitor(
             self.flight.newest,
             self.flight.vehicles,
