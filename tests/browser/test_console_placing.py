@@ -30,13 +30,13 @@ def number(ui: Console, name: str) -> float:
     return float(re.findall(r"-?\d+(?:\.\d+)?", text)[0])
 
 
-def placed(ui: Console) -> list[float]:
-    return [number(ui, f"placing-{name}") for name in ("x", "y", "turn")]
+def dragged(ui: Console, word: str, off_px: float, by_px: tuple[int, int], *fields: str) -> None:
+    """Drag what is drawn `off_px` below a word of the scene, until these fields have changed, and rest."""
 
+    def placed() -> list[float]:
+        return [number(ui, f"placing-{name}") for name in fields]
 
-def dragged(ui: Console, word: str, off_px: float, by_px: tuple[int, int]) -> None:
-    """Drag what is drawn `off_px` below a word of the scene, until the placement has changed, and rests."""
-    before = placed(ui)
+    before = placed()
 
     def pull() -> None:
         x, y = ui.resting(word)
@@ -48,10 +48,10 @@ def dragged(ui: Console, word: str, off_px: float, by_px: tuple[int, int]) -> No
 
     def is_moved(within_ms: float) -> None:
         ui.page.wait_for_timeout(min(within_ms, 500.0))
-        assert placed(ui) != before
+        assert placed() != before
 
     ui.until(pull, is_moved)
-    while (now := placed(ui)) != before:  # a slow page follows the pointer late
+    while (now := placed()) != before:  # a slow page follows the pointer late
         before = now
         ui.page.wait_for_timeout(500)
 
@@ -79,9 +79,9 @@ def test_pads_are_dragged_turned_fitted_and_applied(chrome: Browser, tmp_path: P
         assert number(ui, "placing-max") > 1.0
 
         ui.press("camera-top")
-        dragged(ui, "pads of night", TARGET_PX, (90, 40))
+        dragged(ui, "pads of night", TARGET_PX, (90, 40), "x", "y")
         assert number(ui, "placing-turn") == pytest.approx(40.0)
-        dragged(ui, "turn ", 0.0, (-60, -60))
+        dragged(ui, "turn ", 0.0, (-60, -60), "turn")
         assert number(ui, "placing-turn") != pytest.approx(40.0)
 
         before = number(ui, "placing-x")
