@@ -10,6 +10,7 @@ from gcs.service import ShowAction
 from gcs.service.alarms import AlarmCause
 from gcs.testing.virtual_show import VirtualShow, fly, show_config
 from tests.support.reported_target import alarms, off_m, report
+from tests.support.show_phases import running
 
 PERSON = {
     "targets": [{"name": "boat", "sources": [{"kind": "rest"}], "deviation_m": 0.5, "clearance_m": 12.0}]
@@ -50,7 +51,6 @@ def test_person_under_a_low_fence_is_kept_clear_of_and_said() -> None:
     low = {"control": {"safety": {"fence": {"height_max_m": 24.0}}}}
 
     async def story(show: VirtualShow) -> tuple[float, set[AlarmCause]]:
-        await show.start()
         show.service.plan.set_orbit(Orbit(0.0, 2.0))
         await report(show, 2.0, lambda _: FAR_M)
         show.service.plan.select_target("boat")
@@ -61,14 +61,13 @@ def test_person_under_a_low_fence_is_kept_clear_of_and_said() -> None:
             nearest_m = min(nearest_m, float(np.linalg.norm(show.true_m - FAR_M, axis=1).min()))
         return nearest_m, seen
 
-    nearest_m, seen = fly(story, show_config(4, **PERSON, **low))
+    nearest_m, seen = fly(story, show_config(4, **PERSON, **low), after=running)
     assert AlarmCause.TARGET_NO_ROOM in seen
     assert nearest_m > 12.0
 
 
 def test_vehicle_that_a_person_walks_under_is_an_alarm() -> None:
     async def story(show: VirtualShow) -> set[AlarmCause]:
-        await show.start()
         await show.wait(5.0)
         show.service.plan.set_orbit(Orbit(0.0, 2.0))
         under_m = show.true_m[0] * (1.0, 1.0, 0.0)
@@ -81,7 +80,7 @@ def test_vehicle_that_a_person_walks_under_is_an_alarm() -> None:
         return seen
 
     config = show_config(4, targets=[PERSON["targets"][0] | {"clearance_m": 25.0}])
-    assert AlarmCause.TARGET_NEAR in fly(story, config)
+    assert AlarmCause.TARGET_NEAR in fly(story, config, after=running)
 
 
 def test_person_who_is_not_followed_is_kept_clear_of_too() -> None:
@@ -89,7 +88,6 @@ def test_person_who_is_not_followed_is_kept_clear_of_too() -> None:
     people = {"targets": [PERSON["targets"][0] | {"coast_s": 3.0}]}
 
     async def story(show: VirtualShow) -> float:
-        await show.start()
         show.service.plan.set_orbit(Orbit(0.0, 4.0))
         await report(show, 2.0, lambda _: FAR_M)
         show.service.plan.set_target(Target(2.0 * FAR_M[0], FAR_M[1]))
@@ -103,18 +101,21 @@ def test_person_who_is_not_followed_is_kept_clear_of_too() -> None:
         assert off_m(show, 2.0 * FAR_M) < 8.0
         return nearest_m
 
-    assert fly(story, show_config(4, **people)) > 12.0
+    assert fly(story, show_config(4, **people), after=running) > 12.0
 
 
 async def walks_with(show: VirtualShow, seconds: float, place_m: Array) -> tuple[float, set[Phase]]:
-    """Report the person there; how near a vehicle in the air came, and the phases at the end."""
-    nearest_m = np.inf
+    """Report the person there, until all have landed; how near one in the air came, and the phases then."""
+    nearest_m, phases = np.inf, set[Phase]()
     for _ in range(round(seconds)):
         await report(show, 1.0, lambda _: place_m)
         aloft_m = show.true_m[show.true_m[:, 2] < -0.5]
         off_m = np.linalg.norm(aloft_m - place_m, axis=1)
         nearest_m = min(nearest_m, float(off_m.min(initial=np.inf)))
-    return nearest_m, {show.vehicle(name).phase for name in show.config.ids}
+        phases = {show.vehicle(name).phase for name in show.config.ids}
+        if phases == {Phase.STANDBY}:
+            break
+    return nearest_m, phases
 
 
 @pytest.mark.parametrize("action", [ShowAction.ABORT, ShowAction.STOP])
@@ -146,7 +147,6 @@ def test_target_can_be_held_where_the_fence_leaves_no_room() -> None:
     low = {"control": {"safety": {"fence": {"height_max_m": 24.0}}}}
 
     async def story(show: VirtualShow) -> float:
-        await show.start()
         show.service.plan.set_orbit(Orbit(0.0, 2.0))
         await report(show, 2.0)
         show.service.plan.select_target("boat")
@@ -157,7 +157,7 @@ def test_target_can_be_held_where_the_fence_leaves_no_room() -> None:
         await report(show, 10.0, begin_s=12.0)
         return float(np.hypot(*(np.array(show.view.target_m) - held_m)))
 
-    assert fly(story, show_config(4, **PERSON, **low)) < 0.1
+    assert fly(story, show_config(4, **PERSON, **low), after=running) < 0.1
 
 
 def test_person_who_is_lost_is_forgotten_by_a_command() -> None:

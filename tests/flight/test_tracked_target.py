@@ -27,6 +27,7 @@ from gcs.service.features import Features
 from gcs.testing.virtual_show import VirtualShow, fly, refused, show_config
 from tests.support.reported_target import alarms, along_m, boat, off_m, report
 from tests.support.sessions import found, four, sessions
+from tests.support.show_phases import running
 
 TARGETS: Final[dict[str, Any]] = {
     "targets": [
@@ -47,7 +48,6 @@ def center_m_s(show: VirtualShow) -> float:
 
 def test_boat_is_followed_lost_and_found_again() -> None:
     async def story(show: VirtualShow) -> dict[str, float]:
-        await show.start()
         show.service.plan.set_orbit(Orbit(0.0, 4.0))
         show.service.plan.select_target("boat")
         assert boat(show).state == "none"
@@ -74,7 +74,7 @@ def test_boat_is_followed_lost_and_found_again() -> None:
             "violations": float(show.floor_violations()),
         }
 
-    off = fly(story, show_config(4, **TARGETS))
+    off = fly(story, show_config(4, **TARGETS), after=running)
     assert off["followed"] < 1.0
     assert off["coasting"] < 1.5
     assert off["drift"] < 0.6
@@ -86,7 +86,6 @@ def test_target_that_jumps_is_not_followed_there() -> None:
     """Selected again it is believed, wherever it is."""
 
     async def story(show: VirtualShow) -> tuple[float, float]:
-        await show.start()
         show.service.plan.set_orbit(Orbit(0.0, 4.0))
         await report(show, 2.0, lambda _: along_m(0.0))
         show.service.plan.select_target("boat")
@@ -99,7 +98,7 @@ def test_target_that_jumps_is_not_followed_there() -> None:
         await report(show, 30.0, lambda _: THERE_M)
         return went_m, off_m(show, THERE_M)
 
-    went_m, there_m = fly(story, show_config(4, **TARGETS))
+    went_m, there_m = fly(story, show_config(4, **TARGETS), after=running)
     assert went_m < 3.0
     assert there_m < 1.0
 
@@ -144,7 +143,6 @@ def test_record_has_the_target_and_the_report_how_near(tmp_path: Path) -> None:
 
 def test_operator_holds_and_takes_the_target_back() -> None:
     async def story(show: VirtualShow) -> float:
-        await show.start()
         show.service.plan.set_orbit(Orbit(0.0, 4.0))
         show.service.plan.select_target("boat")
         await report(show, 15.0)
@@ -155,12 +153,11 @@ def test_operator_holds_and_takes_the_target_back() -> None:
         assert show.view.features.targets.selected == ""  # type: ignore[union-attr]
         return off_m(show, along_m(15.0))
 
-    assert fly(story, show_config(4, **TARGETS)) < 3.0
+    assert fly(story, show_config(4, **TARGETS), after=running) < 3.0
 
 
 def test_target_beyond_the_fence_is_followed_along_it() -> None:
     async def story(show: VirtualShow) -> tuple[float, float]:
-        await show.start()
         show.service.plan.set_orbit(Orbit(0.0, 4.0))
         show.service.plan.select_target("boat")
         fence_m = show.config.control.safety.fence.distance_max_m
@@ -169,7 +166,7 @@ def test_target_beyond_the_fence_is_followed_along_it() -> None:
         await report(show, 90.0, lambda _: np.array([0.0, fence_m + 50.0, 0.0]))
         return float(np.hypot(*show.true_m[:, :2].T).max()), fence_m
 
-    farthest_m, fence_m = fly(story, show_config(4, **TARGETS))
+    farthest_m, fence_m = fly(story, show_config(4, **TARGETS), after=running)
     assert 0.8 * fence_m < farthest_m < fence_m
 
 
@@ -210,7 +207,6 @@ def test_fast_formation_brakes_where_an_obstacle_becomes_known() -> None:
     """It follows at more than the 4 m/s with which ways past obstacles are planned."""
 
     async def story(show: VirtualShow) -> tuple[float, float, int]:
-        await show.start()
         show.service.plan.set_orbit(Orbit(0.0, 4.0))
         show.service.plan.select_target("boat")
         await report(show, 14.0, lambda seconds: 2.0 * along_m(seconds))
@@ -222,7 +218,7 @@ def test_fast_formation_brakes_where_an_obstacle_becomes_known() -> None:
         await report(show, 25.0, lambda seconds: 2.0 * along_m(seconds), begin_s=17.0)
         return fast_m_s, slower_m_s, show.floor_violations()
 
-    fast_m_s, slower_m_s, violations = fly(story, show_config(4, **TARGETS))
+    fast_m_s, slower_m_s, violations = fly(story, show_config(4, **TARGETS), after=running)
     assert fast_m_s > 5.0
     assert slower_m_s < 4.3
     assert violations == 0
@@ -230,7 +226,6 @@ def test_fast_formation_brakes_where_an_obstacle_becomes_known() -> None:
 
 def test_formation_comes_home_when_its_target_stays_lost() -> None:
     async def story(show: VirtualShow) -> list[str]:
-        await show.start()
         await report(show, 2.0)
         show.service.plan.select_target("boat")
         await report(show, 10.0, begin_s=2.0)
@@ -241,7 +236,7 @@ def test_formation_comes_home_when_its_target_stays_lost() -> None:
         return [phase.value for phase in phases]
 
     lost = {"failsafes": {"target_stale": {"action": "return", "after_s": 10.0}}}
-    assert fly(story, show_config(4, **TARGETS, **lost)) == ["running", "running", "returning"]
+    assert fly(story, show_config(4, **TARGETS, **lost), after=running) == ["running", "running", "returning"]
 
 
 @pytest.mark.parametrize("is_configured", [True, False], ids=["configured", "configured no more"])
@@ -321,7 +316,6 @@ def test_target_that_is_not_tracked_is_held_after_a_while() -> None:
     """The formation does not fly on for ever on the motion of the one before."""
 
     async def story(show: VirtualShow) -> float:
-        await show.start()
         show.service.plan.set_orbit(Orbit(0.0, 4.0))
         show.service.plan.select_target("boat")
         await report(show, 15.0)
@@ -332,4 +326,4 @@ def test_target_that_is_not_tracked_is_held_after_a_while() -> None:
         assert AlarmCause.TARGET_LOST in alarms(show)
         return off_m(show, stood_m)
 
-    assert fly(story, show_config(4, **TARGETS)) < 1.0
+    assert fly(story, show_config(4, **TARGETS), after=running) < 1.0
