@@ -31,6 +31,8 @@ def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--show", metavar="NAME", help="fly this show file instead of the story")
     text = "follow a boat that sends nmea, gpsd, cot or mavlink, instead of the story"
     parser.add_argument("--target", choices=("nmea", "gpsd", "cot", "mavlink"), help=text)
+    text = "send the vehicles as tracks to where people have TAK: udp://, tcp:// or tls://HOST:PORT"
+    parser.add_argument("--tak", metavar="URL", help=text)
     text = "the fake fleet has exact positions and RTK, which shows drawn closer than 4.3 m need"
     parser.add_argument("--ideal", action="store_true", help=text)
     parser.add_argument("--seed", type=int, default=0, help="of the fake fleet")

@@ -21,6 +21,7 @@ from gcs.failsafe.policy import FailsafePolicy
 from gcs.formation.orbit import CLEAR_OF_FENCE_M
 from gcs.links.features import FeatureSettings
 from gcs.links.settings import INSTANCES_MAX, RecordSettings, instances, occupied
+from gcs.links.tak.settings import OwnTracks
 from gcs.model.errors import FileError, InvalidError, Problem
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Formation, Orbit, Plan, Target, Yaw
@@ -123,6 +124,14 @@ class Config(FeatureSettings, FlightSettings):
             for link in self.links
             for each, profile in zip(link.fleet, link.autopilots, strict=True)
         }
+
+    @property
+    def own_tracks(self) -> OwnTracks:
+        """What all stations of this show send to TAK: the vehicles and the centre."""
+        if self.tak is None:
+            return OwnTracks()
+        vehicles = len(self.fleet) if self.site_rows is None else self.site_rows.count
+        return OwnTracks(self.tak.uid(self.frame), vehicles + 1)
 
     @cached_property
     def return_heights_m(self) -> Array:

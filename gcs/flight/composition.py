@@ -37,6 +37,7 @@ def targets_of(flight: Flight, unix_minus_loop_s: Callable[[], float]) -> Target
         flight.in_force,
         unix_minus_loop_s,
         lambda: flight.elsewhere.shows.leads,
+        flight.config.own_tracks,
     )
 
 

@@ -9,6 +9,7 @@ from gcs.flight.shows.lights import Lights
 from gcs.flight.state.corrections import Corrections
 from gcs.flight.state.feature import Feature
 from gcs.flight.state.flight import FLIES, Flight
+from gcs.flight.state.tak import TakTracks
 from gcs.flight.state.targets import Targets
 from gcs.flight.state.traffic import OtherTraffic
 from gcs.model.state import Mask
@@ -28,8 +29,18 @@ def features_of(flight: Flight, targets: Targets, unix_minus_loop_s: Callable[[]
             partial(_flown, flight),
             config.control.safety.fence.height_max_m,
             frozenset(vehicle.system_id for vehicle in flight.vehicles.values()),
+            config.own_tracks,
             unix_minus_loop_s,
             config.failsafes.manned_aircraft.action,
+        ),
+        TakTracks(
+            config,
+            newest,
+            flight.vehicles,
+            lambda: flight.elsewhere.owned,
+            lambda: flight.elsewhere.shows.leads,
+            flight.unix_s,
+            unix_minus_loop_s,
         ),
         Lights(newest, flight.vehicles, flight.show, links, config, lambda: flight.elsewhere.owned),
     ]

@@ -7,6 +7,7 @@ import ssl
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from contextlib import aclosing
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Final, Protocol, TypeAlias
 
 import serial
@@ -99,7 +100,7 @@ async def keep_reading(source: ByteSource, failed: Callable[[str], None]) -> Non
                     logged = "" if connection.take(data) else logged
             why = connection.why_ended()
         except (OSError, EOFError, UnicodeError, LinkError) as error:
-            why = _in_words(error)
+            why = in_words(error)
         if why != logged:
             log.warning(source.interrupted, extra={"source": source.name, "cause": why})
         logged = why
@@ -137,7 +138,8 @@ class _ByteConnection:
         return why if self._messages else f"{why}, and sent no {self._source.speaks}: {quoted(self._first)}"
 
 
-def _in_words(error: Exception) -> str:
+def in_words(error: Exception) -> str:
+    """Why a connection failed."""
     match error:
         case ConnectionRefusedError():
             return "connection refused"
@@ -174,6 +176,18 @@ async def udp_chunks(host: str, port: int, intake: Intake, interface: str = "") 
 async def plainly(_: asyncio.StreamReader, __: asyncio.StreamWriter) -> Body:
     """The data come unasked."""
     return Plain()
+
+
+def secured(authority: Path | None, certificate: Path | None) -> ssl.SSLContext:
+    """Of a client; None: the computer's authorities, no certificate of its own. Raises: LinkError."""
+    try:
+        context = ssl.create_default_context(cafile=authority)
+        if certificate is not None:
+            context.load_cert_chain(certificate, password="")  # or a key with one asks the terminal
+    except OSError as error:
+        files = " and ".join(str(path) for path in (authority, certificate) if path)
+        raise LinkError(f"certificates of {files} cannot be read: {error.strerror or error}") from None
+    return context
 
 
 async def stream_chunks(

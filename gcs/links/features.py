@@ -1,16 +1,19 @@
 """Settings of features. A new one has its class here, and a field of `FeatureSettings`."""
 
 import re
+from hashlib import sha256
 from ipaddress import AddressValueError, IPv4Address
 from pathlib import Path
 from typing import Annotated, Final
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 
 from gcs.links.settings import SerialPort, serial_port
+from gcs.links.tak.settings import Geoid, TakReceiver
 from gcs.links.targets.settings import TargetSettings, TrafficSource
 from gcs.mavlink.lights import LightDriver
 from gcs.model.errors import ConfigError
+from gcs.model.frames import ShowFrame
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.traffic import Cylinder
 
@@ -175,6 +178,31 @@ class TrafficSettings(Cylinder):
     """Where manned aircraft are an emergency; what follows is `failsafes.manned_aircraft`."""
 
 
+def _as_receiver(value: object) -> object:
+    """Accept a URL for a receiver without further settings."""
+    return {"at": value} if isinstance(value, str) else value
+
+
+class TakSettings(Settings):
+    """Where the vehicles and the formation's centre are sent as tracks (docs/how-to/targets.md)."""
+
+    to: Annotated[
+        tuple[Annotated[TakReceiver, BeforeValidator(_as_receiver)], ...], Field(min_length=1, max_length=4)
+    ]
+    """Receivers of all tracks: a list of URLs, or of receivers with certificates."""
+    callsign: Annotated[str, Field(pattern=r"^[A-Za-z0-9._-]{1,32}$")]
+    """Name of this show in TAK; its vehicles follow: `LUCERNE d1`. Shows that meet need different ones."""
+    geoid_m: Geoid | None = None
+    """Height of the geoid above the WGS84 ellipsoid there, in m; without it no heights are sent."""
+    require_clock: bool = True
+    """Whether nothing is sent while this computer's clock is not synchronised: its times would be wrong."""
+
+    def uid(self, frame: ShowFrame) -> str:
+        """Of the centre, with which those of the vehicles begin: the same at all stations of the show."""
+        show = f"{self.callsign} {frame.latitude_deg:.6f} {frame.longitude_deg:.6f}"
+        return f"gcs-{sha256(show.encode()).hexdigest()[:8]}"
+
+
 class StationInputs(Settings):
     """Inputs that each station of a site may have of its own."""
 
@@ -193,6 +221,8 @@ class FeatureSettings(StationInputs):
     """Targets that the formation can follow (docs/how-to/targets.md)."""
     traffic: TrafficSettings | None = None
     """Other traffic that vehicles keep clear of; without it none is known (docs/how-to/targets.md)."""
+    tak: TakSettings | None = None
+    """Where the vehicles are sent as tracks of TAK; without it nowhere (docs/how-to/targets.md)."""
 
     @model_validator(mode="after")
     def _check_names(self) -> "FeatureSettings":

@@ -126,9 +126,11 @@ async def datagrams(
         try:
             while not reader.ended.done():
                 try:
-                    yield await asyncio.wait_for(waiting.get(), IDLE_S)
+                    async with asyncio.timeout(IDLE_S):  # wait_for would miss a cancellation as data arrive
+                        batch = await waiting.get()
                 except TimeoutError:
-                    yield []
+                    batch = []
+                yield batch
             await reader.ended
         finally:
             reader.close()

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from ipaddress import AddressValueError, IPv4Address
 from pathlib import Path
 from typing import Annotated, Final, TypeAlias
+from urllib.parse import urlsplit
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from gcs.model.errors import ConfigError, InvalidError
 from gcs.model.settings import NotNegative, Positive, Settings
@@ -121,6 +122,21 @@ def serial_port(url: str) -> SerialPort:
     if not isinstance(place, SerialPort):
         raise ConfigError(f"{url} is not a serial port")
     return place
+
+
+def _reachable(url: str) -> str:
+    if url.startswith("serial:"):
+        try:
+            serial_port(url)
+        except ConfigError as error:
+            raise ValueError(error) from None
+    elif not urlsplit(url).port:  # raises ValueError beyond 65535
+        raise ValueError(f"{url}: a port from 1 to 65535 is needed")
+    return url
+
+
+Reachable: Final = AfterValidator(_reachable)
+"""What a URL of a network needs beside its form: a port; and that of a serial port: a baud rate."""
 
 
 def _numeric(url: str, host: str) -> str:

@@ -66,6 +66,7 @@ class AlarmCause(StrEnum):
     TRAFFIC_NEAR = "traffic-near"
     TRAFFIC_CROWDED = "traffic-crowded"
     TRAFFIC_UNKNOWN = "traffic-unknown"
+    TAK_NOT_SENT = "tak-not-sent"
     OBSTACLE_NEAR = "obstacle-near"
     OBSTACLE_WAITS = "obstacle-waits"
     NO_HEADWAY = "no-headway"
@@ -325,6 +326,13 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "Check its source. Until then watch the sky: nothing keeps clear of what is not reported.",
         on_after_s=0.3,
         past="Traffic was not known",
+    ),
+    AlarmCause.TAK_NOT_SENT: CauseRow(
+        C,
+        "Tracks not sent to {about}",
+        "Who looks at TAK there does not see the vehicles. Check the address and the network.",
+        on_after_s=3.0,
+        past="Tracks were not sent to {about}",
     ),
     AlarmCause.OBSTACLE_NEAR: CauseRow(
         W,

@@ -332,6 +332,47 @@ class TrafficView(FeatureView):
 
 
 @dataclass(frozen=True, slots=True)
+class TakReceiverView:
+    """Where tracks are sent."""
+
+    __pydantic_config__ = PUBLISHED
+
+    at: Annotated[str, Field(examples=["udp://239.2.3.1:6969"])]
+    problem: Annotated[str, Field(description="Why they do not leave; empty: they do.")]
+    sent: Annotated[int, Field(description="Events that left.")]
+    dropped: Annotated[int, Field(description="Events that did not: none waits.")]
+
+
+@dataclass(frozen=True, slots=True)
+class TakView(FeatureView):
+    """The vehicles and the formation's centre as tracks of TAK, once a second."""
+
+    __pydantic_config__ = PUBLISHED
+
+    callsign: Annotated[str, Field(description="Of the centre; those of the vehicles begin with it.")]
+    vehicles: Annotated[
+        float, Described("Vehicles of this station whose place is believed.", "gcs_tak_vehicles")
+    ]
+    missing: Annotated[
+        str,
+        Described("Those that are not sent: silent, or their place is not believed.", moves=False),
+        Field(examples=["d3, d4"]),
+    ]
+    sent: Annotated[int, Described("Events that left, to all receivers.", "gcs_tak_sent")]
+    dropped: Annotated[int, Described("Events that did not.", "gcs_tak_dropped")]
+    receivers: Annotated[tuple[TakReceiverView, ...], Described("All of the configuration.")]
+
+    def line(self, unix_time_s: float) -> Line:  # noqa: ARG002
+        yield f"{self.vehicles:g} vehicles", ""
+        if self.missing:
+            yield f", without {self.missing}", "bad"
+        for receiver in self.receivers:
+            yield f", {receiver.at}", ""
+            if receiver.problem:
+                yield f" NOT SENT: {receiver.problem}", "bad"
+
+
+@dataclass(frozen=True, slots=True)
 class Features:
     """What each feature reports; null: it is not configured, or not in a replayed record."""
 
@@ -341,6 +382,7 @@ class Features:
     timecode: TimecodeView | None = None
     targets: TargetsView | None = None
     traffic: TrafficView | None = None
+    tak: TakView | None = None
     lights: LightsView | None = None
 
     @property

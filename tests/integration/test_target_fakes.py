@@ -15,6 +15,7 @@ from typing import Any
 import pytest
 from pynmeagps import NMEAReader
 
+from gcs.links.tak.settings import OwnTracks
 from gcs.links.targets.receive import intake_of, keep_receiving_tracks
 from gcs.links.targets.settings import CotTracks, MavlinkTracks
 from gcs.model.target_fix import TargetFix
@@ -93,8 +94,9 @@ def test_command_is_received_as_traffic(form: str, track: str, kind: str, height
     options = ("--target", "straight", "--speed", "20", "--rate", "20", "--height", "90", "--name", "X1")
 
     async def story() -> None:
-        intake = intake_of("traffic", settings)
-        receiving = keep_receiving_tracks(settings, frozenset({1}), fixes.append, reasons.append, intake)
+        intake = intake_of("traffic", settings, OwnTracks())
+        own = frozenset({1}), OwnTracks()
+        receiving = keep_receiving_tracks(settings, *own, fixes.append, reasons.append, intake)
         task = asyncio.create_task(receiving)
         with running(*options, "--send", form, "--to", at):
             await until(lambda: len(fixes) >= 10)

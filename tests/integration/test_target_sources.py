@@ -16,6 +16,7 @@ import pytest
 from pydantic import TypeAdapter, ValidationError
 
 from gcs.links.intake import Intake
+from gcs.links.tak.settings import OwnTracks
 from gcs.links.targets.gpsd import WATCH
 from gcs.links.targets.receive import TARGETS, keep_receiving
 from gcs.links.targets.settings import TargetSource
@@ -27,6 +28,7 @@ from tests.support.target_bytes import LATITUDE_DEG, cot, gga, rmc, tpv
 TLS = Path(__file__).parents[1] / "data" / "tls"
 CERTIFICATE, KEY = TLS / "certificate.pem", TLS / "key.pem"
 GROUP = "239.255.71.3"
+OWN = OwnTracks("gcs-0000beef", 3)
 
 Reader: TypeAlias = asyncio.StreamReader
 Writer: TypeAlias = asyncio.StreamWriter
@@ -54,7 +56,9 @@ def source(**settings: object) -> TargetSource:
 async def receiving(**settings: object) -> AsyncIterator[Received]:
     received = Received()
     received.task = asyncio.create_task(
-        keep_receiving(source(**settings), received.fixes.append, received.reasons.append, received.intake)
+        keep_receiving(
+            source(**settings), OWN, received.fixes.append, received.reasons.append, received.intake
+        )
     )
     try:
         yield received
@@ -324,6 +328,20 @@ def test_ten_thousand_junk_datagrams_a_second_end_nothing() -> None:
         asyncio.run(main(port, send))
 
 
+def test_source_ends_although_something_arrives_just_then() -> None:
+    async def main(port: int, send: Callable[[bytes], object]) -> None:
+        for turns in range(12):
+            async with receiving(kind="cot", at=f"udp://127.0.0.1:{port}", track="BOAT") as received:
+                await until_sent(lambda _: send(cot()), lambda: bool(received.fixes))
+                send(cot())
+                for _ in range(turns % 4):
+                    await asyncio.sleep(0)
+
+    port = free_ports()
+    with sender(port) as send:
+        asyncio.run(asyncio.wait_for(main(port, send), 60.0))
+
+
 @pytest.mark.parametrize(
     "settings",
     [
@@ -347,5 +365,5 @@ def test_settings_that_cannot_be_received_are_refused(settings: dict[str, object
 def test_a_source_of_the_api_receives_nothing_here() -> None:
     received: list[object] = []
     take = received.append
-    asyncio.run(keep_receiving(source(kind="rest"), take, take, Intake("target", TARGETS)))
+    asyncio.run(keep_receiving(source(kind="rest"), OwnTracks(), take, take, Intake("target", TARGETS)))
     assert received == []

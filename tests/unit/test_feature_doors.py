@@ -52,6 +52,7 @@ FEATURES: Final = {
         18,  # each source is a file; the WebSocket and the receiver of traffic are among them
         15,  # traffic is received as targets are
     ),
+    "tak": Named(r"\bTak[A-Z]|TAK_|OwnTracks?|\btak\b", r"tak|cot\w*", 5, 12),
     "traffic": Named(  # of others; `gcs/safety/traffic.py` is of the own vehicles
         r"TrafficView|TrafficSettings|TrafficSource|TrackTable|OtherTraffic|features\??\.traffic|\./traffic",
         r"traffic|tracks",

@@ -116,8 +116,7 @@ def make_config(arguments: argparse.Namespace) -> configuration.Config:
         raw["api"]["port"] = arguments.api_port
     if (loaded := demo_show.loaded_for(arguments)) is not None:
         demo_show.fit(raw, loaded)
-    if arguments.target is not None:
-        demo_target.fit(raw, arguments.target)
+    demo_target.fit(raw, arguments.target, arguments.tak)
     base = configuration.Config.model_validate(raw)
     spare, lowest_m = LARGE_SPHERE if large else SPHERE
     least_m = smallest_formation_radius_m(count, base.control.safety, _uncertainty_m(base, arguments))

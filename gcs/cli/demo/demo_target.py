@@ -41,10 +41,13 @@ P95_MAX_M: Final = 2.0
 """Of the distance from the true target, with which a demonstration counts as passed."""
 
 
-def fit(raw: dict[str, Any], kind: str) -> None:
-    """Have a configuration follow the target, which goes farther than the story does."""
-    raw["targets"] = [{"name": NAME, "sources": [SOURCES[kind]], "delay_s": DELAY_S}]
-    raw["control"]["safety"]["fence"]["distance_max_m"] = 1000.0
+def fit(raw: dict[str, Any], kind: str | None, tak: str | None) -> None:
+    """Have a configuration follow a target, which goes farther than the story does, and send to TAK."""
+    if kind is not None:
+        raw["targets"] = [{"name": NAME, "sources": [SOURCES[kind]], "delay_s": DELAY_S}]
+        raw["control"]["safety"]["fence"]["distance_max_m"] = 1000.0
+    if tak is not None:
+        raw["tak"] = {"to": [tak], "callsign": "DEMO", "require_clock": False}
 
 
 @contextmanager

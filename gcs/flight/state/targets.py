@@ -18,6 +18,7 @@ from gcs.flight.state.newest import InForce, Newest
 from gcs.formation.following import fleet_limits
 from gcs.formation.orbit import target_reach_m
 from gcs.links.intake import Intake
+from gcs.links.tak.settings import OwnTracks
 from gcs.links.targets.receive import intake_of, keep_receiving
 from gcs.links.targets.settings import TargetSettings
 from gcs.model.errors import RefusedError, UnknownError
@@ -43,12 +44,12 @@ class ConfiguredTarget:
     placed: Target | None = None  # with its clearance, as it was last known; None: never, or it has none
 
     @staticmethod
-    def of(settings: TargetSettings) -> "ConfiguredTarget":
+    def of(settings: TargetSettings, own: OwnTracks) -> "ConfiguredTarget":
         trackers = [
             Tracker(settings.deviation_m, settings.coast_s, SourceClock(settings.delay_s))
             for _ in settings.sources
         ]
-        intakes = [intake_of(f"target {settings.name}", source) for source in settings.sources]
+        intakes = [intake_of(f"target {settings.name}", source, own) for source in settings.sources]
         return ConfiguredTarget(settings, TargetEstimate(trackers), intakes, [""] * len(trackers))
 
     def why(self, now_s: float) -> str:
@@ -75,6 +76,7 @@ class Targets(Feature):
         in_force: InForce,
         unix_minus_loop_s: Callable[[], float],
         leads: Callable[[], bool],
+        own: OwnTracks,
     ) -> None:
         """Follow none of them yet.
 
@@ -85,8 +87,10 @@ class Targets(Feature):
             in_force: the plan, of which the target is replaced.
             unix_minus_loop_s: this computer's clock minus the loop's; NaN: it is not to be trusted.
             leads: whether this station decides what the formation follows.
+            own: tracks that are no targets.
         """
-        self._targets = {each.name: ConfiguredTarget.of(each) for each in settings}
+        self._targets = {each.name: ConfiguredTarget.of(each, own) for each in settings}
+        self._own = own
         self._frame, self._newest, self._in_force = frame, newest, in_force
         self._unix_minus_loop_s, self._leads = unix_minus_loop_s, leads
         self.selected = ""
@@ -99,7 +103,8 @@ class Targets(Feature):
             for name, target in self._targets.items():
                 for source, settings in enumerate(target.settings.sources):
                     take, failed = partial(self.take, name, source), partial(self.failed, name, source)
-                    group.create_task(keep_receiving(settings, take, failed, target.intakes[source]))
+                    intake = target.intakes[source]
+                    group.create_task(keep_receiving(settings, self._own, take, failed, intake))
 
     def take(self, name: str, source: int, fix: TargetFix) -> None:
         """Take a report of one of a target's sources, by its index."""

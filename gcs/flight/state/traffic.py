@@ -17,6 +17,7 @@ from gcs.flight.state.feature import Feature, Instant
 from gcs.flight.state.newest import Newest
 from gcs.links.features import TrafficSettings
 from gcs.links.intake import Intake
+from gcs.links.tak.settings import OwnTracks
 from gcs.links.targets.receive import intake_of, keep_receiving_tracks
 from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import ON_THE_GROUND
@@ -83,6 +84,7 @@ class OtherTraffic(Feature):
         flown: Callable[[], Mask],
         highest_m: float,
         own_systems: frozenset[int],
+        own: OwnTracks,
         unix_minus_loop_s: Callable[[], float],
         follows: str,
     ) -> None:
@@ -95,6 +97,7 @@ class OtherTraffic(Feature):
             flown: (n,) the vehicles that keep clear of traffic.
             highest_m: greatest height of any vehicle.
             own_systems: system ids of the vehicles.
+            own: tracks of them that this show sends.
             unix_minus_loop_s: this computer's clock minus the loop's; NaN: it is not to be trusted.
             follows: what the failsafe of manned aircraft does.
         """
@@ -103,8 +106,9 @@ class OtherTraffic(Feature):
         self._flown, self._highest_amsl_m = flown, frame.altitude_amsl_m + highest_m
         self._own_systems, self._unix_minus_loop_s = own_systems, unix_minus_loop_s
         sources = () if settings is None else settings.sources
+        self._own_tracks = own
         self._own = frozenset(() if settings is None else (name.upper() for name in settings.own))
-        self._sources = [_Source(intake_of("traffic", each), each.kind == "mavlink") for each in sources]
+        self._sources = [_Source(intake_of("traffic", each, own), each.kind == "mavlink") for each in sources]
         self._table = TrackTable(1.0 if settings is None else settings.forgotten_s)
         self._seen: _Around | None = None
         self.intakes = [source.intake for source in self._sources]
@@ -117,7 +121,7 @@ class OtherTraffic(Feature):
                 take, failed = partial(self.take, number), partial(self.failed, number)
                 intake = self._sources[number].intake
                 group.create_task(
-                    keep_receiving_tracks(source, self._own_systems, take, failed, intake),
+                    keep_receiving_tracks(source, self._own_systems, self._own_tracks, take, failed, intake),
                     name=f"traffic/{number}",
                 )
 

@@ -73,9 +73,11 @@ class CotStream:
         why: why the newest bytes brought no fix; empty: they did, or it has sent before.
     """
 
-    def __init__(self, track: str, geoid_m: float | None = None) -> None:
+    def __init__(self, track: str, geoid_m: float | None = None, own_uid: str = "") -> None:
+        """Events whose uid begins with `own_uid` do not count; empty: all do."""
         self.messages = 0
         self.why = ""
+        self._own = own_uid.encode()
         self._track, self._geoid_m = track, nan if geoid_m is None else geoid_m
         self._others = Names()
         self._uid, self._named_s = "", -inf  # the track's, and when it sent last
@@ -112,6 +114,10 @@ class CotStream:
         self._searched -= done
 
     def _take(self, data: bytes, now_s: float) -> list[TargetFix]:
+        if self._own and self._own in data[: data.find(b">")]:  # before the cost of reading it
+            self.messages += 1
+            self._see("this show's own tracks")
+            return []
         try:
             event = _read(data)
         except LinkError as error:
@@ -125,9 +131,7 @@ class CotStream:
     def _of_event(self, event: _Event, now_s: float) -> list[TargetFix]:
         uid, callsign = event.of("event", "uid"), event.of("contact", "callsign")
         if self._track not in {uid, callsign}:
-            self._others.add(callsign or uid)
-            if self._named_s == -inf:
-                self.why = f"unknown track {self._track}, seen: {self._others}"
+            self._see(callsign or uid)
             return []
         if uid not in {self._uid, self._track} and now_s - self._named_s <= NAMED_S:
             self.why = f"{self._track} is the callsign of {cut(self._uid)} and {cut(uid)}: name a uid"
@@ -135,6 +139,12 @@ class CotStream:
         self._uid, self._named_s = uid, now_s
         self.why = why_nowhere(event.of("point", "lat"), event.of("point", "lon"))
         return [] if self.why else [self._fix(event, callsign or uid, now_s)]
+
+    def _see(self, name: str) -> None:
+        """Note a track beside the selected one, which is named until that one is there."""
+        self._others.add(name)
+        if self._named_s == -inf:
+            self.why = f"unknown track {self._track}, seen: {self._others}"
 
     def _fix(self, event: _Event, name: str, now_s: float) -> TargetFix:
         north_m_s, east_m_s = velocity(event.of("track", "speed"), event.of("track", "course"))
@@ -156,8 +166,11 @@ class CotStream:
 class CotTraffic(CotStream):
     """Fixes of all tracks, each by its uid."""
 
-    def __init__(self, geoid_m: float | None = None) -> None:
-        super().__init__("", geoid_m)
+    def __init__(self, geoid_m: float | None = None, own_uid: str = "") -> None:
+        super().__init__("", geoid_m, own_uid)
+
+    def _see(self, name: str) -> None:
+        """Every track counts; the own ones are no sign of others, and none that there are none."""
 
     def _of_event(self, event: _Event, now_s: float) -> list[TargetFix]:
         uid = event.of("event", "uid")

@@ -17,12 +17,14 @@ from gcs.links.byte_sources import (
     Plain,
     keep_reading,
     plainly,
+    secured,
     serial_chunks,
     stream_chunks,
     udp_chunks,
 )
 from gcs.links.intake import Bound, Intake
 from gcs.links.settings import serial_port
+from gcs.links.tak.settings import OwnTracks
 from gcs.links.targets import mavlink, path
 from gcs.links.targets.cot import CotStream, CotTraffic
 from gcs.links.targets.gpsd import WATCH, GpsdStream
@@ -38,7 +40,6 @@ from gcs.links.targets.settings import (
     TrafficSource,
 )
 from gcs.links.targets.traffic import TrafficReports
-from gcs.model.errors import LinkError
 from gcs.model.target_fix import TargetFix
 
 TARGETS: Final = Bound(128_000, 1000)
@@ -48,9 +49,16 @@ FIXES_MAX, TRACKS_MAX = 20, 200
 """Of those that arrive at once, the newest: of one target, and of all traffic."""
 
 
-def intake_of(name: str, source: TargetSource | TrafficSource) -> Intake:
+ECHO: Final = Bound(1000, 1)
+"""For each own track: what is sent to TAK may come back once a second, and must not displace others."""
+
+
+def intake_of(name: str, source: TargetSource | TrafficSource, own: OwnTracks) -> Intake:
     """What bounds a source of that target, or of traffic."""
-    return Intake(f"{name} {source.kind}", mavlink.TELEMETRY if source.kind == "mavlink" else TARGETS)
+    bound = mavlink.TELEMETRY if source.kind == "mavlink" else TARGETS
+    if source.kind == "cot":
+        bound = Bound(*(most + own.number * each for most, each in zip(TARGETS, ECHO, strict=True)))
+    return Intake(f"{name} {source.kind}", bound)
 
 
 PATIENCE_S: Final = 2.0
@@ -60,12 +68,18 @@ Take: TypeAlias = Callable[[TargetFix], None]
 Failed: TypeAlias = Callable[[str], None]
 
 
-async def keep_receiving(source: TargetSource, take: Take, failed: Failed, intake: Intake) -> None:
+async def keep_receiving(
+    source: TargetSource, own: OwnTracks, take: Take, failed: Failed, intake: Intake
+) -> None:
     """Receive without end, whatever arrives: give each fix to `take`, and why there are none to `failed`.
 
-    A reason is given once; empty ends it: there are fixes again.
+    A reason is given once; empty ends it: there are fixes again. Tracks that are `own` are no targets.
     """
-    await RECEIVERS[source.kind](source, take, failed, intake)
+    if isinstance(source, CotSource):
+        begin = partial(CotStream, source.track, source.geoid_m, own.uid)
+        await _keep_cot(source, begin, _Reports(take, failed), intake)
+    else:
+        await RECEIVERS[source.kind](source, take, failed, intake)
 
 
 class TargetStream(Protocol):
@@ -127,11 +141,12 @@ async def _keep_gpsd(source: GpsdSource, take: Take, failed: Failed, intake: Int
     await _keep(source.at, "gpsd", opened, partial(GpsdStream, source.device), _Reports(take, failed))
 
 
-async def _keep_cot(source: CotSource, take: Take, failed: Failed, intake: Intake) -> None:
-    secure = partial(_secured, source)
+async def _keep_cot(
+    source: CotTracks, begin: Callable[[], TargetStream], reports: _Reports, intake: Intake
+) -> None:
+    secure = partial(secured, source.authority, source.certificate)
     opened = partial(_opened, source.at, intake, secure=secure, interface=source.interface)
-    begin = partial(CotStream, source.track, source.geoid_m)
-    await _keep(source.at, "Cursor on Target", opened, begin, _Reports(take, failed))
+    await _keep(source.at, "Cursor on Target", opened, begin, reports)
 
 
 async def _keep_nothing(_: RestSource, __: Take, ___: Failed, ____: Intake) -> None:
@@ -141,25 +156,28 @@ async def _keep_nothing(_: RestSource, __: Take, ___: Failed, ____: Intake) -> N
 RECEIVERS: Final[dict[str, Callable[[Any, Take, Failed, Intake], Awaitable[None]]]] = {
     "nmea": _keep_nmea,
     "gpsd": _keep_gpsd,
-    "cot": _keep_cot,
     "mavlink": mavlink.keep_receiving,
     "path": path.keep_receiving,
     "rest": _keep_nothing,
 }
-"""What receives a source, by its kind."""
+"""What receives a source, by its kind; Cursor on Target has two streams, see `keep_receiving`."""
 
 
 async def keep_receiving_tracks(
-    source: TrafficSource, own: frozenset[int], take: Take, failed: Failed, intake: Intake
+    source: TrafficSource,
+    own_systems: frozenset[int],
+    own: OwnTracks,
+    take: Take,
+    failed: Failed,
+    intake: Intake,
 ) -> None:
-    """As `keep_receiving`, of all tracks that a source reports, without the MAVLink systems `own`."""
+    """As `keep_receiving`, of all tracks that a source reports, without this show's own."""
     if isinstance(source, MavlinkTracks):
-        await mavlink.keep_listening(source.at, partial(TrafficReports, source.at, own), take, failed, intake)
-        return
-    secure = partial(_secured, source)
-    opened = partial(_opened, source.at, intake, secure=secure, interface=source.interface)
-    reports = _Reports(take, failed, TRACKS_MAX)
-    await _keep(source.at, "Cursor on Target", opened, partial(CotTraffic, source.geoid_m), reports)
+        begin = partial(TrafficReports, source.at, own_systems)
+        await mavlink.keep_listening(source.at, begin, take, failed, intake)
+    else:
+        stream = partial(CotTraffic, source.geoid_m, own.uid)
+        await _keep_cot(source, stream, _Reports(take, failed, TRACKS_MAX), intake)
 
 
 async def _keep(
@@ -194,14 +212,3 @@ async def _watch(_: asyncio.StreamReader, writer: asyncio.StreamWriter) -> Body:
     writer.write(WATCH)
     await writer.drain()
     return Plain()
-
-
-def _secured(source: CotTracks) -> ssl.SSLContext:
-    try:
-        context = ssl.create_default_context(cafile=source.authority)
-        if source.certificate is not None:
-            context.load_cert_chain(source.certificate, password="")  # or a key with one asks the terminal
-    except OSError as error:
-        files = " and ".join(str(path) for path in (source.authority, source.certificate) if path)
-        raise LinkError(f"certificates of {files} cannot be read: {error.strerror or error}") from None
-    return context

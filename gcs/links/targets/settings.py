@@ -2,27 +2,12 @@
 
 from pathlib import Path
 from typing import Annotated, Final, Literal, TypeAlias
-from urllib.parse import urlsplit
 
-from pydantic import AfterValidator, Field
+from pydantic import Field
 
-from gcs.links.settings import serial_port
-from gcs.model.errors import ConfigError
+from gcs.links.settings import Reachable
+from gcs.links.tak.settings import Geoid, TakAddress, TakPlace
 from gcs.model.settings import NotNegative, Positive, Settings
-
-
-def _reachable(url: str) -> str:
-    if url.startswith("serial:"):
-        try:
-            serial_port(url)
-        except ConfigError as error:
-            raise ValueError(error) from None
-    elif not urlsplit(url).port:  # raises ValueError beyond 65535
-        raise ValueError(f"{url}: a port from 1 to 65535 is needed")
-    return url
-
-
-Reachable: Final = AfterValidator(_reachable)
 
 _UDP: Final = r"^udp://[A-Za-z0-9.-]{1,253}:\d{1,5}$"
 _SERIAL: Final = r"^serial:///?[^:]{1,200}:\d{1,8}$"
@@ -54,21 +39,15 @@ class GpsdSource(Settings):
     """The receiver that counts, as gpsd names it; empty: each."""
 
 
-class CotTracks(Settings):
+class CotTracks(TakPlace):
     """All tracks in Cursor on Target, as TAK sends them."""
 
     kind: Literal["cot"]
     """`cot`"""
-    at: Annotated[str, Field(pattern=r"^(udp|tcp|tls)://[A-Za-z0-9.-]{1,253}:\d{1,5}$"), Reachable]
+    at: TakAddress
     """`udp://HOST:PORT` to receive at, also a multicast group; `tcp://` or `tls://` a server."""
-    interface: Annotated[str, Field(pattern=r"^(\d{1,3}(\.\d{1,3}){3})?$")] = ""
-    """IP address of this computer, where a multicast group is joined; empty: where the route leads."""
-    geoid_m: Annotated[float, Field(ge=-110, le=90)] | None = None
+    geoid_m: Geoid | None = None
     """Height of the geoid above the WGS84 ellipsoid there, in m; without it heights do not count."""
-    certificate: Path | None = None
-    """Client certificate for `tls://`, PEM with its key."""
-    authority: Path | None = None
-    """Certificate of the authority that signed the server's; without it those of this computer count."""
 
 
 class CotSource(CotTracks):

@@ -8,6 +8,7 @@ import pytest
 from gcs.control import ControlSettings
 from gcs.flight.state.newest import InForce, Newest
 from gcs.flight.state.targets import Targets
+from gcs.links.tak.settings import OwnTracks
 from gcs.links.targets.settings import RestSource, TargetSettings
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Formation, Plan
@@ -20,7 +21,7 @@ SETTINGS = TargetSettings(name="boat", sources=(RestSource(kind="rest"),), devia
 
 def targets(unix_minus_loop_s: Callable[[], float]) -> Targets:
     in_force = InForce(Plan(Formation(10.0, 20.0)), ControlSettings())
-    return Targets([SETTINGS], FRAME, Newest(), in_force, unix_minus_loop_s, lambda: True)
+    return Targets([SETTINGS], FRAME, Newest(), in_force, unix_minus_loop_s, lambda: True, OwnTracks())
 
 
 @pytest.mark.parametrize(

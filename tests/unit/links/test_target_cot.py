@@ -5,7 +5,7 @@ from math import isnan
 
 import pytest
 
-from gcs.links.targets.cot import LONGEST_BYTES, NAMED_S, CotStream
+from gcs.links.targets.cot import LONGEST_BYTES, NAMED_S, CotStream, CotTraffic
 from gcs.model.target_fix import TargetFix
 from tests.support.target_bytes import cot
 
@@ -138,3 +138,26 @@ def test_an_event_without_end_keeps_no_memory() -> None:
         stream.take(b'<event uid="' + b"x" * 10_000, 0.0)
         assert len(stream._waiting) <= LONGEST_BYTES + 1
     assert len(stream.take(cot(), 0.0)) == 1
+
+
+OWN = "gcs-0000beef"
+ECHO = cot(f"{OWN}.d1", "LUCERNE d1") + cot(OWN, "LUCERNE")
+
+
+def test_own_tracks_that_come_back_are_no_target() -> None:
+    for track in ("LUCERNE d1", "LUCERNE", OWN):
+        stream = CotStream(track, GEOID_M, OWN)
+        assert stream.take(ECHO, 0.0) == []
+        assert (stream.messages, stream.why) == (2, f"unknown track {track}, seen: this show's own tracks")
+    stream = CotStream("BOAT", GEOID_M, OWN)
+    assert [fix.track for fix in stream.take(ECHO + cot() + ECHO, 0.0)] == ["BOAT"]
+    assert stream.why == ""
+
+
+def test_own_tracks_that_come_back_are_no_traffic() -> None:
+    stream = CotTraffic(GEOID_M, OWN)
+    others = cot("gcs-0000cafe.d1", "LUCERNE d1") + cot("X1", f"{OWN}.d1")
+    fixes = stream.take(ECHO + others + ECHO, 0.0)
+    assert [fix.track for fix in fixes] == ["gcs-0000cafe.d1", "X1"], "another show's count"
+    assert (stream.messages, stream.why) == (6, "")
+    assert len(CotTraffic(GEOID_M).take(ECHO, 0.0)) == 2, "a show that sends none knows none of its own"

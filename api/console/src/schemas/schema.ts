@@ -52,7 +52,7 @@ export interface components {
          * @description Cause of an alarm.
          * @enum {string}
          */
-        AlarmCause: "killed" | "terminated" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "land-now" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "target-lost" | "target-outruns" | "target-beyond" | "target-sources" | "target-near" | "target-no-room" | "traffic-manned" | "traffic-near" | "traffic-crowded" | "traffic-unknown" | "obstacle-near" | "obstacle-waits" | "no-headway" | "no-way" | "radius-small" | "uncertain-position" | "little-authority" | "slow-vehicle" | "slow-answers" | "height-differs" | "moved-on-pad" | "corrections-stopped" | "timecode" | "clock-doubtful" | "silent" | "poor-link" | "no-heartbeat" | "input-flooded" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
+        AlarmCause: "killed" | "terminated" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "land-now" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "target-lost" | "target-outruns" | "target-beyond" | "target-sources" | "target-near" | "target-no-room" | "traffic-manned" | "traffic-near" | "traffic-crowded" | "traffic-unknown" | "tak-not-sent" | "obstacle-near" | "obstacle-waits" | "no-headway" | "no-way" | "radius-small" | "uncertain-position" | "little-authority" | "slow-vehicle" | "slow-answers" | "height-differs" | "moved-on-pad" | "corrections-stopped" | "timecode" | "clock-doubtful" | "silent" | "poor-link" | "no-heartbeat" | "input-flooded" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
         /** @description All alarms, and the overall severity. */
         AlarmList: {
             /** @description Lasting alarms before ended ones; the most severe first, of one severity the newest. */
@@ -275,6 +275,7 @@ export interface components {
         Features: {
             corrections: components["schemas"]["CorrectionsView"] | null;
             lights: components["schemas"]["LightsView"] | null;
+            tak: components["schemas"]["TakView"] | null;
             targets: components["schemas"]["TargetsView"] | null;
             timecode: components["schemas"]["TimecodeView"] | null;
             traffic: components["schemas"]["TrafficView"] | null;
@@ -2245,6 +2246,31 @@ export interface components {
             /** @description This upload replaced a show of that name. */
             replaced: boolean;
             size_bytes: number;
+        };
+        /** @description Where tracks are sent. */
+        TakReceiverView: {
+            at: string;
+            /** @description Events that did not: none waits. */
+            dropped: number;
+            /** @description Why they do not leave; empty: they do. */
+            problem: string;
+            /** @description Events that left. */
+            sent: number;
+        };
+        /** @description The vehicles and the formation's centre as tracks of TAK, once a second. */
+        TakView: {
+            /** @description Of the centre; those of the vehicles begin with it. */
+            callsign: string;
+            /** @description Events that did not. */
+            dropped: number;
+            /** @description Those that are not sent: silent, or their place is not believed. */
+            missing: string;
+            /** @description All of the configuration. */
+            receivers: components["schemas"]["TakReceiverView"][];
+            /** @description Events that left, to all receivers. */
+            sent: number;
+            /** @description Vehicles of this station whose place is believed. */
+            vehicles: number;
         };
         /** @description Position and velocity of the target now, in both frames. */
         Target: {

@@ -1,0 +1,1 @@
+"""What a show sends of itself to TAK. `gcs.links.targets` reads what others send."""
