@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from gcs.model.state import Array, Mask
+from gcs.model.traffic import VESSEL_S
 
 TRACKS_KEPT: Final = 128
 """The nearest to the show's origin are kept."""
@@ -44,8 +45,8 @@ ON_THE_SURFACE: Final = frozenset({"vessel", "ground"})
 SURFACE_M: Final = 5.0
 """Without a reported height these are as high as they were, at first as the show's origin, so exactly."""
 
-VESSEL_S: Final = 180.0
-"""A vessel is not forgotten sooner: AIS of one at anchor reports every 3 minutes. Its deviation grows."""
+REPEATED_S: Final = 1.5
+"""A place that is repeated to the digit, and is no more than this newer, is old: ages are whole seconds."""
 
 SLOW_M_S: Final = (1.5, 2.5)
 """Slower than the first a track is flown round, faster than the second it is evaded; else as before."""
@@ -131,7 +132,8 @@ class TrackTable:
             return
         state: list[float] = self._state[row].tolist()
         place, self._places[row] = self._places[row], report.position_m
-        if place[:2] == report.position_m[:2] and hypot(state[_VX], state[_VY]) > STANDS_M_S:
+        moves = hypot(state[_VX], state[_VY]) > STANDS_M_S
+        if place[:2] == report.position_m[:2] and (moves or report.was_s - self._time_s[row] < REPEATED_S):
             self.repeated += 1
             return
         _move(state, report.was_s - float(self._time_s[row]))

@@ -11,7 +11,7 @@ import pytest
 
 from gcs.failsafe.policy import Cause
 from gcs.flight.state.traffic import ALARMS_MAX, OtherTraffic
-from gcs.model.lifecycle import ShowPhase
+from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation
 from gcs.model.target_fix import TargetFix
 from gcs.model.traffic import TRACK_KINDS, TrackKind
@@ -175,6 +175,36 @@ def test_only_vehicles_that_fly_count_as_the_formation() -> None:
         assert traffic._sphere().radius_m < 50.0
 
     fly(story, FOUR)
+
+
+def test_vehicle_under_a_pilot_is_none_of_the_formation() -> None:
+    async def story(show: VirtualShow) -> None:
+        near_m = traffic_of(show)._sphere().radius_m
+        show.befall(show.config.ids[0], "pilot")
+        await show.phase(show.config.ids[0], Phase.PILOT)
+        away_m = show.service.flight.newest.state.position_m.copy()
+        away_m[0] = 3000.0, 0.0, 0.0
+        show.service.flight.newest.state = replace(show.service.flight.newest.state, position_m=away_m)
+        assert traffic_of(show)._sphere().radius_m < 2.0 * near_m
+
+    fly(story, FOUR, after=running)
+
+
+def test_alarms_do_not_flicker_in_a_flood() -> None:
+    """The nearest tracks are others each second; each alarm stays for 10 s at least."""
+
+    async def story(show: VirtualShow) -> set[str]:
+        named = set()
+        for second in range(9):
+            for number in range(20):
+                x_m = 60.0 + (number + 7 * second) % 20
+                report(show, x_m, speed_m_s=-15.0, name=f"T{second}-{number}")
+            await show.wait(1.0)
+            found = [a for a in show.service.alarms.alarms if a.cause is AlarmCause.TRAFFIC_NEAR]
+            named |= {alarm.text.split()[1] for alarm in found}
+        return named
+
+    assert len(fly(story, FOUR, after=running)) == ALARMS_MAX
 
 
 def test_alarms_of_many_tracks_are_few() -> None:

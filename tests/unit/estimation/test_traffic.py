@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gcs.estimation.traffic import AGAIN, SURFACE_M, TRACKS_KEPT, TrackReport, TrackTable
+from gcs.model.traffic import VESSEL_S
 
 NORTH_M_S = 20.0
 
@@ -95,8 +96,21 @@ def test_vessel_is_known_between_its_reports() -> None:
     assert unsure > 100.0 * sure
     table.forget(170.0)
     assert table.at(170.0).position_m[0, :2] == pytest.approx([680.0, 50.0], abs=1.0)
-    table.forget(181.0)
+    table.forget(195.0)  # the next report of one at anchor, which comes every 180 s, may be a little late
+    assert len(table) == 1
+    table.forget(VESSEL_S + 1.0)
     assert len(table) == 0
+
+
+def test_repeated_reports_of_a_vessel_at_anchor_are_one() -> None:
+    """A receiver repeats the last one each second, with its age in whole seconds."""
+    table = TrackTable(15.0)
+    for second in range(180):
+        table.take(TrackReport("A", "vessel", float(second), 0.99 * (second % 2), (0.0, 50.0, nan)))
+    assert table.accepted == 1
+    assert np.sqrt(table.at(179.0).spread[0, 0, 0]) > 500.0, "it is not known better for that"
+    table.take(TrackReport("A", "vessel", 183.0, 180.0, (0.0, 50.0, nan)))
+    assert table.accepted == 2
 
 
 def test_late_and_repeated_reports_change_nothing() -> None:
