@@ -137,6 +137,26 @@ def test_manned_aircraft_brings_a_written_show_home(tmp_path: Path) -> None:
     written_show.fly(story, written_show.config(tmp_path, **TRAFFIC))
 
 
+def test_vehicles_of_a_written_show_evade_a_drone(tmp_path: Path) -> None:
+    async def story(show: VirtualShow) -> None:
+        show_hash = written_show.select(show)
+        await show.standby()
+        show.service.commands.command_show(ShowAction.START, show_hash=show_hash)
+        await show.reach(ShowPhase.RUNNING)
+        closest_m = np.inf
+        for second in range(24):
+            x_m = -180.0 + 12.0 * second
+            report(show, x_m, speed_m_s=12.0, height_m=16.0)
+            for tenth in range(10):
+                await show.wait(0.1)
+                away_m = np.hypot(show.true_m[:, 0] - x_m - 1.2 * tenth, show.true_m[:, 1])
+                closest_m = min(closest_m, float(away_m.min()))
+        assert closest_m > RADIUS_M
+        assert show.floor_violations() == 0
+
+    written_show.fly(story, written_show.config(tmp_path, **TRAFFIC))
+
+
 @pytest.mark.parametrize("action", [ShowAction.ABORT, ShowAction.STOP])
 def test_slow_track_does_not_stop_a_landing(action: ShowAction) -> None:
     """It is at the pads: vehicles land beside them."""
