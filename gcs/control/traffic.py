@@ -6,11 +6,12 @@ from typing import Final, NamedTuple
 
 import numpy as np
 
-from gcs.estimation.traffic import TracksNow
+from gcs.estimation.traffic import TracksNow, turned
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array
 from gcs.model.traffic import Cylinder
 from gcs.safety.near_traffic import TRACKS_MAX, WIDEST, NearTraffic
+from gcs.safety.neighbours import Rows
 
 BOXES_MAX: Final = 8
 """Most slow tracks that are flown round, beside the plan's obstacles."""
@@ -23,6 +24,9 @@ ABOVE_M: Final = 10.0
 
 ANNOUNCED_S, BESIDE_M = 60.0, 20.0
 """A track is announced if its cylinder will be so near to the formation, within this time."""
+
+ARCS_S: Final = np.arange(0.0, 9.0, 2.0)
+"""Times at which the arc of a track that turns is one of the straight ways that stand for it."""
 
 UP_TO_M: Final = 10_000.0
 """Height of an obstacle with a height that is not known."""
@@ -97,21 +101,41 @@ def tracks_near(
     if not fast and not boxes:
         return None, 0
     rows = np.array(fast[:TRACKS_MAX], np.intp)
-    position_m, spread = traffic.position_m[rows], traffic.spread[rows].copy()
+    turns, position_m, velocity_m_s, counts_s = _arcs(traffic, rows)
+    rows, spread = rows[turns], traffic.spread[rows[turns]].copy()
     unknown = np.isnan(position_m[:, 2])
     half_m = np.where(unknown, np.inf, cylinder.half_height_m)
     position_m[unknown, 2], spread[unknown, 1] = 0.0, 0.0
     near_traffic = NearTraffic(
         tuple(traffic.ids[row] for row in rows),
         position_m,
-        traffic.velocity_m_s[rows],
+        velocity_m_s,
         np.full(len(rows), cylinder.radius_m),
         half_m,
         spread,
         cylinder.deviations,
         boxes,
+        counts_s,
     )
     return near_traffic, left_out
+
+
+def _arcs(traffic: TracksNow, rows: Rows) -> tuple[Rows, Array, Array, tuple[Array, Array]]:
+    """Straight ways in place of each track: one that turns has some, each for the time in which it is near.
+
+    Returns: (m,) of which of the `rows` each is; (m, 3) places now and velocities; (m,) from when until when.
+    """
+    turn_rad_s = traffic.turn_rad_s[rows]
+    after_s = np.where(turn_rad_s[:, None] != 0.0, ARCS_S, np.where(ARCS_S > 0.0, np.nan, 0.0))
+    of, at = np.nonzero(np.isfinite(after_s))
+    then_s, turns = ARCS_S[at], turn_rad_s[of]
+    place_m, velocity_m_s = turned(
+        traffic.position_m[rows[of]], traffic.velocity_m_s[rows[of]], turns, then_s
+    )
+    half_s = 0.5 * ARCS_S[1]
+    last = (then_s == ARCS_S[-1]) | (turns == 0.0)
+    counts_s = np.where(at == 0, 0.0, then_s - half_s), np.where(last, np.inf, then_s + half_s)
+    return of, place_m - then_s[:, None] * velocity_m_s, velocity_m_s, counts_s
 
 
 def _box(traffic: TracksNow, row: int, cylinder: Cylinder, time_s: float) -> Obstacle:

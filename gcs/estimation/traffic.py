@@ -5,12 +5,13 @@ y a track is known equally well, so that it has two covariances: sideways and up
 """
 
 from dataclasses import dataclass, field, replace
-from math import hypot, inf, isfinite, nan
+from math import atan2, cos, hypot, inf, isfinite, nan, pi, sin
 from typing import Final, NamedTuple
 
 import numpy as np
 
 from gcs.model.state import Array, Mask
+from gcs.model.traffic import VESSEL_S
 
 TRACKS_KEPT: Final = 128
 """The nearest to the show's origin are kept."""
@@ -26,6 +27,26 @@ DEVIATIONS: Final = (1e-3, 1e5)
 
 AGILITY: Final = (2.0, 0.5)
 """Power of the random acceleration, sideways and up, in m^2/s^3: turns of 3 degrees a second at 30 m/s."""
+
+CALM: Final = (0.1, 0.05)
+"""The same of a track that flies as is expected of it."""
+
+COMES_S: Final = 60.0
+PASSED_M: Final = 300.0
+"""A silent track that comes to the show is kept so long, or until it is expected so far beyond."""
+
+ANSWERED_S: Final = 2.0
+"""What a track does next is reported, and vehicles have answered, after this time: so far it may turn."""
+
+SURPRISES: Final = (0.4, 3.0)
+"""Weight of a report in the mean of how far reports are off, as a share of what is expected; from which on
+a track is not calm."""
+
+TURNS: Final = (0.04, 0.003)
+"""Variance of a rate of turn that begins, in rad^2/s^2, and power of its random change, in rad^2/s^3."""
+
+TURNS_RAD_S: Final = (0.03, 1.0)
+"""A slower turn is none; a faster one none that lasts."""
 
 UNKNOWN_M_S: Final = (20.0, 5.0)
 """Standard deviation of a velocity that was not reported yet, along each axis sideways, and up."""
@@ -44,13 +65,13 @@ ON_THE_SURFACE: Final = frozenset({"vessel", "ground"})
 SURFACE_M: Final = 5.0
 """Without a reported height these are as high as they were, at first as the show's origin, so exactly."""
 
-VESSEL_S: Final = 180.0
-"""A vessel is not forgotten sooner: AIS of one at anchor reports every 3 minutes. Its deviation grows."""
+REPEATED_S: Final = 1.5
+"""A place that is repeated to the digit, and is no more than this newer, is old: ages are whole seconds."""
 
 SLOW_M_S: Final = (1.5, 2.5)
 """Slower than the first a track is flown round, faster than the second it is evaded; else as before."""
 
-_X, _Y, _Z, _VX, _VY, _VZ, _SIDE, _UP, _WIDTH = 0, 1, 2, 3, 4, 5, 6, 9, 12
+_X, _Y, _Z, _VX, _VY, _VZ, _SIDE, _UP, _TURN, _SURPRISE, _WIDTH = 0, 1, 2, 3, 4, 5, 6, 9, 12, 14, 15
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +99,7 @@ class TracksNow(NamedTuple):
     spread: Array  # (k, 2, 3) as of `gcs.safety.near_traffic`
     age_s: Array  # (k,) of the newest report that is believed
     slow: Mask  # (k,)
+    turn_rad_s: Array  # (k,) clockwise seen from above; 0: it goes straight on
 
 
 @dataclass(slots=True, eq=False)
@@ -131,10 +153,14 @@ class TrackTable:
             return
         state: list[float] = self._state[row].tolist()
         place, self._places[row] = self._places[row], report.position_m
-        if place[:2] == report.position_m[:2] and hypot(state[_VX], state[_VY]) > STANDS_M_S:
+        is_moving = hypot(state[_VX], state[_VY]) > STANDS_M_S
+        if place[:2] == report.position_m[:2] and (
+            is_moving or report.was_s - self._time_s[row] < REPEATED_S
+        ):
             self.repeated += 1
             return
-        _move(state, report.was_s - float(self._time_s[row]))
+        dt_s = report.was_s - float(self._time_s[row])
+        _move(state, dt_s)
         off_m = hypot(x_m - state[_X], y_m - state[_Y])
         if off_m > max(GATE * hypot(state[_SIDE] ** 0.5, report.deviation_m), GATE_LEAST_M):
             self.outliers += 1
@@ -142,37 +168,52 @@ class TrackTable:
             if self._refused[row] >= AGAIN:
                 self._begin(row, report, away_m)
             return
+        _doubt(state, report, off_m, dt_s)
+        x_m_s, y_m_s, moves = state[_VX], state[_VY], state[_SIDE + 2]
         _correct(state, report)
+        _turn(state, x_m_s, y_m_s, moves, dt_s)
         self._keep(row, report, state, away_m)
 
     def forget(self, now_s: float) -> None:
         """Forget the tracks that are silent for too long."""
         vessels = np.array([kind == "vessel" for kind in self._kinds])
         after_s = np.where(vessels, max(self.forgotten_s, VESSEL_S), self.forgotten_s)
-        silent = np.flatnonzero((now_s - self._time_s > after_s) & (self._away_m >= 0.0))
+        age_s = now_s - self._time_s
+        ended = (age_s > after_s) & ((age_s > COMES_S) | self._has_passed(age_s))
+        silent = np.flatnonzero(ended & (self._away_m >= 0.0))
         if len(silent):
             gone = set(silent.tolist())
             for name in [name for name, row in self._rows.items() if row in gone]:
                 self._drop(name)
+
+    def _has_passed(self, age_s: Array) -> Mask:
+        """Which do not come to the show, or are beyond it: one that comes and falls silent is kept."""
+        place_m, velocity_m_s = self._state[:, :_Z], self._state[:, _VX:_VZ]
+        speed_m_s = np.hypot(velocity_m_s[:, 0], velocity_m_s[:, 1])
+        way_m = (place_m * velocity_m_s).sum(axis=1) / np.maximum(speed_m_s, STANDS_M_S)
+        beyond_m = way_m + np.where(np.isfinite(age_s), age_s, 0.0) * speed_m_s
+        passed: Mask = (speed_m_s < SLOW_M_S[0]) | (way_m > 0.0) | (beyond_m > PASSED_M)
+        return passed
 
     def at(self, now_s: float) -> TracksNow:
         """All tracks as they are expected at `now_s`; earlier than a track's newest report counts as that."""
         rows = np.fromiter(self._rows.values(), np.intp, len(self._rows))
         state, age_s = self._state[rows], now_s - self._time_s[rows]
         later_s = np.maximum(age_s, 0.0)
-        velocity_m_s = state[:, _VX:_SIDE]
-        position_m = state[:, :_VX] + later_s[:, None] * velocity_m_s
+        turn_rad_s = _believed(state[:, _TURN])
+        position_m, velocity_m_s = turned(state[:, :_VX], state[:, _VX:_SIDE], turn_rad_s, later_s)
         spread = np.empty((len(rows), 2, 3))
         for axis, (first, power) in enumerate(zip((_SIDE, _UP), AGILITY, strict=True)):
             place, both, moves = state[:, first : first + 3].T
             spread[:, axis, 0] = place + later_s * (2.0 * both + later_s * (moves + power * later_s / 3.0))
             spread[:, axis, 1] = both + later_s * (moves + power * later_s / 2.0)
             spread[:, axis, 2] = moves + power * later_s
+        spread[:, 0, 0] += AGILITY[0] / 3.0 * ((later_s + ANSWERED_S) ** 3 - later_s**3)
         speed_m_s = np.hypot(velocity_m_s[:, 0], velocity_m_s[:, 1])
         slow = np.where(self._slow[rows], speed_m_s < SLOW_M_S[1], speed_m_s < SLOW_M_S[0])
         self._slow[rows] = slow
         kinds = tuple(self._kinds[row] for row in self._rows.values())
-        return TracksNow(tuple(self._rows), kinds, position_m, velocity_m_s, spread, age_s, slow)
+        return TracksNow(tuple(self._rows), kinds, position_m, velocity_m_s, spread, age_s, slow, turn_rad_s)
 
     def _place_for(self, report: TrackReport, away_m: float) -> int | None:
         """A row for a new track: free, or that of the farthest if this is nearer; None: it is left out."""
@@ -195,6 +236,7 @@ class TrackTable:
         state[_X], state[_Y], state[_Z] = report.position_m[0], report.position_m[1], nan
         state[_SIDE], state[_UP] = report.deviation_m**2, report.height_deviation_m**2
         state[_SIDE + 2], state[_UP + 2] = (deviation**2 for deviation in UNKNOWN_M_S)
+        state[_SURPRISE] = 1.0
         self._slow[row] = False
         _correct(state, report, place=False)
         self._keep(row, report, state, away_m)
@@ -224,10 +266,76 @@ def _certain(deviation: float) -> float:
     return max(least, min(greatest, deviation))  # NaN: the greatest
 
 
+def turned(place_m: Array, velocity_m_s: Array, turn_rad_s: Array, after_s: Array) -> tuple[Array, Array]:
+    """Places and velocities (k, 3) of what turns on as it does, after so long (k,)."""
+    half = 0.5 * turn_rad_s * after_s
+    way_m = after_s[:, None] * velocity_m_s
+    there_m = place_m + np.sinc(half / pi)[:, None] * _rotated(way_m, half)
+    there_m[:, 2] = place_m[:, 2] + way_m[:, 2]
+    return there_m, _rotated(velocity_m_s, 2.0 * half)
+
+
+def _rotated(vector: Array, angle: Array) -> Array:
+    x, y, z = vector.T
+    along, across = np.cos(angle), np.sin(angle)
+    return np.stack([along * x - across * y, across * x + along * y, z], axis=1)
+
+
+def _believed(turn_rad_s: Array) -> Array:
+    """Rates of turn (k,) that count."""
+    least, most = TURNS_RAD_S
+    believed: Array = np.where(np.abs(turn_rad_s) < least, 0.0, np.clip(turn_rad_s, -most, most))
+    return believed
+
+
 def _move(state: list[float], dt_s: float) -> None:
-    for axis in range(3):
-        state[axis] += dt_s * state[_VX + axis]
-    for first, power in zip((_SIDE, _UP), AGILITY, strict=True):
+    turn = state[_TURN] * dt_s if abs(state[_TURN]) >= TURNS_RAD_S[0] else 0.0
+    along, across = cos(0.5 * turn), sin(0.5 * turn)
+    x_m_s, y_m_s = state[_VX], state[_VY]
+    half_x, half_y = along * x_m_s - across * y_m_s, across * x_m_s + along * y_m_s
+    state[_X], state[_Y], state[_Z] = (
+        state[_X] + dt_s * half_x,
+        state[_Y] + dt_s * half_y,
+        state[_Z] + dt_s * state[_VZ],
+    )
+    state[_VX], state[_VY] = along * half_x - across * half_y, across * half_x + along * half_y
+    _grow(state, dt_s, CALM)
+
+
+def _doubt(state: list[float], report: TrackReport, off_m: float, dt_s: float) -> None:
+    """Expect more of a track that is off by more than was expected of it."""
+    off = 0.5 * off_m**2 / (state[_SIDE] + report.deviation_m**2)
+    x_m_s, y_m_s, _ = report.velocity_m_s
+    if isfinite(x_m_s) and isfinite(y_m_s):
+        off_m_s = hypot(x_m_s - state[_VX], y_m_s - state[_VY])
+        off = max(off, 0.5 * off_m_s**2 / (state[_SIDE + 2] + report.velocity_deviation_m_s**2))
+    weight, most = SURPRISES
+    state[_SURPRISE] += weight * (min(off, 10.0) - state[_SURPRISE])
+    if state[_SURPRISE] > most:
+        _grow(state, dt_s, (AGILITY[0] - CALM[0], AGILITY[1] - CALM[1]))
+
+
+def _turn(state: list[float], x_m_s: float, y_m_s: float, moves: float, dt_s: float) -> None:
+    """Correct the rate of turn by how a report turned the velocity that was expected.
+
+    A track that is calm and flew straight on goes on so.
+    """
+    speed2 = x_m_s**2 + y_m_s**2
+    straight = state[_TURN] == 0.0 and state[_SURPRISE] <= SURPRISES[1]
+    if straight or speed2 < SLOW_M_S[1] ** 2 or dt_s <= 0.0:
+        state[_TURN], state[_TURN + 1] = 0.0, TURNS[0]
+        return
+    angle = atan2(x_m_s * state[_VY] - y_m_s * state[_VX], x_m_s * state[_VX] + y_m_s * state[_VY])
+    variance = state[_TURN + 1] + TURNS[1] * dt_s
+    of_angle = (moves - state[_SIDE + 2]) / (speed2 * dt_s**2)
+    weight = variance / (variance + of_angle)
+    least, most = TURNS_RAD_S
+    turn = max(-most, min(most, state[_TURN] + weight * angle / dt_s))
+    state[_TURN], state[_TURN + 1] = turn if abs(turn) >= least else 0.0, (1.0 - weight) * variance
+
+
+def _grow(state: list[float], dt_s: float, powers: tuple[float, float]) -> None:
+    for first, power in zip((_SIDE, _UP), powers, strict=True):
         place, both, moves = state[first : first + 3]
         state[first] = place + dt_s * (2.0 * both + dt_s * (moves + power * dt_s / 3.0))
         state[first + 1] = both + dt_s * (moves + power * dt_s / 2.0)

@@ -12,6 +12,7 @@ from gcs.flight.state.flight import FLIES, Flight
 from gcs.flight.state.tak import TakTracks
 from gcs.flight.state.targets import Targets
 from gcs.flight.state.traffic import OtherTraffic
+from gcs.model.lifecycle import AIRBORNE
 from gcs.model.state import Mask
 
 
@@ -47,10 +48,15 @@ def features_of(flight: Flight, targets: Targets, unix_minus_loop_s: Callable[[]
 
 
 def _flown(flight: Flight) -> Mask:
-    """(n,) The vehicles that fly; before a start those that may, and are within the fence's distance."""
-    flies = np.array([vehicle.phase in FLIES for vehicle in flight.vehicles.values()], np.bool_)
-    if flies.any():
-        return flies
+    """(n,) The vehicles that fly; before a start those that may, and are within the fence's distance.
+
+    One under a pilot counts only where no other flies: it may be anywhere.
+    """
+    phases = [vehicle.phase for vehicle in flight.vehicles.values()]
+    for counted in (AIRBORNE, FLIES):
+        flies = np.array([phase in counted for phase in phases], np.bool_)
+        if flies.any():
+            return flies
     place_m, most_m = flight.newest.state.position_m, flight.in_force.control.safety.fence.distance_max_m
     meant = np.array([name not in flight.excluded for name in flight.vehicles], np.bool_)
     return np.asarray(meant & (np.hypot(place_m[:, 0], place_m[:, 1]) <= most_m))

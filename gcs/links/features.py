@@ -173,7 +173,7 @@ class TrafficSettings(Cylinder):
     delay_s: NotNegative = 0.0
     """How late reports of a source without a clock arrive, in s."""
     forgotten_s: Positive = 15.0
-    """A track without a report for so long is forgotten, in s; a vessel after three minutes."""
+    """A track without a report for so long is forgotten, in s; a vessel after 200 s."""
     manned: MannedArea = MannedArea()
     """Where manned aircraft are an emergency; what follows is `failsafes.manned_aircraft`."""
 

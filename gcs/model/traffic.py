@@ -9,6 +9,9 @@ TrackKind: TypeAlias = Literal["manned", "unmanned", "vessel", "ground"]
 
 TRACK_KINDS: Final[tuple[TrackKind, ...]] = ("manned", "unmanned", "vessel", "ground")
 
+VESSEL_S: Final = 200.0
+"""A report of a vessel counts so long: AIS of one at anchor reports every 3 minutes. Its deviation grows."""
+
 
 class Cylinder(Settings):
     """The space around each track that vehicles do not enter."""

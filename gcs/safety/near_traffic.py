@@ -31,8 +31,19 @@ LEAST_S: Final = 0.5
 WIDEST: Final = 3.0
 """A cylinder is widened to at most so many times its radius, and its height alike."""
 
+KEPT: Final = 0.5
+BEGUN_M_S: Final = 1.0
+"""A side that is flown to, so fast, is kept against this share of what is not known of the track."""
+
 FAR_M: Final = 50.0
 """Farther from a corridor no vehicle is too fast to stop before it."""
+
+HEADINGS: Final = np.stack([np.cos(np.arange(16) * np.pi / 8), np.sin(np.arange(16) * np.pi / 8)], axis=1)
+"""Directions of the ways out of several corridors that are compared."""
+
+LACKS: Final = 4.0
+TURNED: Final = 0.2
+"""Weights of what is missing of a cylinder, and of a turn from the desired velocity."""
 
 FENCED_M: Final = 1.0
 """A way out ends so far inside the fence."""
@@ -53,6 +64,7 @@ class NearTraffic:
     # axis: variance of the position, its covariance with the velocity, variance of that
     deviations: float = 3.0  # by so many standard deviations the cylinder is widened
     boxes: tuple[Obstacle, ...] = ()  # other tracks, slow enough to be flown round as obstacles
+    counts_s: tuple[Array, Array] | None = None  # (k,) from when until when each counts; None: always
 
     def __post_init__(self) -> None:
         k = len(self.names)
@@ -100,11 +112,15 @@ def track_constraints(evading: Evading, near_traffic: NearTraffic | None) -> Con
     off_m = place_m[:, None, :2] - near_traffic.position_m[:, :2]
     ahead_m, beside_m = (off_m * along).sum(axis=2), (off_m * aside).sum(axis=2)  # (r, k)
     extra_m = evading.extra_m[rows][:, None]
+    least_m = np.broadcast_to(near_traffic.radius_m + extra_m, beside_m.shape)
     radius_m, half_m = near_traffic.widened_m(np.maximum(ahead_m / speed_m_s, 0.0))
     radius_m, half_m = radius_m + extra_m, half_m + extra_m
     arrives_s, gone_s = (ahead_m - radius_m) / speed_m_s, (ahead_m + radius_m) / speed_m_s
     fastest_m_s = np.maximum(evading.speed_max_m_s[rows][:, None], TINY)
     near = (gone_s > 0.0) & (arrives_s < AHEAD_S + 2.0 * radius_m / fastest_m_s)
+    if near_traffic.counts_s is not None:
+        from_s, until_s = near_traffic.counts_s
+        near &= (gone_s > from_s) & (arrives_s < until_s)
     level_m = np.abs(beside_m) - radius_m
     upright_m, upward = _above_or_below(place_m, near_traffic, half_m, arrives_s, gone_s)
     kept = np.flatnonzero((near & (np.maximum(level_m, upright_m) < FAR_M)).ravel())
@@ -119,11 +135,30 @@ def track_constraints(evading: Evading, near_traffic: NearTraffic | None) -> Con
         aside[track],
         beside_m.ravel()[kept],
         radius_m.ravel()[kept],
-        near_traffic.radius_m[track] + evading.extra_m[row],
+        least_m.ravel()[kept],
         _led_m(evading.desired_m_s[rows, :2] @ aside.T, beside_m, arrives_s, radius_m).ravel()[kept],
         arrives_s.ravel()[kept],
     )
     upright = (upright_m > 0.0) & (upright_m >= level_m)
+    counts = np.zeros(beside_m.shape, np.bool_)
+    counts.ravel()[kept] = ~upright
+    names = np.array(near_traffic.names)
+    several = (counts @ (names[:, None] == np.unique(names)) > 0).sum(axis=1) > 1
+    if several.any():
+        ways = _Ways(
+            evading.position_m[rows, :2][several],
+            evading.desired_m_s[rows, :2][several],
+            fastest_m_s[several, 0],
+            aside,
+            *(
+                each[several]
+                for each in (beside_m, radius_m, least_m, np.maximum(arrives_s - EARLY_S, LEAST_S), counts)
+            ),
+        )
+        sides, most_m_s = ways.chosen(evading.reach_m)
+        both, at = several[which], np.cumsum(several) - 1
+        side = np.where(both, sides[at[which], track], side)
+        needed_m_s = np.where(both, np.minimum(needed_m_s, most_m_s[at[which], track]), needed_m_s)
     normal = np.zeros((len(kept), 3))
     normal[~upright, :2] = (side[:, None] * aside[track])[~upright]
     normal[upright, 2] = -upward[upright]
@@ -131,6 +166,50 @@ def track_constraints(evading: Evading, near_traffic: NearTraffic | None) -> Con
     bound_m_s[upright] = -stopping_speed_m_s(upright_m, each)[upright]
     reasons = np.array([f"traffic {name}" for name in near_traffic.names], dtype=object)
     return Constraints(row, np.full(len(row), NO_ROW), normal, bound_m_s, reasons[track])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Ways:
+    """Vehicles (r,) in several corridors (k,): one velocity of each is to lead out of all of them."""
+
+    position_m: Array  # (r, 2)
+    desired_m_s: Array  # (r, 2)
+    fastest_m_s: Array  # (r,)
+    aside: Array  # (k, 2)
+    beside_m: Array  # (r, k), as the others
+    radius_m: Array
+    least_m: Array
+    left_s: Array
+    counts: Mask
+
+    def chosen(self, reach_m: float) -> tuple[Array, Array]:
+        """(r, k) sides to which the best ways lead, and how fast.
+
+        Best is the least that is missing of the worst cylinder, then of the corridors as wide as they are
+        with what is not known, then what is near the desired velocity.
+        """
+        fastest_m_s = self.fastest_m_s[:, None, None]
+        slower = np.minimum(1.0, fastest_m_s[:, 0] / np.maximum(np.hypot(*self.desired_m_s.T), TINY)[:, None])
+        desired_m_s = (self.desired_m_s * slower)[:, None]
+        ways_m_s = np.concatenate([desired_m_s, fastest_m_s * HEADINGS], axis=1)  # (r, w, 2)
+        aside_m_s = ways_m_s @ self.aside.T  # (r, w, k)
+        then_m = self.beside_m[:, None] + aside_m_s * self.left_s[:, None]
+        outside = (np.abs(self.beside_m) >= self.radius_m)[:, None]
+        side = np.where(outside, np.sign(self.beside_m)[:, None], np.where(then_m >= 0.0, 1.0, -1.0))
+        lacks, less = (
+            np.where(self.counts[:, None], np.maximum(1.0 - side * then_m / kept_m[:, None], 0.0), 0.0)
+            for kept_m in (self.least_m, self.radius_m)
+        )
+        ends_m = (
+            self.position_m[:, None]
+            + ways_m_s * np.where(self.counts, self.left_s, 0.0).max(axis=1)[:, None, None]
+        )
+        fenced = np.hypot(ends_m[..., 0], ends_m[..., 1]) > reach_m - FENCED_M
+        turned = np.hypot(*np.moveaxis(ways_m_s - desired_m_s, 2, 0)) / self.fastest_m_s[:, None]
+        cost = LACKS * lacks.max(axis=2) + less.mean(axis=2) + fenced + TURNED * turned
+        best = cost.argmin(axis=1)
+        of = np.arange(len(best))
+        return side[of, best], (side * aside_m_s)[of, best]
 
 
 def _above_or_below(
@@ -173,17 +252,24 @@ def _way_out(
     known of it: else a sphere is split by tracks that are known badly.
     """
     left_s = np.maximum(arrives_s - EARLY_S, LEAST_S)
-    desired = np.where(np.abs(beside_m) < radius_m, np.where(then_m >= 0.0, 1.0, -1.0), np.sign(beside_m))
+    begun = np.clip((evading.desired_m_s[row, :2] * aside).sum(axis=1) / BEGUN_M_S, -1.0, 1.0)
+    kept_m = KEPT * (radius_m - least_m) * begun
+    desired = np.where(
+        np.abs(beside_m) < radius_m, np.where(then_m + kept_m >= 0.0, 1.0, -1.0), np.sign(beside_m)
+    )
     inside = np.abs(beside_m) < radius_m
     cost_m_s = []
     for side in (desired, -desired):
         way_m = np.maximum(radius_m - side * beside_m, 0.0)
-        there_m = evading.position_m[row, :2] + (side * way_m)[:, None] * aside
+        least_way_m = np.maximum(least_m - side * beside_m, 0.0)
+        there_m = evading.position_m[row, :2] + (side * least_way_m)[:, None] * aside
         fenced = np.hypot(*there_m.T) > evading.reach_m - FENCED_M
         cost_m_s.append((way_m / left_s, (least_m - side * beside_m) / left_s, fenced))
-    (first_m_s, soonest_m_s, first_fenced), (other_m_s, _, other_fenced) = cost_m_s
+    (first_m_s, soonest_m_s, first_fenced), (other_m_s, other_soonest_m_s, other_fenced) = cost_m_s
     most_m_s = evading.speed_max_m_s[row]
-    late = (soonest_m_s > most_m_s) & (other_m_s < first_m_s)
+    spare_m_s = np.abs(kept_m) / left_s
+    better = other_soonest_m_s + 2.0 * spare_m_s < soonest_m_s
+    late = (soonest_m_s > most_m_s) & (better | (other_soonest_m_s + spare_m_s <= most_m_s))
     turned = inside & ((late & ~other_fenced) | (first_fenced & ~other_fenced))
     side = np.where(turned, -desired, desired)
     return side, np.minimum(np.where(turned, other_m_s, first_m_s), most_m_s)

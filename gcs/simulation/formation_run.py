@@ -83,9 +83,7 @@ class FormationRun(SimulatedFlight):
         self._target_m_s = np.array([flight.target.velocity_x_m_s, flight.target.velocity_y_m_s])
         self.tracked = None if flight.tracked is None else MovingTarget(flight.tracked, seed)
         self._traffic = (
-            None
-            if flight.traffic is None
-            else Crossing(flight.traffic, seed, self.settings.safety.limits, radius_m)
+            None if flight.traffic is None else Crossing(flight.traffic, seed, self.settings.safety, radius_m)
         )
         if self._traffic is not None:
             self.record.passages = self._traffic.passages

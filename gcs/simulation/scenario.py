@@ -139,6 +139,10 @@ class CrossingTraffic(Cylinder):
     noise_m_s: Positive = 0.5
     delay_s: NotNegative = 1.0
     velocity: bool = True  # whether it is reported too
+    height: bool = True
+    motions: tuple[Literal["straight", "turn", "circle", "back", "hover"], ...] = ("straight",)  # at random
+    together: Annotated[int, Field(ge=1)] = 1  # more: 2 to so many at once, from all sides
+    silent_share: Share = 0.0  # of the tracks are not reported any more from a place on
 
 
 class ScenarioSpin(Settings):

@@ -396,8 +396,7 @@ class SimulatedFlight:
             takeoff_height_m,
             OperationSettings.model_fields["landing_site_spacing_m"].default,
             self.settings,
-            self.plan,
-            self.time_s,
+            ellipses_of(self.plan, self.settings, self.time_s),
             uncertainty_m[rows],
             (losses.segments_m, uncertainty_m[losses.segments_of]),
         )

@@ -10,6 +10,8 @@ from gcs.bus import keep_bus_open
 from gcs.control import Tick
 from gcs.flight.orchestrator import Orchestrator
 from gcs.flight.state.elsewhere import TickHooks
+from gcs.model.errors import GcsError
+from gcs.model.plan import Formation
 from gcs.recording.sample import RecordedElsewhere
 from gcs.service import CommandRecord, FleetView, ShowAction
 from gcs.service.alarms import AlarmCause, Condition
@@ -37,6 +39,7 @@ class SiteHooks(TickHooks):
     standby: Standby
     commands: SiteCommands
     executor: RequestExecutor
+    plan: SitePlanEditor
 
     def before(self, now_s: float) -> None:
         self.member.receive(now_s)
@@ -55,6 +58,15 @@ class SiteHooks(TickHooks):
 
     def spread(self, record: CommandRecord, action: ShowAction, reason: str) -> CommandRecord:
         return self.commands.spread(record, action, reason)
+
+    def lower(self, formation: Formation) -> str:
+        if self.member.site.lead.leads:
+            return ""
+        try:
+            self.plan.set_formation(formation, ("height_m",))
+        except GcsError as error:
+            return str(error)
+        return ""
 
     def conditions(self) -> Iterable[Condition]:
         for name, why in self.member.lost.items():
@@ -117,7 +129,7 @@ class SiteService:
         executor = RequestExecutor(
             commander, local.preflight, member, routing, holds, standby, self.plan, self.player, shows
         )
-        member.hooks = SiteHooks(member, display, standby, self.commands, executor)
+        member.hooks = SiteHooks(member, display, standby, self.commands, executor, self.plan)
         local.join(member)
 
         self.view, self.frame, self.replaying = local.view, local.frame, None

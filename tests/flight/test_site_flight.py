@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 from gcs.config.schema import Config
+from gcs.flight.state.traffic import OtherTraffic
 from gcs.formation.repulsion import energy
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.model.plan import Orbit
+from gcs.model.plan import Formation, Orbit
+from gcs.model.target_fix import TargetFix
 from gcs.service import Outcome, ShowAction
 from gcs.service.alarms import AlarmCause
 from gcs.simulation.reference_shapes import best
@@ -162,3 +164,25 @@ def test_all_hold_for_each_of_two_stations_that_are_cut_off() -> None:
         assert show.violations == 0
 
     fly_assembled(story, site_config(4, 4), **BUS)
+
+
+def test_manned_aircraft_near_one_station_lowers_all() -> None:
+    """Only one receives it: the lead lowers the formation, or it is said why it does not."""
+    traffic = {"sources": [{"kind": "mavlink", "at": "udp://127.0.0.1:14999"}]}
+    site = site_config(2, 2, formation={"radius_m": 8.0, "height_m": 40.0}, traffic=traffic)
+
+    async def story(show: SiteShow) -> None:
+        south = show["south"].service.local
+        (traffic_there,) = [each for each in south.flight.features if isinstance(each, OtherTraffic)]
+        (north_deg,), (east_deg,), (high_m,) = show.config.frame.geodetic(np.array([[150.0, 0.0, -60.0]]))
+        now_s = south.flight.newest.state.time_s
+        traffic_there.take(0, TargetFix(now_s, north_deg, east_deg, high_m, track="A", kind="manned"))
+        await show.until(lambda: bool(show["south"].view.failsafes), 10.0)
+        await show.wait(3.0)
+        for station in show.stations.values():
+            assert station.view.plan.formation.height_m < 20.0
+        show.network.cut({"north"}, {"south"})
+        await show.wait(2.0)
+        assert "north is not received" in south.flight.elsewhere.hooks.lower(Formation(8.0, 15.0))
+
+    fly_assembled(story, site, **BUS)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from gcs.model.lifecycle import Phase
-from gcs.model.plan import Orbit, Target
+from gcs.model.plan import MAX_OBSTACLES, Obstacle, Orbit, Target
 from gcs.model.state import Array
 from gcs.service import ShowAction
 from gcs.service.alarms import AlarmCause
@@ -141,6 +141,18 @@ def test_all_land_clear_of_a_person(action: ShowAction) -> None:
     nearest_m, phases = fly(story, show_config(4, **PERSON))
     assert phases == {Phase.STANDBY}
     assert nearest_m > 12.0
+
+
+def test_person_counts_beside_as_many_obstacles_as_there_may_be() -> None:
+    async def story(show: VirtualShow) -> None:
+        await show.standby()
+        for number in range(MAX_OBSTACLES):
+            show.service.plan.add_obstacle(Obstacle(f"b{number}", 5.0 * number - 80.0, 90.0, 1.0, 1.0, 3.0))
+        show.service.plan.select_target("boat")
+        await report(show, 2.0, lambda _: FAR_M)
+        assert show.service.commands.places.is_covered(FAR_M)
+
+    fly(story, show_config(4, **PERSON))
 
 
 def test_target_can_be_held_where_the_fence_leaves_no_room() -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from gcs.failsafe.policy import Cause
 from gcs.flight.state.traffic import ALARMS_MAX, OtherTraffic
-from gcs.model.lifecycle import ShowPhase
+from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation
 from gcs.model.target_fix import TargetFix
 from gcs.model.traffic import TRACK_KINDS, TrackKind
@@ -137,6 +137,26 @@ def test_manned_aircraft_brings_a_written_show_home(tmp_path: Path) -> None:
     written_show.fly(story, written_show.config(tmp_path, **TRAFFIC))
 
 
+def test_vehicles_of_a_written_show_evade_a_drone(tmp_path: Path) -> None:
+    async def story(show: VirtualShow) -> None:
+        show_hash = written_show.select(show)
+        await show.standby()
+        show.service.commands.command_show(ShowAction.START, show_hash=show_hash)
+        await show.reach(ShowPhase.RUNNING)
+        closest_m = np.inf
+        for second in range(24):
+            x_m = -180.0 + 12.0 * second
+            report(show, x_m, speed_m_s=12.0, height_m=16.0)
+            for tenth in range(10):
+                await show.wait(0.1)
+                away_m = np.hypot(show.true_m[:, 0] - x_m - 1.2 * tenth, show.true_m[:, 1])
+                closest_m = min(closest_m, float(away_m.min()))
+        assert closest_m > RADIUS_M
+        assert show.floor_violations() == 0
+
+    written_show.fly(story, written_show.config(tmp_path, **TRAFFIC))
+
+
 @pytest.mark.parametrize("action", [ShowAction.ABORT, ShowAction.STOP])
 def test_slow_track_does_not_stop_a_landing(action: ShowAction) -> None:
     """It is at the pads: vehicles land beside them."""
@@ -175,6 +195,36 @@ def test_only_vehicles_that_fly_count_as_the_formation() -> None:
         assert traffic._sphere().radius_m < 50.0
 
     fly(story, FOUR)
+
+
+def test_vehicle_under_a_pilot_is_none_of_the_formation() -> None:
+    async def story(show: VirtualShow) -> None:
+        near_m = traffic_of(show)._sphere().radius_m
+        show.befall(show.config.ids[0], "pilot")
+        await show.phase(show.config.ids[0], Phase.PILOT)
+        away_m = show.service.flight.newest.state.position_m.copy()
+        away_m[0] = 3000.0, 0.0, 0.0
+        show.service.flight.newest.state = replace(show.service.flight.newest.state, position_m=away_m)
+        assert traffic_of(show)._sphere().radius_m < 2.0 * near_m
+
+    fly(story, FOUR, after=running)
+
+
+def test_alarms_do_not_flicker_in_a_flood() -> None:
+    """The nearest tracks are others each second; each alarm stays for 10 s at least."""
+
+    async def story(show: VirtualShow) -> set[str]:
+        named = set()
+        for second in range(9):
+            for number in range(20):
+                x_m = 60.0 + (number + 7 * second) % 20
+                report(show, x_m, speed_m_s=-15.0, name=f"T{second}-{number}")
+            await show.wait(1.0)
+            found = [a for a in show.service.alarms.alarms if a.cause is AlarmCause.TRAFFIC_NEAR]
+            named |= {alarm.text.split()[1] for alarm in found}
+        return named
+
+    assert len(fly(story, FOUR, after=running)) == ALARMS_MAX
 
 
 def test_alarms_of_many_tracks_are_few() -> None:

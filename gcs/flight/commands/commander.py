@@ -22,6 +22,7 @@ from gcs.flight.state.vehicle import Vehicle
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.interrupted_flight import Interruption, Offer
 from gcs.model.lifecycle import Event, Phase, ShowEvent, ShowPhase, advance_show
+from gcs.model.plan import Formation
 from gcs.model.state import Array, VehicleId
 from gcs.service import CommandRecord, Outcome, ShowAction
 
@@ -122,9 +123,13 @@ class Commander(VehicleCommands):
         """Record that the remaining vehicles close a gap; nothing is sent."""
         return self._done("re-form", self._not_ours())
 
-    def note_descended(self) -> CommandRecord:
-        """Record that the formation flies on lower."""
-        return self._done("descend")
+    def note_descended(self, formation: Formation) -> CommandRecord:
+        """Record that the formation flies on lower, or why the station that leads it does not."""
+        why = self.flight.elsewhere.hooks.lower(formation)
+        formed = [vehicle.id for vehicle in self.flight.vehicles.in_phase(Phase.FORMATION)]
+        return (
+            self.flight.book.open("descend", [], dict.fromkeys(formed, why)) if why else self._done("descend")
+        )
 
     def note_target_held(self) -> CommandRecord:
         """Record that the target is held: the vehicles follow a target at rest."""

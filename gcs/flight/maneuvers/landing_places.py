@@ -1,7 +1,7 @@
 """Where vehicles of a flight land: near where they are, at home, or beside a pad that is closed."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from math import sqrt
 
@@ -14,7 +14,7 @@ from gcs.flight.state.newest import InForce, Newest
 from gcs.flight.state.vehicle import FlightVehicles, Vehicle
 from gcs.formation.obstacles import Ellipse
 from gcs.model.lifecycle import AIRBORNE, Phase
-from gcs.model.plan import MAX_OBSTACLES, Obstacle, Plan
+from gcs.model.plan import Obstacle
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.landing_sites import are_covered, distinct_sites_m
 from gcs.planning.return_paths.planner import closed_places, return_places_m
@@ -34,10 +34,7 @@ class LandingPlaces:
     elsewhere: Callable[[], Elsewhere]
 
     def _ellipses(self) -> dict[str, Ellipse]:
-        return ellipses_of(self._plan(), self.in_force.control, self.newest.state.time_s)
-
-    def _plan(self) -> Plan:
-        """The plan, with slow traffic and the space round targets as obstacles: no place lies in these."""
+        """Obstacles, slow traffic and the space round targets: no place lies in these."""
         plan, time_s = self.in_force.plan, self.newest.state.time_s
         floor, worst_m = self.in_force.control.safety.floor, self.newest.traits.uncertainty_m.max(initial=0.0)
         targets = [*self.newest.kept_clear.values(), plan.target]
@@ -47,7 +44,7 @@ class LandingPlaces:
             half_m, height_m = beside_m / sqrt(2.0), max(above_m + target.height_m, 1.0)
             x_m, y_m = target.position_m(time_s)
             boxes.append(Obstacle(f"target {number}", x_m, y_m, half_m, half_m, height_m, time_s=time_s))
-        return replace(plan, obstacles=(*plan.obstacles, *boxes)[:MAX_OBSTACLES]) if boxes else plan
+        return ellipses_of(plan, self.in_force.control, time_s, tuple(boxes))
 
     def sites_m(self, vehicles: Sequence[Vehicle]) -> dict[VehicleId, Array]:
         """(3,) For each vehicle: a landing position clear of obstacles, all pads, and the other positions."""
@@ -91,8 +88,7 @@ class LandingPlaces:
             operation.takeoff_height_m,
             operation.landing_site_spacing_m,
             self.in_force.control,
-            self._plan(),
-            self.newest.state.time_s,
+            self._ellipses(),
             own_m,
             self.closed(),
         )
@@ -110,7 +106,7 @@ class LandingPlaces:
     @property
     def are_obstructed(self) -> bool:
         """Whether an obstacle, traffic, or a target that is kept clear of could be where vehicles land."""
-        return bool(self._plan().obstacles)
+        return bool(self._ellipses())
 
     def is_covered(self, place_m: Array) -> bool:
         """Whether an obstacle keeps a vehicle from landing at a place (3,)."""

@@ -20,6 +20,7 @@ from gcs.flight.state.show_state import ShowState
 from gcs.flight.state.ticker import TickClock
 from gcs.flight.state.vehicle import FlightVehicles, Vehicle
 from gcs.model.lifecycle import AIRBORNE, ON_THE_GROUND, Phase, ShowPhase
+from gcs.model.plan import Formation
 from gcs.service import ActiveFailsafe, CommandRecord, ShowAction, VehicleAction
 
 log = logging.getLogger(__name__)
@@ -169,8 +170,7 @@ class FailsafeMonitor:
         if request.action is Action.RE_FORM:
             return self.commander.note_re_formed()
         if request.action is Action.DESCEND:
-            self._descend()
-            return self.commander.note_descended()
+            return self.commander.note_descended(self._descend())
         if request.action is Action.HOLD_TARGET:
             self.show_player.hold_target()
             return self.commander.note_target_held()
@@ -178,15 +178,15 @@ class FailsafeMonitor:
             SHOW_COMMAND[request.action], f"{request.cause}: {request.reason}"
         )
 
-    def _descend(self) -> None:
+    def _descend(self) -> Formation:
         """Have the formation fly on lower, as low as its sphere fits above the fence's least height."""
         plan, safety = self.in_force.plan, self.in_force.control.safety
         least_m = safety.fence.height_min_m + plan.formation.radius_m + safety.floor.margin_m
         height_m = max(self.settings.manned_aircraft.to_height_m, least_m)
         self._descended = True
-        if height_m < plan.formation.height_m:
-            lower = replace(plan.formation, height_m=height_m)
-            self.in_force.plan = replace(plan, formation=lower)
+        lower = replace(plan.formation, height_m=min(height_m, plan.formation.height_m))
+        self.in_force.plan = replace(plan, formation=lower)
+        return lower
 
     def _act(self, request: FailsafeRequest) -> FailsafeRequest | None:
         """Command the vehicles of a request; a climbing vehicle is not stopped, but may be landed."""

@@ -16,6 +16,7 @@ from gcs.control.inputs import FormationState
 from gcs.control.others import Others
 from gcs.flight.state.running_show import ShowFleet
 from gcs.links.intake import Intake
+from gcs.model.plan import Formation
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.return_paths.paths import ReturnPaths
 from gcs.preflight.vehicles import Placed
@@ -169,6 +170,10 @@ class TickHooks:
     def spread(self, record: CommandRecord, action: ShowAction, reason: str) -> CommandRecord:  # noqa: ARG002
         """Have the other flights execute a failsafe of this one as well. Returns: the record with theirs."""
         return record
+
+    def lower(self, formation: Formation) -> str:  # noqa: ARG002
+        """Have the leading flight lower the formation as well. Returns: why it does not; empty: it does."""
+        return ""
 
     def conditions(self) -> Iterable[Condition]:
         """What operators must know about the other flights."""

@@ -47,6 +47,12 @@ PRESSURE_M: Final = 1000.0
 ALARMS_MAX: Final = 8
 """Tracks with an alarm of their own, manned aircraft first, then the soonest."""
 
+ALARMED_S: Final = 10.0
+"""An alarm gives way to that of a sooner track of its kind after so long: a flood has none flicker."""
+
+RECEIVED_S: Final = 10.0
+"""Of a track that was not reported for so long operators know since when."""
+
 
 @dataclass(eq=False)
 class _Source:
@@ -111,6 +117,7 @@ class OtherTraffic(Feature):
         self._sources = [_Source(intake_of("traffic", each, own), each.kind == "mavlink") for each in sources]
         self._table = TrackTable(1.0 if settings is None else settings.forgotten_s)
         self._seen: _Around | None = None
+        self._alarmed: dict[str, float] = {}  # tracks with an alarm, and since when
         self.intakes = [source.intake for source in self._sources]
 
     async def receive(self) -> None:
@@ -225,6 +232,8 @@ class OtherTraffic(Feature):
         height = "height not known" if not isfinite(z_m) else f"{-z_m:.0f} m high"
         then_m = max(near.apart_m[row] + settings.radius_m, 0.0)
         soon = f", in {near.after_s[row]:.0f} s {then_m:.0f} m" if near.after_s[row] > 0.5 else ""
+        age_s = seen.traffic.age_s[row]
+        height += f", last reported {age_s:.0f} s ago" if age_s >= RECEIVED_S else ""
         name = f"{seen.traffic.ids[row]} ({seen.traffic.kinds[row]})"
         return f"{name} {max(now_m, 0.0):.0f} m away{soon}, {height}"
 
@@ -261,12 +270,23 @@ class OtherTraffic(Feature):
         rows = () if at.show in ON_THE_GROUND else self._rows_near()
         if crowded := "; ".join(self._crowded(at.time_s, self._seen, len(rows))):
             yield Condition(AlarmCause.TRAFFIC_CROWDED, crowded)
-        for row in rows[:ALARMS_MAX]:
+        for row in self._with_alarms(rows, at.time_s, self._seen):
             name, words = self._seen.traffic.ids[row], self._words(row)
             if row in self._seen.manned:
                 yield Condition(AlarmCause.TRAFFIC_MANNED, words, about=name, consequence=self._follows)
             else:
                 yield Condition(AlarmCause.TRAFFIC_NEAR, words, about=name)
+
+    def _with_alarms(self, rows: tuple[int, ...], now_s: float, seen: _Around) -> list[int]:
+        """Rows of the tracks with an alarm, of all that come near."""
+        ids = seen.traffic.ids
+
+        def gives_way(row: int) -> tuple[bool, bool]:
+            return row not in seen.manned, now_s - self._alarmed.get(ids[row], -inf) > ALARMED_S
+
+        chosen = sorted(rows, key=gives_way)[:ALARMS_MAX]
+        self._alarmed = {ids[row]: self._alarmed.get(ids[row], now_s) for row in chosen}
+        return chosen
 
     def _crowded(self, now_s: float, seen: _Around, near: int) -> Iterator[str]:
         """What there is more of than counts, in words."""

@@ -327,8 +327,8 @@ def aircraft(record: np.void, now_s: float) -> TargetFix:
     )
 
 
-def vessel(record: np.void, now_s: float) -> TargetFix:
-    """A report of AIS_VESSEL. Raises: LinkError with why it is none."""
+def vessel(record: np.void, now_s: float, old_s: float = OLD_S) -> TargetFix:
+    """A report of AIS_VESSEL, at most `old_s` old. Raises: LinkError with why it is none."""
     has, flags = common, int(record["flags"])
     moves = has.AIS_FLAGS_VALID_COG | has.AIS_FLAGS_VALID_VELOCITY
     is_moving = flags & (moves | has.AIS_FLAGS_HIGH_VELOCITY) == moves  # else faster than AIS can say
@@ -339,6 +339,7 @@ def vessel(record: np.void, now_s: float) -> TargetFix:
         "vessel",
         velocity=_along(int(record["COG"]) if is_moving else _COURSES, int(record["velocity"]), None),
         deviation_m=AIS_DEVIATION_M[bool(flags & has.AIS_FLAGS_POSITION_ACCURACY)],
+        old_s=old_s,
     )
 
 
@@ -352,12 +353,13 @@ def _received(
     altitude_m: float = nan,
     pressure_altitude_m: float = nan,
     deviation_m: float = nan,
+    old_s: float = OLD_S,
 ) -> TargetFix:
     """A report of what a system has received some seconds ago."""
     age_s = int(record["tslc"])
     latitude_deg, longitude_deg = place(int(record["lat"]), int(record["lon"]))
-    if age_s > OLD_S:
-        raise LinkError(f"{track} was received {age_s} s ago (tslc); at most {OLD_S} s count")
+    if age_s > old_s:
+        raise LinkError(f"{track} was received {age_s} s ago (tslc); at most {old_s:g} s count")
     return TargetFix(
         now_s,
         latitude_deg,

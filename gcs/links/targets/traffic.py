@@ -17,7 +17,7 @@ from gcs.mavlink import codec
 from gcs.mavlink.framing import GLOBAL_POSITION_INT, HEARTBEAT, Frame
 from gcs.model.errors import LinkError
 from gcs.model.target_fix import TargetFix
-from gcs.model.traffic import TrackKind
+from gcs.model.traffic import VESSEL_S, TrackKind
 
 QUIET_S: Final = 5.0
 """A receiver of traffic sends heartbeats: without a frame for so long traffic is not known."""
@@ -68,7 +68,7 @@ class TrafficReports:
             case message if message == ADSB_VEHICLE:
                 return aircraft(record_of(frame), now_s)
             case message if message == AIS_VESSEL:
-                return vessel(record_of(frame), now_s)
+                return vessel(record_of(frame), now_s, VESSEL_S)
             case message if frame.system_id in self._own:
                 return None
             case message if message == HEARTBEAT:

@@ -1,6 +1,6 @@
 """Plans paths for all vehicles in rounds: a vehicle without a path is planned earlier in the next round."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 
 import numpy as np
@@ -320,7 +320,7 @@ def return_planner(
         limits=control.safety.limits,
         floor=control.safety.floor,
         reserve_m=control.safety.floor.worst_reserve_m(uncertainty_m),
-        are_free=_are_free(control, plan, time_s),
+        are_free=_are_free(control, ellipses_of(plan, control, time_s)),
         closed=None if lost is None else _closed(control.safety.floor, uncertainty_m, *lost),
         ways=_round_boxes(control, plan, time_s),
     )
@@ -347,8 +347,7 @@ def return_places_m(
     over_m: float,
     spacing_m: float,
     control: ControlSettings,
-    plan: Plan,
-    time_s: float,
+    ellipses: Mapping[str, Ellipse],
     uncertainty_m: Array,
     lost: tuple[Array, Array],
 ) -> Array:
@@ -362,19 +361,17 @@ def return_places_m(
         over_m: height from which they come down.
         spacing_m: between any two landing places.
         control: fence and minimum separation.
-        plan: places are clear of its obstacles at `time_s`.
-        time_s: time of the planning.
+        ellipses: obstacles that places are clear of.
         uncertainty_m: (n,) standard deviations of their positions, sideways.
         lost: as of `return_planner`.
 
     Returns: (n, 3) show frame; where no place is open, home.
     """
     floor = control.safety.floor
-    ellipses = ellipses_of(plan, control, time_s)
     closed = closed_places(home_m, over_m, floor, uncertainty_m, lost) | are_covered(home_m, ellipses)
     if not closed.any():
         return np.array(home_m)
-    space, are_free = _closed(floor, uncertainty_m, *lost), _are_free(control, plan, time_s)
+    space, are_free = _closed(floor, uncertainty_m, *lost), _are_free(control, ellipses)
 
     def are_open(place_m: Array) -> Mask:
         above_m = place_m - (0.0, 0.0, over_m)
@@ -413,16 +410,16 @@ def _closed(floor: Floor, uncertainty_m: Array, segments_m: Array, lost_m: Array
     return Closed(segments_m * floor.scale, kept_m, floor.scale)
 
 
-def _are_free(control: ControlSettings, plan: Plan, time_s: float) -> AreFree:
-    """Return a function for which positions are inside the fence and clear of obstacles, after `time_s`."""
-    fence, ellipses = control.safety.fence, tuple(ellipses_of(plan, control, time_s).values())
+def _are_free(control: ControlSettings, ellipses: Mapping[str, Ellipse]) -> AreFree:
+    """Return a function for which positions are inside the fence and clear of obstacles that move on."""
+    fence, around = control.safety.fence, tuple(ellipses.values())
 
     def are_free(place_m: Array, after_s: Array) -> Mask:
         height_m = -place_m[:, 2]
         free = np.hypot(place_m[:, 0], place_m[:, 1]) <= fence.distance_max_m - INSIDE_FENCE_M
         free &= height_m <= fence.height_max_m - INSIDE_FENCE_M
         free &= keep_off(fence.areas, place_m, OFF_AREAS_M)
-        for ellipse in ellipses:
+        for ellipse in around:
             low = np.flatnonzero(height_m < ellipse.top_height_m)
             moved_m = np.minimum(after_s[low], AHEAD_S)[:, None] * ellipse.velocity_m_s
             free[low] &= ellipse.distance_m(place_m[low, :2] - moved_m) >= CLEAR_M

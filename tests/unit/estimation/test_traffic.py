@@ -5,7 +5,8 @@ from math import isnan, nan
 import numpy as np
 import pytest
 
-from gcs.estimation.traffic import AGAIN, SURFACE_M, TRACKS_KEPT, TrackReport, TrackTable
+from gcs.estimation.traffic import AGAIN, SURFACE_M, TRACKS_KEPT, TrackReport, TrackTable, turned
+from gcs.model.traffic import VESSEL_S
 
 NORTH_M_S = 20.0
 
@@ -95,8 +96,21 @@ def test_vessel_is_known_between_its_reports() -> None:
     assert unsure > 100.0 * sure
     table.forget(170.0)
     assert table.at(170.0).position_m[0, :2] == pytest.approx([680.0, 50.0], abs=1.0)
-    table.forget(181.0)
+    table.forget(195.0)  # the next report of one at anchor, which comes every 180 s, may be a little late
+    assert len(table) == 1
+    table.forget(VESSEL_S + 1.0)
     assert len(table) == 0
+
+
+def test_repeated_reports_of_a_vessel_at_anchor_are_one() -> None:
+    """A receiver repeats the last one each second, with its age in whole seconds."""
+    table = TrackTable(15.0)
+    for second in range(180):
+        table.take(TrackReport("A", "vessel", float(second), 0.99 * (second % 2), (0.0, 50.0, nan)))
+    assert table.accepted == 1
+    assert np.sqrt(table.at(179.0).spread[0, 0, 0]) > 500.0, "it is not known better for that"
+    table.take(TrackReport("A", "vessel", 183.0, 180.0, (0.0, 50.0, nan)))
+    assert table.accepted == 2
 
 
 def test_late_and_repeated_reports_change_nothing() -> None:
@@ -149,3 +163,52 @@ def test_slow_tracks_stay_slow_until_they_are_fast() -> None:
         )
         seen.append(bool(table.at(float(second)).slow[0]))
     assert [seen[second] for second in (4, 9, 17, 22)] == [True, True, False, False]
+
+
+def circling(until_s: int, turn_rad_s: float = 0.25, speed_m_s: float = NORTH_M_S) -> TrackTable:
+    """One that flies north for 5 s, and turns to the right then."""
+    table, radius_m = TrackTable(15.0), speed_m_s / turn_rad_s
+    for second in range(until_s + 1):
+        angle = turn_rad_s * max(second - 5, 0)
+        straight_m = speed_m_s * min(second, 5)
+        place_m = (straight_m + radius_m * np.sin(angle), radius_m * (1.0 - np.cos(angle)), -50.0)
+        moves_m_s = (speed_m_s * np.cos(angle), speed_m_s * np.sin(angle), 0.0)
+        table.take(TrackReport("A", "manned", second, second, place_m, moves_m_s, 3.0, 3.0, 0.5))
+    return table
+
+
+def test_turn_is_known_from_two_reports_of_it() -> None:
+    assert circling(5).at(5.0).turn_rad_s[0] == 0.0
+    traffic = circling(7).at(8.0)
+    assert traffic.turn_rad_s[0] == pytest.approx(0.25, abs=0.05)
+    angle = 0.25 * 6.0
+    foreseen_m, _ = turned(traffic.position_m, traffic.velocity_m_s, traffic.turn_rad_s, np.array([3.0]))
+    there_m = [100.0 + 80.0 * np.sin(angle), 80.0 * (1.0 - np.cos(angle)), -50.0]
+    assert foreseen_m[0] == pytest.approx(there_m, abs=12.0)
+
+
+def test_noise_is_no_turn() -> None:
+    random, turns = np.random.default_rng(1), 0
+    for _ in range(50):
+        table = TrackTable(15.0)
+        for second in range(20):
+            place_m = np.array([NORTH_M_S * second, 5.0, -50.0]) + random.normal(0.0, 3.0, 3)
+            moves_m_s = np.array([NORTH_M_S, 0.0, 0.0]) + random.normal(0.0, 0.5, 3)
+            table.take(TrackReport("A", "manned", second, second, (*place_m,), (*moves_m_s,), 3.0, 3.0, 0.5))
+        turns += bool(table.at(19.0).turn_rad_s[0])
+    assert turns <= 2
+
+
+@pytest.mark.parametrize(
+    ("x_m", "north_m_s", "until_s"),
+    [(-200.0, 10.0, 50.0), (-900.0, 10.0, 60.0), (-200.0, -10.0, 15.0), (-200.0, 1.0, 15.0)],
+    ids=["comes", "is far away", "goes", "hardly moves"],
+)
+def test_track_that_comes_and_falls_silent_is_kept(x_m: float, north_m_s: float, until_s: float) -> None:
+    table = TrackTable(15.0)
+    moves_m_s = (north_m_s, 0.0, 0.0)
+    table.take(TrackReport("A", "manned", 0.0, 0.0, (x_m, 5.0, -50.0), moves_m_s, 3.0, 3.0, 0.1))
+    table.forget(until_s - 1.0)
+    assert len(table) == 1
+    table.forget(until_s + 2.0)
+    assert len(table) == 0

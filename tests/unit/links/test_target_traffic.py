@@ -43,7 +43,14 @@ def test_own_vehicles_are_no_traffic() -> None:
     assert len(taken(packed(aircraft(), system_id=7))) == 1, "what their receiver reports is"
 
 
-@pytest.mark.parametrize("message", [aircraft(flags=0), aircraft(age_s=61), position(latitude=2**31 - 1)])
+def test_vessel_at_anchor_is_believed_between_its_reports() -> None:
+    (fix,) = taken(packed(vessel(age_s=185)))
+    assert (fix.kind, fix.source_s) == ("vessel", -184.0)
+
+
+@pytest.mark.parametrize(
+    "message", [aircraft(flags=0), aircraft(age_s=61), vessel(age_s=201), position(latitude=2**31 - 1)]
+)
 def test_report_without_a_place_is_named(message: object) -> None:
     reports = TrafficReports("udp://0.0.0.0:14560", OWN, 0.0)
     assert reports.take(packed(message, system_id=9), 1.0) == []

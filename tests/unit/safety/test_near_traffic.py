@@ -1,5 +1,7 @@
 """Vehicles leave the corridor of fast traffic in time, and enter none."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -106,3 +108,23 @@ def test_cylinder_is_widened_by_what_is_not_known() -> None:
     radius_m, half_m = unsure.widened_m(np.array([[0.0], [5.0], [1000.0]]))
     assert radius_m[:, 0] == pytest.approx([36.0, 30.0 + 3.0 * np.sqrt(29.0), WIDEST * 30.0])
     assert half_m[:, 0] == pytest.approx(15.0)
+
+
+def test_side_that_was_begun_is_kept() -> None:
+    """While where it will pass is a guess of 30 m, that it is 8 m to the other side changes nothing."""
+    known = near_traffic(-140.0, 0.0, -40.0)
+    spread = np.zeros((1, 2, 3))
+    spread[0, 0, 0] = 100.0
+    badly = replace(known, spread=spread)
+    begun = np.array([[0.0, -2.0, 0.0]])
+    sides = [
+        track_constraints(evading((0.0, 8.0, -40.0), desired_m_s=begun), each).normal[0, 1]
+        for each in (known, badly)
+    ]
+    assert sides == [1.0, -1.0]
+
+
+def test_way_counts_while_its_track_is_there() -> None:
+    for from_s, until_s, rows in ((0.0, 4.0, 0), (4.0, 6.0, 1), (9.0, 10.0, 0)):
+        window = replace(AHEAD, counts_s=(np.array([from_s]), np.array([until_s])))
+        assert len(track_constraints(evading((0.0, 10.0, -40.0)), window)) == rows
