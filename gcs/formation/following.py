@@ -28,8 +28,11 @@ ANSWER_PER_S, ANSWER_LEAST_PER_S = 4.0, 1.0
 DAMPED: Final = 4.0
 """A small distance decays with the rate of the answer divided by this: the two together do not swing."""
 
-KNOWN_M_S: Final = 0.5
+KNOWN_M_S: Final = 0.3
 """A velocity with a smaller standard deviation than this is known well."""
+
+DOUBTFUL_S, HASTE = 2.5, 2.0
+"""A distance that an error of the velocity makes in so long is closed twice as fast as a small one."""
 
 BRAKING_SHARE: Final = 0.9
 """Share of the acceleration with which the distance is closed; the rest corrects."""
@@ -67,7 +70,8 @@ def answer_per_s(deviation_m_s: float) -> float:
 def closing_velocity(off_m: Array, acceleration_m_s2: float, deviation_m_s: float) -> Array:
     """(2,) velocity relative to the target that closes the distance (2,) to it, and can still be braked."""
     away_m, braking_m_s2 = hypot(off_m[0], off_m[1]), BRAKING_SHARE * acceleration_m_s2
-    closing_per_s = answer_per_s(deviation_m_s) / DAMPED
+    answer, certainty = answer_per_s(deviation_m_s), away_m / (DOUBTFUL_S * max(deviation_m_s, KNOWN_M_S))
+    closing_per_s = min(answer * min(1.0 + certainty**2, HASTE), ANSWER_PER_S) / DAMPED
     near_m = braking_m_s2 / closing_per_s**2
     if away_m <= near_m:
         return closing_per_s * off_m

@@ -135,7 +135,7 @@ class Target(_Moving):
     followed: bool = False  # as fast as the vehicles can; False: within the limits of the law, or of the show
     acceleration_x_m_s2: float = 0.0  # now; it moves on without
     acceleration_y_m_s2: float = 0.0
-    deviation_m_s: float = 0.0  # standard deviation of its velocity along an axis
+    deviation_m_s: float = 0.0  # of its velocity along an axis, by its newest report
     deviation_m: float = 0.0  # of its position along an axis
     height_m: float = 0.0  # above the show's origin; the formation flies above that
     climb_m_s: float = 0.0

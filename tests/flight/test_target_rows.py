@@ -12,22 +12,19 @@ CENTER_MOVES_MAX_M, NOTICED_WITHIN_S = 3.0, 2.0
 SWITCHED_WITHIN_S, JUMP_MAX_M = 0.5, 0.3
 
 
-@pytest.mark.keeps("hairpin")
+UNFORESEEN = {"hairpin", "corners", "walker"}
+"""What these do in 10 s without reports is not known: a formation at its limits needs longer to get there."""
+
+
+@pytest.mark.keeps("hairpin", "straight")
 @pytest.mark.parametrize("name", MOVING)
 def test_centre_is_back_after_drop_outs(name: str) -> None:
-    """Of 1 and 3 s within 5 s; after 10 s, of which it holds for half, it has to catch up first."""
+    """Of 1, 3 and 10 s, within 5 s."""
     flown = drop_outs(name)
     assert max(flown.back_s[:2]) <= BACK_WITHIN_S
-    assert flown.back_s[2] <= CAUGHT_UP_WITHIN_S
+    assert flown.back_s[2] <= (CAUGHT_UP_WITHIN_S if name in UNFORESEEN else BACK_WITHIN_S)
     assert flown.step <= CENTER_STEPS_MAX
     assert flown.violations == 0
-
-
-@pytest.mark.soak
-@pytest.mark.parametrize("name", ["straight", "roundabout"])
-def test_target_that_goes_on_is_not_lost_in_ten_seconds(name: str) -> None:
-    """Where it may be followed without reports for so long."""
-    assert max(drop_outs(name, coast_s=12.0).back_s) <= BACK_WITHIN_S
 
 
 @pytest.mark.keeps("freezes")

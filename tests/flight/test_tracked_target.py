@@ -31,7 +31,13 @@ from tests.support.show_phases import running
 
 TARGETS: Final[dict[str, Any]] = {
     "targets": [
-        {"name": "boat", "sources": [{"kind": "rest"}], "deviation_m": 0.5, "coast_s": 3.0},
+        {
+            "name": "boat",
+            "sources": [{"kind": "rest"}],
+            "deviation_m": 0.5,
+            "coast_s": 3.0,
+            "coast_steady_s": 3.0,
+        },
         {"name": "dinghy", "sources": [{"kind": "nmea", "at": "udp://127.0.0.1:10110"}]},
     ]
 }

@@ -23,6 +23,7 @@ from gcs.simulation.tracked_target import ORIGIN, MovingTarget
 COUNT: Final = 8
 SCENARIO: Final = Path(__file__).parents[2] / "configs" / "scenarios" / "track-straight.yaml"
 TICK_S: Final = 0.05
+COAST_S: Final = 5.0
 FAULT_S: Final = 25.0
 """After so long the formation follows, and what fails begins to."""
 
@@ -133,12 +134,12 @@ class Seen(NamedTuple):
 class FailingTarget(MovingTarget):
     """A target that several receivers report, which fail."""
 
-    def __init__(self, moving: Moving, senders: Sequence[Sender], seed: int, coast_s: float) -> None:
+    def __init__(self, moving: Moving, senders: Sequence[Sender], seed: int) -> None:
         self._motion = motion(moving.motion, seed=seed, speed_m_s=moving.speed_m_s)
         self._due = [_sent(self._motion, sender) for sender in senders]
         self._waiting = [next(each) for each in self._due]
         self._settings = TrackedTarget(motion=moving.motion)
-        self._estimate = TargetEstimate([Tracker(1.0, coast_s, SourceClock(0.0)) for _ in senders])
+        self._estimate = TargetEstimate([Tracker(1.0, COAST_S, SourceClock(0.0)) for _ in senders])
         self.seen_so_far: list[Seen] = []
 
     def take(self, now_s: float) -> None:
@@ -175,14 +176,12 @@ class FollowedFlight:
         return np.asarray(np.hypot(*np.diff(self.center_m, axis=0).T))
 
 
-def follow(
-    moving: Moving, senders: Sequence[Sender], seconds: float, seed: int = 0, coast_s: float = 5.0
-) -> FollowedFlight:
+def follow(moving: Moving, senders: Sequence[Sender], seconds: float, seed: int = 0) -> FollowedFlight:
     """Follow the target for so long; its receivers fail from `FAULT_S` on."""
     scenario = load(SCENARIO).model_copy(update={"duration_s": seconds}).in_world_of(seed)
     assert isinstance(scenario.flight, FormationFlight)
     run = FormationRun(scenario, scenario.flight, COUNT, seed)
-    run.tracked = target = FailingTarget(moving, senders, seed, coast_s)
+    run.tracked = target = FailingTarget(moving, senders, seed)
     record = run.fly()
     truth_m = np.array(record.target_m)
     off_m = np.hypot(*(np.array(record.position_m)[:, :, :2].mean(axis=1) - truth_m).T)
@@ -216,11 +215,11 @@ DROP_OUTS_S: Final = ((25.0, 26.0), (41.0, 44.0), (59.0, 69.0))
 LASTS_S: Final = 95.0
 
 
-def drop_outs(name: str, seed: int = 0, coast_s: float = 5.0) -> DroppedOut:
+def drop_outs(name: str, seed: int = 0) -> DroppedOut:
     """Fly over a target with drop-outs."""
     moving = MOVING[name]
     sender = Sender(moving.errors, silent(*DROP_OUTS_S), seed)
-    flown = follow(moving, [sender], LASTS_S, seed, coast_s)
+    flown = follow(moving, [sender], LASTS_S, seed)
     near, stays = flown.off_m <= moving.p95_m, round(1.0 / TICK_S)
     back_s = []
     for _, ends_s in DROP_OUTS_S:

@@ -9,7 +9,7 @@ switching coefficients"; the turn with its derivatives as in Bar-Shalom, Li and 
 Compared with a single model in docs/decisions/targets.md.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -39,6 +39,10 @@ STRAIGHT_RAD: Final = 1e-4
 """A smaller turn in one step counts as none."""
 
 
+SETTLES_S: Final = 1.1
+"""An error of its place is taken for a velocity over so long."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class TargetBelief:
     """What is believed of one target at a time. Owns its arrays."""
@@ -47,6 +51,25 @@ class TargetBelief:
     mean: Array  # (3, 5) of each model
     covariance: Array  # (3, 5, 5)
     weight: Array  # (3,) of the models, together 1
+    alike_s: float  # since when it has moved steadily, or in a turn to one side, as it does now
+
+    @property
+    def lasted_s(self) -> float:
+        """For how long it has moved as it does now; 0 or little: briskly."""
+        return self.time_s - self.alike_s
+
+    @property
+    def deviation_m_s(self) -> float:
+        """Standard deviation of the velocity along an axis, at its time; an error of the place counts too."""
+        variance = np.diagonal(_together(self.mean, self.covariance, self.weight)[1])
+        place_m, moves_m_s = float(np.sqrt(variance[:2].mean())), float(np.sqrt(variance[2:4].mean()))
+        return max(moves_m_s, place_m / SETTLES_S)
+
+    @property
+    def way(self) -> tuple[int, bool]:
+        """The model that fits best, and to which side it turns."""
+        best = int(self.weight.argmax())
+        return best, best == TURN and self.mean[TURN, 4] > 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,6 +80,7 @@ class TargetMotion:
     velocity_m_s: Array  # (2,)
     acceleration_m_s2: Array  # (2,) of the turn
     covariance: Array  # (4, 4) of position and velocity
+    belief: TargetBelief  # from which this is foreseen
     height: HeightBelief | None = None  # None: it is not reported, or does not count
 
     def target(self, time_s: float, clearance_m: float = 0.0) -> Target:
@@ -75,7 +99,7 @@ class TargetMotion:
             followed=True,
             acceleration_x_m_s2=x_m_s2,
             acceleration_y_m_s2=y_m_s2,
-            deviation_m_s=self.velocity_deviation_m_s,
+            deviation_m_s=self.belief.deviation_m_s,
             deviation_m=self.deviation_m,
             height_m=self.height.height_m if self.height else 0.0,
             climb_m_s=self.height.climb_m_s if self.height else 0.0,
@@ -108,14 +132,14 @@ def begun(time_s: float, reported: Array, variance: Array) -> TargetBelief:
     for model in range(MODELS):
         mean[model, : len(reported)] = reported
         covariance[model] = np.diag(diagonal)
-    return TargetBelief(time_s, mean, covariance, np.array([0.5, 0.3, 0.2]))
+    return TargetBelief(time_s, mean, covariance, np.array([0.5, 0.3, 0.2]), time_s)
 
 
 def foreseen(belief: TargetBelief, time_s: float) -> TargetMotion:
     """How the target moves at `time_s`; earlier than the belief counts as its time."""
     mean, covariance = _moved(belief.mean, belief.covariance, max(time_s - belief.time_s, 0.0))
     together, spread, acceleration_m_s2 = _together(mean, covariance, belief.weight)
-    return TargetMotion(together[:2], together[2:4], acceleration_m_s2, spread[:4, :4])
+    return TargetMotion(together[:2], together[2:4], acceleration_m_s2, spread[:4, :4], belief)
 
 
 def off_deviations(motion: TargetMotion, position_m: Array, variance_m2: float) -> float:
@@ -136,7 +160,9 @@ def corrected(belief: TargetBelief, time_s: float, reported: Array, variance: Ar
         np.array(reported, dtype=np.float64),
         np.array(variance, dtype=np.float64),
     )
-    return TargetBelief(max(time_s, belief.time_s), mean, covariance, weight)
+    after = TargetBelief(max(time_s, belief.time_s), mean, covariance, weight, belief.alike_s)
+    goes_on = after.way == belief.way and after.way[0] != BRISK
+    return after if goes_on else replace(after, alike_s=belief.time_s)
 
 
 def warm_up() -> None:

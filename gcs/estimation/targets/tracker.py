@@ -57,6 +57,9 @@ SILENT_S, SILENT_PERIODS = 0.5, 2.5
 FRESH_S, FRESH_PERIODS = 0.3, 1.6
 """A source gives way to another one when its next report is later than this, and the other's is not."""
 
+STEADY_S: Final = 12.0
+"""Without reports a target that has moved alike is followed for as long again, and so long at most."""
+
 LEAST: Final = 1e-3
 """A smaller standard deviation counts as this, in m and m/s: no receiver is better."""
 
@@ -74,7 +77,7 @@ class TrackState(StrEnum):
     COASTING = "coasting"
     """None are, for a short time; the estimate moves on as it did."""
     LOST = "lost"
-    """None are, for longer than `coast_s`."""
+    """None are, for longer than the estimate is followed without them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,8 +107,10 @@ class Tracker:
 
     Attributes:
         deviation_m: of a report along each axis, where its source does not say.
-        coast_s: how long the estimate is believed without reports.
+        coast_s: how long the estimate is believed without reports, at least.
         clock: of the source.
+        steady_s: of a target that has moved alike for longer: as long again, and so long at most; not while
+            its source sends what is not believed.
         belief: None: nothing was received.
         height: None: no height was received.
         newest_s: when the newest believed report was true, loop clock.
@@ -117,6 +122,7 @@ class Tracker:
     deviation_m: float
     coast_s: float
     clock: SourceClock
+    steady_s: float = STEADY_S
     belief: TargetBelief | None = None
     height: HeightBelief | None = None
     newest_s: float = -inf
@@ -174,7 +180,9 @@ class Tracker:
         silent_s = now_s - self.newest_s
         if silent_s - self._late_s <= self._silent_s and not self.why:
             return TrackState.TRACKED
-        return TrackState.COASTING if silent_s - self._late_s <= self.coast_s else TrackState.LOST
+        goes_on_s = 0.0 if self.why else min(self.belief.lasted_s, self.steady_s)
+        coasts = silent_s - self._late_s <= max(self.coast_s, goes_on_s)
+        return TrackState.COASTING if coasts else TrackState.LOST
 
     def is_fresh(self, now_s: float) -> bool:
         """Whether it is tracked, and the next report is not late."""

@@ -45,8 +45,9 @@ class ConfiguredTarget:
 
     @staticmethod
     def of(settings: TargetSettings, own: OwnTracks) -> "ConfiguredTarget":
+        steady_s = 0.0 if settings.clearance_m else settings.coast_steady_s
         trackers = [
-            Tracker(settings.deviation_m, settings.coast_s, SourceClock(settings.delay_s))
+            Tracker(settings.deviation_m, settings.coast_s, SourceClock(settings.delay_s), steady_s)
             for _ in settings.sources
         ]
         intakes = [intake_of(f"target {settings.name}", source, own) for source in settings.sources]

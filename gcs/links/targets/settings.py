@@ -114,6 +114,8 @@ class TargetSettings(Settings):
     """How late reports arrive where their source has no clock that can be used, in s."""
     coast_s: Positive = 5.0
     """Without reports the estimate is followed for so long, in s; then the formation holds."""
+    coast_steady_s: NotNegative = 12.0
+    """One that has moved alike for longer: as long again, at most so long, in s; not one with a clearance."""
     clearance_m: NotNegative = 0.0
     """No vehicle comes nearer to it, sideways and in height, in m; 0: vehicles may."""
     height: Literal["ground", "reported"] = "ground"

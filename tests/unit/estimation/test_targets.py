@@ -188,6 +188,33 @@ def test_doubled_reports_count_once() -> None:
     assert (known.accepted, known.doubled) == (50, 100)
 
 
+@pytest.mark.parametrize(("moved_s", "coasts_s"), [(3.0, 5.0), (9.0, 9.0), (60.0, 12.0)])
+def test_target_is_expected_to_go_on_as_long_as_it_has(moved_s: float, coasts_s: float) -> None:
+    """At least for `coast_s`, and not for ever."""
+    known = fed(moved_s)
+    ends_s = moved_s + coasts_s
+    assert known.state(ends_s - 1.0) is TrackState.COASTING
+    assert known.state(ends_s + 1.0) is TrackState.LOST
+
+
+def test_target_that_has_just_turned_is_not_expected_to_go_on() -> None:
+    known = fed()
+    for number in range(15):
+        was_s, along_m = 20.0 + number / HZ, SPEED_M_S * number / HZ
+        known.take(TargetReport(was_s, (SPEED_M_S * 20.0, along_m), source_s=was_s), 0.0)
+    assert known.state(22.8 + 4.5) is TrackState.COASTING
+    assert known.state(22.8 + 5.5) is TrackState.LOST
+
+
+def test_gains_of_the_centre_do_not_swing_between_reports() -> None:
+    """What it goes by is how well the target was known at its newest report."""
+    known = fed()
+    at, later = known.motion(20.0), known.motion(22.0)
+    assert at is not None
+    assert later is not None
+    assert at.target(20.0).deviation_m_s == later.target(22.0).deviation_m_s > 0.0
+
+
 @given(st.permutations(range(8)))
 def test_order_of_arrival_does_not_matter(order: list[int]) -> None:
     known, as_sent = fed(10.0, noise_m=0.2), fed(10.0, noise_m=0.2)
