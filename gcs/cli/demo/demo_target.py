@@ -9,12 +9,14 @@ from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
+from pydantic import ValidationError
 
 from gcs.cli.demo.demo_report import GroundTruth
 from gcs.cli.demo.demo_script import SETTLE_S, DemoScript, Scale
 from gcs.client import Client
 from gcs.config import schema as configuration
-from gcs.model.errors import CommandError, GcsError
+from gcs.links.features import TakSettings
+from gcs.model.errors import CommandError, ConfigError, GcsError
 from gcs.sim.settings import PAD_SPACING_M
 
 NAME: Final = "target"
@@ -42,12 +44,19 @@ P95_MAX_M: Final = 2.0
 
 
 def fit(raw: dict[str, Any], kind: str | None, tak: str | None) -> None:
-    """Have a configuration follow a target, which goes farther than the story does, and send to TAK."""
+    """Have a configuration follow a target, which goes farther than the story does, and send to TAK.
+
+    Raises: ConfigError for an address of TAK that is none.
+    """
     if kind is not None:
         raw["targets"] = [{"name": NAME, "sources": [SOURCES[kind]], "delay_s": DELAY_S}]
         raw["control"]["safety"]["fence"]["distance_max_m"] = 1000.0
     if tak is not None:
         raw["tak"] = {"to": [tak], "callsign": "DEMO", "require_clock": False}
+        try:
+            TakSettings.model_validate(raw["tak"])
+        except ValidationError:
+            raise ConfigError(f"--tak {tak}: udp://, tcp:// or tls://HOST:PORT is needed") from None
 
 
 @contextmanager

@@ -74,3 +74,11 @@ def test_default_transport_is_mavsdk_with_a_port_for_each() -> None:
 def test_impossible_arguments_are_refused_with_a_message(words: tuple[str, ...], says: str) -> None:
     with pytest.raises(ConfigError, match=says):
         config_of(*words)
+
+
+def test_demo_sends_its_vehicles_to_tak() -> None:
+    tak = config_of("--tak", "udp://127.0.0.1:6969").tak
+    assert tak is not None
+    assert ([receiver.at for receiver in tak.to], tak.callsign) == (["udp://127.0.0.1:6969"], "DEMO")
+    with pytest.raises(ConfigError, match=r"--tak 127\.0\.0\.1:6969: udp://, tcp:// or tls://HOST:PORT is"):
+        config_of("--tak", "127.0.0.1:6969")
