@@ -33,9 +33,18 @@ Receive = Callable[[], bytes]
 class Vehicle:
     """Armed, until a kill reaches it."""
 
-    def __init__(self, send: Send, receive: Receive, key: bytes | None = None, *, system_id: int = 1) -> None:
-        """With a `key` it signs, and believes nothing unsigned."""
+    def __init__(
+        self,
+        send: Send,
+        receive: Receive,
+        key: bytes | None = None,
+        *,
+        system_id: int = 1,
+        beats_s: float = 0.1,
+    ) -> None:
+        """With a `key` it signs, and believes nothing unsigned; a heartbeat comes every `beats_s`."""
         self.armed = True
+        self._beats_s = beats_s
         self.beside: list[Any] = []  # further messages with each heartbeat
         self._send, self._receive = send, receive
         self._packer = dialect.MAVLink(None, srcSystem=system_id, srcComponent=1)
@@ -62,7 +71,7 @@ class Vehicle:
         due_s = 0.0
         while not self._over.wait(LOOK_S):
             if time.monotonic() >= due_s:
-                due_s = time.monotonic() + 0.1
+                due_s = time.monotonic() + self._beats_s
                 self._say(dialect.MAVLink_heartbeat_message(2, 12, 1 | self.armed << 7, 6 << 16, 4, 3))
                 for each in self.beside:
                     self._say(each)
@@ -229,12 +238,13 @@ def test_heartbeats_from_another_host_confirm_no_kill() -> None:
 
 
 def test_of_two_that_send_one_id_both_must_stop() -> None:
+    """The other one's next heartbeat comes a second after its first, as those of autopilots do."""
     with over_udp() as (vehicle, url), closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as made:
         made.bind(("127.0.0.1", 0))
         port = int(url.rsplit(":", 1)[1])
-        deaf = Vehicle(lambda data: made.sendto(data, ("127.0.0.1", port)), lambda: b"")
+        deaf = Vehicle(lambda data: made.sendto(data, ("127.0.0.1", port)), lambda: b"", beats_s=1.0)
         with closing(deaf):
-            reported = kill(plan_of(url), 2.0)
+            reported = kill(plan_of(url), 2.5)
         assert not vehicle.armed
         assert not reported.done
         assert "its motors were not seen to stop" in reported.reason

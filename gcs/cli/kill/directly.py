@@ -8,6 +8,7 @@ import time
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from math import inf
 from typing import Any, Final, NamedTuple
 
 from pymavlink.dialects.v20 import common as mavlink
@@ -18,6 +19,9 @@ from gcs.model.errors import ConfigError, LinkError
 
 WITHIN_S: Final = 5.0
 """Time limit: heartbeats come once a second, and opening a TCP connection or a radio may take a few."""
+
+HEARD_S: Final = 1.5
+"""Whatever sends a vehicle's id sends a heartbeat within this time: before, not each of two may have been heard."""
 
 REPEAT_S: Final = 0.1
 LOOK_S: Final = 0.01
@@ -46,6 +50,7 @@ class _Target:
     system_id: int
     known: Address | None  # where it was last
     sent: int = 0
+    sent_s: float = inf  # when the first command left
     at: dict[Address, Port] = field(default_factory=dict)  # from where its id was received, the newest last
     acknowledged: int | None = None  # the newest MAV_RESULT
     armed: dict[Address, bool] = field(default_factory=dict)  # from heartbeats after the first command
@@ -54,7 +59,11 @@ class _Target:
 
     @property
     def stopped(self) -> bool:
+        """As whatever has sent its id so far reports."""
         return self.recorded or (0 < len(self.armed) < PLACES_MAX and not any(self.armed.values()))
+
+    def is_settled(self, now_s: float) -> bool:
+        return self.recorded or (self.stopped and now_s - self.sent_s >= HEARD_S)
 
     def believes(self, at: Address, *, is_stream: bool) -> bool:
         """Whether its heartbeats from there count: anybody may send them from another host than its last."""
@@ -94,9 +103,9 @@ class _Line:
         made.signing = self.signing
         return made
 
-    def send(self) -> None:
+    def send(self, now_s: float) -> None:
         for target in self.targets.values():
-            if target.stopped:
+            if target.is_settled(now_s):
                 continue
             command = mavlink.MAVLink_command_long_message(
                 target.system_id,
@@ -110,6 +119,7 @@ class _Line:
                 try:
                     port.send(data, to)
                     target.sent += 1
+                    target.sent_s = min(target.sent_s, now_s)
                 except OSError as error:
                     target.failure = f"{to[0]}: {error.strerror or error}"
 
@@ -192,14 +202,14 @@ def kill_directly(plan: KillPlan, names: Sequence[str], within_s: float = WITHIN
             line.open()
         began_s, began_unix_s = time.monotonic(), time.time()
         until_s, due_s, record_due_s = began_s + within_s, 0.0, began_s + RECORD_S
-        while time.monotonic() < until_s and not all(target.stopped for target in targets):
-            if time.monotonic() >= due_s:
-                due_s = time.monotonic() + REPEAT_S
+        while (now_s := time.monotonic()) < until_s and not all(each.is_settled(now_s) for each in targets):
+            if now_s >= due_s:
+                due_s = now_s + REPEAT_S
                 for line in lines:
-                    line.send()
-            if time.monotonic() >= record_due_s:
+                    line.send(now_s)
+            if now_s >= record_due_s:
                 stopped = plan.stopped_since(began_unix_s)
-                record_due_s = time.monotonic() + RECORD_S
+                record_due_s = now_s + RECORD_S
                 for target in targets:
                     target.recorded = target.name in stopped
             time.sleep(LOOK_S)
