@@ -75,9 +75,9 @@ tested-with: .venv/ready  ## docs/reference/tested-with.md, from the tables of v
 	$(BIN)/python -m gcs.links.autopilots.versions.page > docs/reference/tested-with.md
 
 compiled: .venv/ready  ## the law as machine code, so that no flight waits for the compiler
-	@$(BIN)/python -c "from gcs.flight.orchestrator import WARM_UPS; from gcs.mavlink import codec, reports; \
+	@$(BIN)/python -c "from gcs.flight import composition; from gcs.mavlink import codec, reports; \
 	  from gcs.stations import publishing; \
-	  [load() for load in (*WARM_UPS, publishing.warm_up, codec.warm_up, reports.warm_up)]"
+	  [each.warm_up() for each in (composition, publishing, codec, reports)]"
 
 check: .venv/ready  ## vocabulary, ruff, mypy, import contracts, the project's own files
 	$(BIN)/python -m tests.vocabulary

@@ -1,4 +1,4 @@
-"""What each part of a flight is given: one function for each part, from the lowest to the highest."""
+"""What each part of a flight is given: one function for each part, and all of them in their order."""
 
 import asyncio
 from collections.abc import Callable
@@ -6,8 +6,13 @@ from concurrent.futures import Executor
 from functools import partial
 from math import isnan
 
+from gcs.control import warm_up as tick_warm_up
+from gcs.estimation import link_health
+from gcs.estimation.targets import motion
+from gcs.failsafe import triggers
 from gcs.flight.commands.commander import Commander
 from gcs.flight.commands.plan_editor import PlanEditor, RestoredPlan
+from gcs.flight.features import features_of
 from gcs.flight.maneuvers.descent import Descent
 from gcs.flight.maneuvers.landing_places import LandingPlaces
 from gcs.flight.maneuvers.landings import Landings
@@ -25,8 +30,67 @@ from gcs.flight.state.refusals import Refusals
 from gcs.flight.state.targets import Targets
 from gcs.flight.state.ticker import TickClock
 from gcs.model.interrupted_flight import Interruption
+from gcs.planning import lost_space, silent_space
+from gcs.planning.return_paths import planner
 from gcs.shows.library import ShowLibrary
 from gcs.shows.service_rules import ServiceRules
+
+
+def warm_up() -> None:
+    """Compile or load all that a tick runs, before the first."""
+    for load in (
+        tick_warm_up,
+        link_health.warm_up,
+        triggers.warm_up,
+        planner.warm_up,
+        lost_space.warm_up,
+        silent_space.warm_up,
+        motion.warm_up,
+    ):
+        load()
+
+
+class Parts:
+    """The parts of one flight that use one another."""
+
+    def __init__(
+        self,
+        flight: Flight,
+        group: asyncio.TaskGroup,
+        clock: TickClock,
+        planning: Executor,
+        unix_minus_loop_s: Callable[[], float],
+        clock_problem: Callable[[], str],
+        interruption: Interruption | None,
+    ) -> None:
+        """Gives the flight its features as well.
+
+        Args:
+            flight: without features so far.
+            group: for the tasks of maneuvers and requests.
+            clock: of the ticks.
+            planning: runs the planner of the return.
+            unix_minus_loop_s: this computer's clock minus the loop's; NaN: it is not to be trusted.
+            clock_problem: why it is not; empty: it is.
+            interruption: the flight that was interrupted before this service began.
+        """
+        targets = targets_of(flight, unix_minus_loop_s)
+        flight.features = features_of(flight, targets, unix_minus_loop_s)
+        self.refusals = refusals = refusals_of(flight)
+        places = landing_places_of(flight)
+        self.maneuvers = maneuvers = maneuvers_of(flight, group, places)
+        reader = parameter_reader_of(flight, group)
+        self.shows = library_of(flight)
+        self.player = player = show_player_of(flight, refusals, self.shows, clock_problem)
+        self.preflight = PreflightGate(flight, refusals, reader, player)
+        self.plan = plan_editor_of(flight, player, maneuvers, targets)
+        plans = RestoredPlan(flight.in_force, flight.show, flight.newest, flight.unix_s, player, targets)
+        self.commands = commands = Commander(
+            flight, refusals, places, maneuvers, player, self.preflight, planning, plans, interruption
+        )
+        self.telemetry_monitor = telemetry_monitor_of(flight, maneuvers, commands)
+        self.failsafe_monitor = failsafe_monitor_of(flight, player, clock, commands, maneuvers, targets)
+        self.progress = show_progress_of(flight, maneuvers, commands, reader, self.failsafe_monitor, player)
 
 
 def targets_of(flight: Flight, unix_minus_loop_s: Callable[[], float]) -> Targets:
@@ -121,13 +185,7 @@ def show_player_of(
     )
 
 
-def plan_editor_of(
-    flight: Flight,
-    player: ShowPlayer,
-    maneuvers: Maneuvers,
-    targets: Targets,
-    loop_s: Callable[[], float],
-) -> PlanEditor:
+def plan_editor_of(flight: Flight, player: ShowPlayer, maneuvers: Maneuvers, targets: Targets) -> PlanEditor:
     return PlanEditor(
         flight.in_force,
         flight.show,
@@ -137,24 +195,8 @@ def plan_editor_of(
         player,
         maneuvers,
         targets,
-        loop_s,
+        asyncio.get_running_loop().time,
     )
-
-
-def commander_of(
-    flight: Flight,
-    refusals: Refusals,
-    places: LandingPlaces,
-    maneuvers: Maneuvers,
-    preflight: PreflightGate,
-    player: ShowPlayer,
-    targets: Targets,
-    planning: Executor,
-    interruption: Interruption | None,
-) -> Commander:
-    """`planning` runs the planner of the return; `interruption`: the flight before this service began."""
-    plans = RestoredPlan(flight.in_force, flight.show, flight.newest, flight.unix_s, player, targets)
-    return Commander(flight, refusals, places, maneuvers, player, preflight, planning, plans, interruption)
 
 
 def telemetry_monitor_of(flight: Flight, maneuvers: Maneuvers, commands: Commander) -> TelemetryMonitor:

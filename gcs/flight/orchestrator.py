@@ -11,42 +11,24 @@ from concurrent.futures import Executor, ThreadPoolExecutor
 from copy import copy
 from functools import cache, partial
 from math import nan
-from typing import Final, Protocol
+from typing import Protocol
 
 from gcs.config.schema import Config
-from gcs.control import Memory, Tick, tick, warm_up
-from gcs.estimation import link_health
-from gcs.estimation.targets import motion
-from gcs.failsafe import triggers
-from gcs.flight import composition
-from gcs.flight.features import features_of
+from gcs.control import Memory, Tick, tick
+from gcs.flight.composition import Parts, warm_up
 from gcs.flight.monitors.alarm_monitor import AlarmMonitor, Findings
 from gcs.flight.monitors.snapshots import Estimating, fleet_view
-from gcs.flight.preflight.preflight_gate import PreflightGate
 from gcs.flight.state.elsewhere import Elsewhere
 from gcs.flight.state.flight import Flight
 from gcs.flight.state.ticker import TickClock, garbage_between_ticks, ticks
 from gcs.links.batch_link import Link
 from gcs.links.link_set import SetpointRouting, keep_open
-from gcs.planning import lost_space, silent_space
-from gcs.planning.return_paths import planner
 from gcs.recording.sample import Sample
 from gcs.recording.session import Record
 from gcs.service import Audit, FleetView, Latest, NoAudit, Scheduling
 from gcs.service.commands import CommandLog
 from gcs.service.event_log import attached
 from gcs.service.flight_marks import FlightLog
-
-WARM_UPS: Final = (
-    warm_up,
-    link_health.warm_up,
-    triggers.warm_up,
-    planner.warm_up,
-    lost_space.warm_up,
-    silent_space.warm_up,
-    motion.warm_up,
-)
-"""Compile or load all that a tick runs, before the first."""
 
 
 class Heart(Protocol):
@@ -94,8 +76,7 @@ class Orchestrator:
             planning: executor for the return planner; None: a thread of its own, ended with `run`.
             problems: notices for the operator for as long as this service runs.
         """
-        for load in WARM_UPS:
-            load()
+        warm_up()
         loop = asyncio.get_running_loop()
         self._config = config
         self.command_log = CommandLog(None if record is None else record.audit)
@@ -122,29 +103,20 @@ class Orchestrator:
         self.events = FlightLog()
         self.alarms = AlarmMonitor(flight)
 
-        utc_off_s = partial(_utc_off_s, unix_s, loop.time, clock_problem)
-        targets = composition.targets_of(flight, utc_off_s)
-        flight.features = features_of(flight, targets, utc_off_s)
-        refusals = self.refusals = composition.refusals_of(flight)
-        places = composition.landing_places_of(flight)
-        maneuvers = self.maneuvers = composition.maneuvers_of(flight, self._group, places)
-        reader = composition.parameter_reader_of(flight, self._group)
-        self.shows = composition.library_of(flight)
-        player = self.player = composition.show_player_of(flight, refusals, self.shows, clock_problem)
-        self.preflight = PreflightGate(flight, refusals, reader, player)
-        self.plan = composition.plan_editor_of(flight, player, maneuvers, targets, loop.time)
-        interruption = None if record is None else record.found
-        self.commands = composition.commander_of(
-            flight, refusals, places, maneuvers, self.preflight, player, targets, self._planning, interruption
+        parts = Parts(
+            flight,
+            self._group,
+            self._clock,
+            self._planning,
+            partial(_utc_off_s, unix_s, loop.time, clock_problem),
+            clock_problem,
+            None if record is None else record.found,
         )
-        self.recovery = self.commands.recovery
-        self._telemetry_monitor = composition.telemetry_monitor_of(flight, maneuvers, self.commands)
-        self._failsafe_monitor = composition.failsafe_monitor_of(
-            flight, player, self._clock, self.commands, maneuvers, targets
-        )
-        self._progress = composition.show_progress_of(
-            flight, maneuvers, self.commands, reader, self._failsafe_monitor, player
-        )
+        self.refusals, self.maneuvers, self.shows = parts.refusals, parts.maneuvers, parts.shows
+        self.player, self.preflight, self.plan = parts.player, parts.preflight, parts.plan
+        self.commands, self.recovery = parts.commands, parts.commands.recovery
+        self._telemetry_monitor = parts.telemetry_monitor
+        self._failsafe_monitor, self._progress = parts.failsafe_monitor, parts.progress
         first = self._decide()
         self.view = Latest(self._promised_view(first)())
 

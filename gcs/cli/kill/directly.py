@@ -20,8 +20,8 @@ from gcs.model.errors import ConfigError, LinkError
 WITHIN_S: Final = 5.0
 """Time limit: heartbeats come once a second, and opening a TCP connection or a radio may take a few."""
 
-HEARD_S: Final = 1.5
-"""Whatever sends a vehicle's id sends a heartbeat within this time: before, not each of two may have been heard."""
+BEATS_S: Final = 1.5
+"""What sends a vehicle's id sends a heartbeat within this time; before, of two one may be unheard."""
 
 REPEAT_S: Final = 0.1
 LOOK_S: Final = 0.01
@@ -63,7 +63,7 @@ class _Target:
         return self.recorded or (0 < len(self.armed) < PLACES_MAX and not any(self.armed.values()))
 
     def is_settled(self, now_s: float) -> bool:
-        return self.recorded or (self.stopped and now_s - self.sent_s >= HEARD_S)
+        return self.recorded or (self.stopped and now_s - self.sent_s >= BEATS_S)
 
     def believes(self, at: Address, *, is_stream: bool) -> bool:
         """Whether its heartbeats from there count: anybody may send them from another host than its last."""
