@@ -50,7 +50,7 @@ def warm_up() -> None:
         load()
 
 
-class Parts:
+class FlightParts:
     """The parts of one flight that use one another."""
 
     def __init__(

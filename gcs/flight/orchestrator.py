@@ -15,7 +15,7 @@ from typing import Protocol
 
 from gcs.config.schema import Config
 from gcs.control import Memory, Tick, tick
-from gcs.flight.composition import Parts, warm_up
+from gcs.flight.composition import FlightParts, warm_up
 from gcs.flight.monitors.alarm_monitor import AlarmMonitor, Findings
 from gcs.flight.monitors.snapshots import Estimating, fleet_view
 from gcs.flight.state.elsewhere import Elsewhere
@@ -103,7 +103,7 @@ class Orchestrator:
         self.events = FlightLog()
         self.alarms = AlarmMonitor(flight)
 
-        parts = Parts(
+        parts = FlightParts(
             flight,
             self._group,
             self._clock,
