@@ -5,12 +5,13 @@ is the target's, and one that closes the distance, no faster than can still be b
 Targets.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot, sqrt
 from typing import Final
 
 import numpy as np
 
+from gcs.model.plan import Target
 from gcs.model.state import Array
 
 SPEED_SHARE: Final = 0.8
@@ -31,12 +32,12 @@ DAMPED: Final = 4.0
 KNOWN_M_S: Final = 0.3
 """A velocity with a smaller standard deviation than this is known well."""
 
-DOUBTFUL_S, HASTE = 2.5, 2.0
-"""A distance that an error of the velocity makes in so long is closed twice as fast as a small one."""
-
 BRAKING_SHARE: Final = 0.9
 """Share of the acceleration with which the distance is closed; the rest corrects."""
 
+
+INSIDE_SPEED, INSIDE_ACCELERATION = 0.95, 0.85
+"""Shares of what the centre can on a circle inside that of its target; the rest corrects."""
 
 JERK_M_S3: Final = 16.0
 """The centre's acceleration changes no faster: it is in every setpoint, and none is to jump."""
@@ -67,11 +68,34 @@ def answer_per_s(deviation_m_s: float) -> float:
     return max(ANSWER_PER_S / max(deviation_m_s / KNOWN_M_S, 1.0), ANSWER_LEAST_PER_S)
 
 
+def inside_circle(target: Target, limits: CenterLimits) -> Target:
+    """A target that circles too fast for the centre: the place nearest to it that the centre can keep to.
+
+    That is on a smaller circle around the same point, always beside the target. A centre that trails goes
+    round as small a circle, but up to a quarter of it behind. One that can be followed stays as it is.
+    """
+    turning_m_s2 = hypot(target.acceleration_x_m_s2, target.acceleration_y_m_s2)
+    speed_m_s = hypot(target.velocity_x_m_s, target.velocity_y_m_s)
+    if turning_m_s2 == 0.0 or speed_m_s == 0.0:
+        return target
+    slower = INSIDE_SPEED * limits.speed_m_s / speed_m_s
+    share = min(1.0, slower, INSIDE_ACCELERATION * limits.acceleration_m_s2 / turning_m_s2)
+    inwards_s2 = (1.0 - share) * (speed_m_s / turning_m_s2) ** 2
+    return replace(
+        target,
+        x_m=target.x_m + inwards_s2 * target.acceleration_x_m_s2,
+        y_m=target.y_m + inwards_s2 * target.acceleration_y_m_s2,
+        velocity_x_m_s=share * target.velocity_x_m_s,
+        velocity_y_m_s=share * target.velocity_y_m_s,
+        acceleration_x_m_s2=share * target.acceleration_x_m_s2,
+        acceleration_y_m_s2=share * target.acceleration_y_m_s2,
+    )
+
+
 def closing_velocity(off_m: Array, acceleration_m_s2: float, deviation_m_s: float) -> Array:
     """(2,) velocity relative to the target that closes the distance (2,) to it, and can still be braked."""
     away_m, braking_m_s2 = hypot(off_m[0], off_m[1]), BRAKING_SHARE * acceleration_m_s2
-    answer, certainty = answer_per_s(deviation_m_s), away_m / (DOUBTFUL_S * max(deviation_m_s, KNOWN_M_S))
-    closing_per_s = min(answer * min(1.0 + certainty**2, HASTE), ANSWER_PER_S) / DAMPED
+    closing_per_s = answer_per_s(deviation_m_s) / DAMPED
     near_m = braking_m_s2 / closing_per_s**2
     if away_m <= near_m:
         return closing_per_s * off_m

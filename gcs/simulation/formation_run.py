@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from gcs.control import Task
+from gcs.formation.following import FAR_M, fleet_limits
 from gcs.formation.neighbours import Sight
 from gcs.model.errors import RefusedError
 from gcs.model.plan import Formation, LawName, Obstacle, Orbit, Plan, Target
@@ -132,12 +133,20 @@ class FormationRun(SimulatedFlight):
         present = self.world.in_air & self.present
         return self._neighbourhood.exchange(self.time_s, *self.world.estimate(), present, self.memory.center)
 
+    def _estimated(self, tracked: MovingTarget, now_s: float) -> Target:
+        """The target as the formation follows it."""
+        fastest_m_s = np.minimum(self.settings.safety.limits.horizontal_m_s, self.traits.speed_max_m_s)
+        own_m_s2 = self.traits.response.acceleration_m_s2
+        hardest_m_s2 = np.minimum(self.settings.acceleration_max_m_s2, own_m_s2)
+        limits = fleet_limits(fastest_m_s, hardest_m_s2, 0.0, behind_m=FAR_M)
+        return tracked.seen(now_s, self.plan.target, limits)
+
     def _move_target(self) -> None:
         now_s, dt_s = self.time_s, self.world.tick_s
         if self._target_stands and now_s > 0.0:
             return
         if self.tracked is not None:
-            self.plan = replace(self.plan, target=self.tracked.seen(now_s, self.plan.target))
+            self.plan = replace(self.plan, target=self._estimated(self.tracked, now_s))
             return
         if now_s > 0.0:
             acceleration_m_s2 = np.zeros(2)

@@ -10,6 +10,7 @@ import numpy as np
 from gcs.estimation.targets.source_clock import SourceClock
 from gcs.estimation.targets.target import TargetEstimate
 from gcs.estimation.targets.tracker import TargetReport, Tracker, TrackState
+from gcs.formation.following import CenterLimits, inside_circle
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Target
 from gcs.model.state import Array
@@ -49,14 +50,16 @@ class MovingTarget:
             self._estimate.tracker.take(self.report(self._next), 0.0)
             self._next = next(self._sent)
 
-    def seen(self, now_s: float, was: Target) -> Target:
+    def seen(self, now_s: float, was: Target, limits: CenterLimits) -> Target:
         """What the formation follows: where the target is estimated, or where it was when it was lost."""
         self.take(now_s)
         motion = self._estimate.motion(now_s)
         if motion is None:
             return was
-        is_lost = self._estimate.state(now_s) is TrackState.LOST
-        return was.held(now_s) if is_lost else motion.target(now_s, self._settings.clearance_m)
+        if self._estimate.state(now_s) is TrackState.LOST:
+            return was.held(now_s)
+        target = motion.target(now_s, self._settings.clearance_m)
+        return inside_circle(target, limits) if motion.belief.circles and not target.clearance_m else target
 
     def report(self, sent: Sent) -> TargetReport:
         degrees = (np.array([sent.latitude_deg]), np.array([sent.longitude_deg]))

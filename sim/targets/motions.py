@@ -12,7 +12,7 @@ from typing import NamedTuple, TypeAlias
 from gcs.sim.settings import Origin
 from gcs.sim.vehicle.sensors import MAJOR_M, SQUARED
 
-ROUNDABOUT_M = 15.0
+ROUNDABOUT_M, LOITER_M = 15.0, 80.0
 CORNER_S = 10.0
 HAIRPIN_M, HAIRPIN_M_S = 6.0, 3.0
 ASIDE_M_S2 = 4.0
@@ -119,6 +119,11 @@ def _roundabout(speed_m_s: float, _random: Random) -> Iterator[Leg]:
         yield Leg(FOREVER_S, 0.0, speed_m_s / ROUNDABOUT_M)
 
 
+def _loiter(speed_m_s: float, _random: Random) -> Iterator[Leg]:
+    while True:
+        yield Leg(FOREVER_S, 0.0, speed_m_s / LOITER_M)
+
+
 def _corners(speed_m_s: float, _random: Random) -> Iterator[Leg]:
     turn_rad_s = min(pi / 2, ASIDE_M_S2 / max(speed_m_s, 0.1))
     turning_s = min(pi / 2 / turn_rad_s, CORNER_S)
@@ -170,6 +175,7 @@ KINDS = {
     "straight": _Kind(10.0, _straight),
     "corners": _Kind(8.0, _corners),
     "roundabout": _Kind(5.0, _roundabout),
+    "loiter": _Kind(12.0, _loiter),
     "hairpin": _Kind(8.0, _hairpin),
     "boat": _Kind(2.5, _boat),
     "random": _Kind(3.0, _random),

@@ -318,6 +318,27 @@ def test_target_that_is_too_fast_is_said_before_it_is_lost() -> None:
     assert alarm_s <= 3.0 * follows_m_s / 9.0 + 3.0  # it is as fast as they are then, and 3 s later
 
 
+def test_formation_keeps_inside_the_circle_of_a_faster_target() -> None:
+    """From its second round on, and the alarm says so; behind it, with 7.6 m/s, it would be 21 m away."""
+    radius_m, speed_m_s = 40.0, 9.0
+
+    def round_m(seconds: float) -> Array:
+        angle = speed_m_s / radius_m * seconds
+        return np.array([radius_m * np.cos(angle), radius_m * np.sin(angle), 0.0])
+
+    async def story(show: VirtualShow) -> tuple[float, str]:
+        await show.start()
+        show.service.plan.set_orbit(Orbit(0.0, 4.0))
+        show.service.plan.select_target("boat")
+        await report(show, 66.0, round_m)
+        texts = [each.text for each in show.view.alarms if each.cause is AlarmCause.TARGET_OUTRUNS]
+        return off_m(show, round_m(66.0)), " ".join(texts)
+
+    beside_m, text = fly(story, show_config(4, **TARGETS))
+    assert beside_m < 16.0
+    assert "keeps inside its circle" in text
+
+
 def test_target_that_is_not_tracked_is_held_after_a_while() -> None:
     """The formation does not fly on for ever on the motion of the one before."""
 

@@ -11,7 +11,7 @@ import numpy as np
 from gcs.estimation.targets.source_clock import SourceClock
 from gcs.estimation.targets.target import TargetEstimate
 from gcs.estimation.targets.tracker import Tracker, TrackState
-from gcs.formation.following import SPEED_SHARE
+from gcs.formation.following import SPEED_SHARE, CenterLimits
 from gcs.model.plan import Target
 from gcs.model.state import Array
 from gcs.sim.targets.motions import Motion, motion
@@ -148,8 +148,8 @@ class FailingTarget(MovingTarget):
                 self._estimate.trackers[source].take(self.report(self._waiting[source]), 0.0)
                 self._waiting[source] = next(due)
 
-    def seen(self, now_s: float, was: Target) -> Target:
-        target = super().seen(now_s, was)
+    def seen(self, now_s: float, was: Target, limits: CenterLimits) -> Target:
+        target = super().seen(now_s, was, limits)
         estimate = self._estimate
         self.seen_so_far.append(Seen(estimate.state(now_s), estimate.tracker.why, estimate.active))
         return target

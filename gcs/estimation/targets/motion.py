@@ -39,7 +39,7 @@ STRAIGHT_RAD: Final = 1e-4
 """A smaller turn in one step counts as none."""
 
 
-SETTLES_S: Final = 1.1
+SETTLES_S: Final = 1.5
 """An error of its place is taken for a velocity over so long."""
 
 
@@ -64,6 +64,11 @@ class TargetBelief:
         variance = np.diagonal(_together(self.mean, self.covariance, self.weight)[1])
         place_m, moves_m_s = float(np.sqrt(variance[:2].mean())), float(np.sqrt(variance[2:4].mean()))
         return max(moves_m_s, place_m / SETTLES_S)
+
+    @property
+    def circles(self) -> bool:
+        """Whether it has gone round a whole circle, and goes on."""
+        return self.way[0] == TURN and abs(float(self.mean[TURN, 4])) * self.lasted_s >= 2.0 * np.pi
 
     @property
     def way(self) -> tuple[int, bool]:

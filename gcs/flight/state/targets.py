@@ -15,7 +15,7 @@ from gcs.estimation.targets.target import TargetEstimate
 from gcs.estimation.targets.tracker import TargetReport, Tracker, TrackState
 from gcs.flight.state.feature import Feature, Instant
 from gcs.flight.state.newest import InForce, Newest
-from gcs.formation.following import fleet_limits
+from gcs.formation.following import FAR_M, CenterLimits, fleet_limits, inside_circle
 from gcs.formation.orbit import target_reach_m
 from gcs.links.intake import Intake
 from gcs.links.tak.settings import OwnTracks
@@ -185,6 +185,7 @@ class Targets(Feature):
             target = plan.target.held(at.time_s)
         else:
             target = motion.target(at.time_s, settings.clearance_m)
+            target = inside_circle(target, self._limits(FAR_M)) if self._keeps_inside(motion) else target
         if run is not None:
             run.live = target
         self._in_force.plan = replace(plan, target=target)
@@ -250,12 +251,14 @@ class Targets(Feature):
         if motion is None or is_lost:
             return
         ahead_m = self._ahead_m(motion)
+        way = "The formation keeps inside its circle, beside it." if self._keeps_inside(motion) else ""
         if beyond := self._beyond(motion):
             yield Condition(AlarmCause.TARGET_BEYOND, beyond, about=name)
         elif outruns := self._outruns(motion):
-            yield Condition(AlarmCause.TARGET_OUTRUNS, f"it {outruns}", about=name)
+            yield Condition(AlarmCause.TARGET_OUTRUNS, f"it {outruns}", consequence=way, about=name)
         elif ahead_m > OUTRUN_M:
-            yield Condition(AlarmCause.TARGET_OUTRUNS, f"it is {ahead_m:.0f} m ahead", about=name)
+            ahead = f"it is {ahead_m:.0f} m ahead"
+            yield Condition(AlarmCause.TARGET_OUTRUNS, ahead, consequence=way, about=name)
 
     @property
     def _reach_m(self) -> float:
@@ -263,18 +266,29 @@ class Targets(Feature):
         plan, fence = self._in_force.plan, self._in_force.control.safety.fence
         return target_reach_m(fence.distance_max_m, plan.orbit.radius_m, plan.formation.radius_m)
 
-    @property
-    def _follows_m_s(self) -> float:
-        """The fastest target that all vehicles together can follow."""
+    def _limits(self, behind_m: float = 0.0) -> CenterLimits:
+        """What all vehicles together can follow, so far behind."""
         formation, control, traits = (
             self._in_force.plan.formation,
             self._in_force.control,
             self._newest.traits,
         )
         fastest_m_s = np.minimum(control.safety.limits.horizontal_m_s, traits.speed_max_m_s)
+        hardest_m_s2 = np.minimum(control.acceleration_max_m_s2, traits.response.acceleration_m_s2)
         rim_m_s = abs(formation.spin_rad_s) * formation.radius_m
-        fleet = fleet_limits(fastest_m_s, traits.response.acceleration_m_s2, rim_m_s)
-        return max(fleet.speed_m_s, control.law.center_speed_max_m_s)
+        fleet = fleet_limits(fastest_m_s, hardest_m_s2, rim_m_s, behind_m=behind_m)
+        return replace(fleet, speed_m_s=max(fleet.speed_m_s, control.law.center_speed_max_m_s))
+
+    @property
+    def _follows_m_s(self) -> float:
+        """The fastest target that all vehicles together can follow."""
+        return self._limits().speed_m_s
+
+    def _keeps_inside(self, motion: TargetMotion) -> bool:
+        """Whether the centre may keep inside the circle of a target that is too fast for it."""
+        plan, settings = self._in_force.plan, self._targets[self.selected].settings
+        elsewhere = plan.orbit.radius_m or plan.obstacles or settings.clearance_m
+        return motion.belief.circles and not elsewhere
 
     def _without_height(self, now_s: float) -> str:
         """That the selected target's height is needed and not reported, in words; empty: it is not needed."""

@@ -12,6 +12,7 @@ from gcs.sim.targets.motions import (
     CORNER_S,
     DRIFT_M_S,
     KINDS,
+    LOITER_M,
     ROUNDABOUT_M,
     TrackError,
     motion,
@@ -66,11 +67,12 @@ def test_walker_stops_and_goes_on() -> None:
     assert np.count_nonzero(np.diff(stands.astype(int)) == 1) >= 5
 
 
-def test_roundabout_is_a_circle_of_its_radius() -> None:
-    at = motion("roundabout")
+@pytest.mark.parametrize(("name", "radius_m"), [("roundabout", ROUNDABOUT_M), ("loiter", LOITER_M)])
+def test_roundabout_is_a_circle_of_its_radius(name: str, radius_m: float) -> None:
+    at = motion(name)
     places_m = np.array([at(time_s)[:2] for time_s in TIMES_S])
-    assert np.linalg.norm(places_m - [0.0, ROUNDABOUT_M], axis=1) == pytest.approx(ROUNDABOUT_M)
-    assert at(2 * pi * ROUNDABOUT_M / 5.0)[:2] == pytest.approx((0.0, 0.0), abs=1e-9)
+    assert np.linalg.norm(places_m - [0.0, radius_m], axis=1) == pytest.approx(radius_m)
+    assert at(2 * pi * radius_m / hypot(*at(0.0)[3:]))[:2] == pytest.approx((0.0, 0.0), abs=1e-9)
 
 
 @pytest.mark.parametrize("speed_m_s", [2.0, 8.0, 20.0])
