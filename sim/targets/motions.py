@@ -23,6 +23,13 @@ DRIFT_M_S = 0.4
 
 FOREVER_S = 1e9
 
+WALK = Path(__file__).with_name("walk.csv")
+"""A person walks along a lake, stops, turns back: a receiver's track, published with gpxpy (Apache-2.0), in
+test_files/cerknicko-jezero.gpx from 2010-08-05 14:45:06 UTC on."""
+
+WALKS_FROM_S = 600.0
+"""It is begun anywhere before; 150 s follow."""
+
 
 class State(NamedTuple):
     """Where a target is and how it moves, from where it began."""
@@ -165,12 +172,13 @@ def _boat(_speed_m_s: float, _random: Random) -> Iterator[Leg]:
 
 class _Kind(NamedTuple):
     speed_m_s: float
-    legs: Callable[[float, Random], Iterator[Leg]]
+    legs: Callable[[float, Random], Iterator[Leg]] | None  # None: recorded
 
 
 KINDS = {
     "still": _Kind(0.0, _straight),
     "walker": _Kind(1.5, _walker),
+    "walk": _Kind(1.2, None),
     "rover": _Kind(2.0, _rover),
     "straight": _Kind(10.0, _straight),
     "corners": _Kind(8.0, _corners),
@@ -187,6 +195,9 @@ def motion(name: str, *, seed: int = 0, course_deg: float = 0.0, speed_m_s: floa
     """One of `KINDS`, first along a course."""
     kind, random = KINDS[name], Random(seed)
     speed_m_s = kind.speed_m_s if speed_m_s is None else speed_m_s
+    if kind.legs is None:
+        walk, begin_s = played(read_track(WALK))[1], random.uniform(0.0, WALKS_FROM_S)
+        return _begun(walk, begin_s, speed_m_s / kind.speed_m_s, radians(course_deg))
     begin_m_s = 0.0 if name == "walker" else speed_m_s
     course = Course(kind.legs(speed_m_s, random), begin_m_s, radians(course_deg))
     if name != "boat":
@@ -194,6 +205,25 @@ def motion(name: str, *, seed: int = 0, course_deg: float = 0.0, speed_m_s: floa
     angle = random.uniform(-pi, pi)
     drift = DRIFT_M_S * cos(angle), DRIFT_M_S * sin(angle)
     return lambda time_s: _added(course(time_s), drift[0] * time_s, drift[1] * time_s, *drift)
+
+
+def _begun(motion: Motion, begin_s: float, pace: float, turn_rad: float) -> Motion:
+    """A motion from a later time on, at another pace, and turned clockwise."""
+    first, along, across = motion(begin_s), cos(turn_rad), sin(turn_rad)
+
+    def at(time_s: float) -> State:
+        now = motion(begin_s + pace * time_s)
+        north_m, east_m = now.north_m - first.north_m, now.east_m - first.east_m
+        return State(
+            along * north_m - across * east_m,
+            across * north_m + along * east_m,
+            now.down_m - first.down_m,
+            pace * (along * now.north_m_s - across * now.east_m_s),
+            pace * (across * now.north_m_s + along * now.east_m_s),
+            pace * now.down_m_s,
+        )
+
+    return at
 
 
 def moved(motion: Motion, north_m: float, east_m: float, down_m: float = 0.0) -> Motion:

@@ -28,12 +28,14 @@ TIMES_S = np.arange(0.0, 300.0, STEP_S).tolist()
 CHANGE_MAX_M_S2 = {"walker": 3.2, "hairpin": 3.2, "corners": ASIDE_M_S2 + 0.1, "random": 2.1}
 """Greatest acceleration; else 2 m/s2."""
 
+DRAWN = [name for name, kind in KINDS.items() if kind.legs is not None]
+
 
 def speed_max_m_s(name: str) -> float:
     return KINDS[name].speed_m_s + (DRIFT_M_S if name == "boat" else 0.0)
 
 
-@pytest.mark.parametrize("name", list(KINDS))
+@pytest.mark.parametrize("name", DRAWN)
 @pytest.mark.parametrize("seed", [0, 7])
 def test_speed_is_bounded_and_motion_continuous(name: str, seed: int) -> None:
     """The velocity is the change of the position, and jumps nowhere."""
@@ -55,7 +57,19 @@ def test_motion_is_a_function_of_time_and_seed(name: str) -> None:
     backwards = [again(time_s) for time_s in reversed(TIMES_S)]
     assert [once(time_s) for time_s in TIMES_S] == backwards[::-1]
     differs = motion(name, seed=4)(200.0) != once(200.0)
-    assert differs == (name in {"walker", "boat", "random"}), "the others have no choice"
+    assert differs == (name in {"walker", "walk", "boat", "random"}), "the others have no choice"
+
+
+@pytest.mark.parametrize("course_deg", [0.0, 210.0])
+def test_recorded_walk_is_that_of_a_person(course_deg: float) -> None:
+    """It goes on from any place of the track, without a jump, with stops, and as fast as people walk."""
+    at = motion("walk", seed=3, course_deg=course_deg)
+    places_m = np.array([at(time_s)[:2] for time_s in TIMES_S if time_s < 150.0])
+    speeds_m_s = np.hypot(*np.diff(places_m, axis=0).T) / STEP_S
+    assert at(0.0)[:3] == (0.0, 0.0, 0.0)
+    assert speeds_m_s.max() < 1.5
+    assert speeds_m_s.min() < 0.7
+    assert 0.7 < np.median(speeds_m_s) < 1.4
 
 
 def test_walker_stops_and_goes_on() -> None:
