@@ -155,8 +155,9 @@ class AccessMiddleware:
 class EmergencyLane:
     """ASGI middleware of the emergency listener: it passes emergency calls and `/healthz`, others get 404."""
 
-    def __init__(self, app: ASGIApp) -> None:
-        self._app = app
+    def __init__(self, app: ASGIApp, port: int) -> None:
+        """`port` is where the other calls are answered."""
+        self._app, self._port = app, port
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] not in ("http", "websocket"):
@@ -166,7 +167,8 @@ class EmergencyLane:
         if is_emergency(call.method, call.path) or call.path == "/healthz":
             await self._app(scope, receive, send)
         else:
-            refusal = Refusal(404, "this port answers emergency calls alone; everything else is at the other")
+            elsewhere = f"this port answers emergency calls alone; port {self._port} answers all others"
+            refusal = Refusal(404, elsewhere)
             await _deny(refusal, scope, receive, send)
 
 

@@ -300,6 +300,11 @@ def _of_the_fleet(left: Sequence[Finding], ids: frozenset[VehicleId]) -> list[_B
             block.of.setdefault(name, check)
             for other in ids.intersection(check.depends_on) - {name}:
                 block.of.setdefault(other, _of_another(name, check))
+    for name, block in list(blocks.items()):
+        above = next((blocks[each] for each in block.check.depends_on if each in blocks), None)
+        if above is not None:
+            above.follows += [*(block.of.items() or [(None, block.check)]), *block.follows]
+            del blocks[name]
     found: list[_Block] = []
     for block in blocks.values():
         same = next((each for each in found if each.of and each.of.keys() == block.of.keys()), None)

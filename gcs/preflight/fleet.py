@@ -163,6 +163,7 @@ REPORTED_MAX_DEG = 30.0
 """A pattern too small to detect even this rotation has no rotation check."""
 
 START_PATTERN = "start pattern"
+OF_THE_PATTERN = START_PATTERN, "rotation of the start pattern", "shift of the start pattern"
 
 CLOCKWISE = ("clockwise", "counterclockwise")
 
@@ -174,6 +175,7 @@ class Pattern:
     places_m: Array  # (m, 2) show frame
     place_of: Mapping[VehicleId, int]  # rows of `places_m`
     heading_deg: float  # of the show frame
+    drawn: str = ""  # the drawn show whose pads they are, which can be placed; empty: none
 
 
 @dataclass(slots=True)
@@ -289,6 +291,9 @@ def _lies(inputs: PreflightInputs, count: int, fitted: Fit, pattern: Pattern, fo
     )
     middle = f"its middle (x {fitted.middle_m[0]:.1f} m, y {fitted.middle_m[1]:.1f} m)"
     to_do = f"check show_frame (heading, latitude, longitude) and how the pads were set out: {lies}"
+    if pattern.drawn:
+        place = f"Shows, Place (gcs shows place {pattern.drawn} --fit yes)"
+        to_do += f"; or fit the show to the vehicles: {place}"
     if reported_deg > REPORTED_MAX_DEG:
         found.not_checked.append("rotation of the start pattern: it is too small to tell one")
     else:
@@ -301,10 +306,9 @@ def _lies(inputs: PreflightInputs, count: int, fitted: Fit, pattern: Pattern, fo
             f"the start pattern is {turned}, at most {most_deg:.1f} deg",
             abs(turned_deg) <= most_deg,
         )
-        name = "rotation of the start pattern"
-        found.fleet.append(judged(name, turned_deg, "deg", limit, problem, to_do, good=good))
+        found.fleet.append(judged(OF_THE_PATTERN[1], turned_deg, "deg", limit, problem, to_do, good=good))
     shift_m, (along_m, right_m) = hypot(*fitted.shift_m.tolist()), fitted.shift_m.tolist()
     limit, good = f"at most {settings.shift_max_m:g} m", shift_m <= settings.shift_max_m
     shifted = f"{shift_m:.1f} m ({along_m:+.1f} m along x, {right_m:+.1f} m along y)"
     problem = f"the start pattern is shifted by {shifted} from {middle}, {limit}"
-    found.fleet.append(judged("shift of the start pattern", shift_m, "m", limit, problem, to_do, good=good))
+    found.fleet.append(judged(OF_THE_PATTERN[2], shift_m, "m", limit, problem, to_do, good=good))

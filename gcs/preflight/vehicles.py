@@ -3,15 +3,17 @@
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from math import inf, isfinite, isinf, isnan
+from math import hypot, inf, isfinite, isinf, isnan
 
 import numpy as np
 
 from gcs.config.sections import PreflightSettings
+from gcs.estimation.fleet_state import FAR_M
 from gcs.estimation.height_bias import HeightBias
 from gcs.estimation.pad_places import SETTLES_S, Moved
 from gcs.estimation.positioning import Positioning
 from gcs.links.link import Absent
+from gcs.model.frames import ShowFrame
 from gcs.model.preflight_report import Check, State
 from gcs.model.state import Array, FleetState, Mask, Telemetry, VehicleId
 from gcs.safety.fenced_areas import beyond_m
@@ -53,6 +55,7 @@ class PreflightInputs:
     moved: Moved | None = None  # the same
     foreign: Mapping[VehicleId, str] = field(default_factory=dict)  # another autopilot than configured
     without_autopilot: Mapping[VehicleId, Absent] = field(default_factory=dict)  # other components only
+    frame: ShowFrame | None = None  # of the show
     complaints: Mapping[VehicleId, Sequence[str]] = field(default_factory=dict)  # why it would not arm
 
     def is_placed(self, row: int) -> bool:
@@ -64,6 +67,9 @@ PAD_HEIGHT_MAX_M = 3.0
 """A pad may be this much above or below the show's origin, from which obstacles, heights and landing sites
 count. More is a wrong origin, or an altitude of another datum (ellipsoid instead of AMSL: tens of metres).
 """
+
+NEAR_DEG = 0.1
+"""So near to the show's origin, if latitude and longitude of that are exchanged, they seem to be."""
 
 FIX_3D = 3
 FIXES = {0: "no receiver", 1: "none", 2: "2D", 3: "3D", 4: "DGPS", 5: "RTK float", 6: "RTK fixed"}
@@ -157,12 +163,27 @@ def _position(inputs: PreflightInputs, row: int) -> Check:
     if isfinite(age_s):
         problem, to_do = f"no position for {age_s:.1f} s", "wait, or look after its link"
     elif inputs.fleet.time_s - inputs.telemetry.position_time_s[row] <= inputs.age_max_s:
-        problem = "no position to believe: it jumped, or is kilometres away"
-        to_do = "check its GPS and show_frame"
+        problem, to_do = _not_believed(inputs, row)
     else:
         problem, to_do = "no position yet", "wait for its fix, or look after its link"
     value_s = age_s if isfinite(age_s) else np.nan
     return judged("position", value_s, "s", limit, problem, to_do, good=False, depends_on=("fix",))
+
+
+def _not_believed(inputs: PreflightInputs, row: int) -> tuple[str, str]:
+    """Why a position that is received is not believed, in words, and what to do."""
+    frame, to_do = inputs.frame, "check its GPS and show_frame"
+    at_deg = inputs.telemetry.latitude_deg[row : row + 1], inputs.telemetry.longitude_deg[row : row + 1]
+    (latitude_deg,), (longitude_deg,) = at_deg
+    if frame is not None and latitude_deg and longitude_deg:
+        away_m = float(np.linalg.norm(frame.position_m(*at_deg, np.array([frame.altitude_amsl_m]))))
+        if away_m > FAR_M:
+            place = f"{latitude_deg:.4f}, {longitude_deg:.4f}"
+            if hypot(latitude_deg - frame.longitude_deg, longitude_deg - frame.latitude_deg) < NEAR_DEG:
+                to_do = "exchange latitude and longitude in show_frame: it is where they would be then"
+            far = f"it is at {place} (latitude, longitude), {away_m / 1e3:.0f} km from the show's origin"
+            return f"no position to believe: {far}", to_do
+    return "no position to believe: it jumped, or is kilometres away", to_do
 
 
 def _receiver(inputs: PreflightInputs, row: int) -> Iterator[Check]:

@@ -261,7 +261,7 @@ class TargetsView(FeatureView):
 
     def line(self, unix_time_s: float) -> Line:  # noqa: ARG002
         for target in self.targets:
-            mark = "follows " if target.name == self.selected else ""
+            mark = "selected " if target.name == self.selected else ""
             yield f"{mark}{target.name} {target.state} ({target.source})", ""
             if target.name == self.selected and target.why:
                 yield f": {target.why}", "urgent" if target.state == "lost" else "bad"

@@ -284,6 +284,23 @@ class ShowLibrary:
             )
         return Timeline.of(checked.show, checked.drawing)
 
+    def outdated(self, name: str, show_hash: str) -> str:
+        """Why the file is no longer the show that was selected with this hash; empty: it is, or is not known.
+
+        Reads the file, on the ground.
+        """
+        try:
+            text = self._read(name)
+        except GcsError as error:
+            return str(error)
+        checked = self._checks.get(name)
+        if checked is None or checked.reported.state is not CheckState.DONE:
+            return ""
+        if checked.sha256 != sha256(text).hexdigest():
+            return f"show {name!r} has changed since it was checked"
+        same = checked.reported.hash == show_hash
+        return "" if same else f"show {name!r} was moved or changed since it was selected"
+
     def recorded(self, name: str, show_hash: str) -> Timeline:
         """Return the show that was flown under that hash before this service began. Reads the file.
 

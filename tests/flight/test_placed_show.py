@@ -80,6 +80,7 @@ def test_a_show_fitted_to_its_vehicles_is_ready_and_flies(folder: Path) -> None:
     before, after, turn_deg = fly(story, config(folder), **standing(folder))
     assert turn_deg == pytest.approx(TURN_DEG, abs=1.5)
     assert not pattern(before)
+    assert any("gcs shows place night --fit yes" in check.to_do for check in before.fleet)
     assert pattern(after), after
     assert all(check.passes for one in after.vehicles for check in one.checks if check.name == "place")
 

@@ -18,9 +18,11 @@ from gcs.service import CALLER, Outcome, ShowAction
 from gcs.testing.virtual_show import VirtualShow, alarm_texts, fly, refused, show_config
 from tests.flight.test_show_autopilots import config_of
 from tests.support.audit_rows import commands
-from tests.support.written_show import NAME, config, keep, on_pads, select
+from tests.support.written_show import NAME, check, config, keep, on_pads, select
 from tests.support.written_show import TEXT as SHOW
 from tests.support.written_show import fly as fly_show
+
+MOVED_M = 12.0
 
 RECEIVED_S = 3.0
 """Whatever a vehicle tells seldom has come by then."""
@@ -114,6 +116,29 @@ def test_a_start_pattern_shifted_by_5_m_is_refused_by_name(tmp_path: Path) -> No
     assert check.value == pytest.approx(5.0, abs=0.5)
     assert (check.unit, check.limit) == ("m", "at most 2 m")
     assert "the start pattern is shifted by" in found.text
+
+
+def test_show_that_was_moved_is_to_be_selected_again(tmp_path: Path) -> None:
+    """What the old place asks for is folded under that; selected again it starts."""
+    moved = SHOW.replace("spacing_m: 5.0", f"spacing_m: 5.0, x_m: {MOVED_M}").replace("{x_m: 3,", "{x_m: 9,")
+
+    async def story(show: VirtualShow) -> Refused:
+        await show.standby()
+        show_hash = select(show)
+        check(show, moved)
+        found = await start_refused(show, show_hash)
+        select(show, moved)
+        await show.wait(1.1)
+        assert show.service.preflight.report().passes
+        return found
+
+    beside = on_pads(north_m=MOVED_M * np.cos(np.radians(30.0)), east_m=MOVED_M * np.sin(np.radians(30.0)))
+    found = fly_show(story, config(tmp_path), **beside)
+    (cause,) = found.report.causes
+    assert cause.text == "show 'small' was moved or changed since it was selected"
+    assert cause.to_do.startswith("select it again")
+    assert "shift of the start pattern" in cause.follows
+    assert found.text.startswith(cause.text)
 
 
 def test_show_frame_wrong_by_7_degrees_is_refused(

@@ -28,6 +28,8 @@ from gcs.testing.virtual_show import VirtualShow, fly, refused, show_config
 from tests.support.reported_target import alarms, along_m, boat, off_m, report
 from tests.support.sessions import found, four, sessions
 from tests.support.show_phases import running
+from tests.support.written_show import TEXT, config, select
+from tests.support.written_show import fly as fly_on_pads
 
 TARGETS: Final[dict[str, Any]] = {
     "targets": [
@@ -202,6 +204,38 @@ def test_start_needs_the_selected_target() -> None:
         assert check.passes
 
     fly(story, show_config(4, **TARGETS))
+
+
+def test_show_that_follows_no_target_ignores_the_selected_one(tmp_path: Path) -> None:
+    """Neither the start nor an alarm asks for it; a show that follows one later needs it."""
+
+    def asked(show: VirtualShow) -> set[str]:
+        checks = show.service.preflight.report().fleet
+        return {each.name for each in checks if each.name.startswith("target-")}
+
+    async def story(show: VirtualShow) -> None:
+        plan, far_m = show.service.plan, np.array([0.0, 500.0, 0.0])
+        await show.standby()
+        plan.select_target("boat")
+        await report(show, 3.0, lambda _: far_m)
+        assert "target-followed" in asked(show)
+        assert AlarmCause.TARGET_BEYOND not in alarms(show)
+        select(show)
+        assert "target-followed" in asked(show)
+        show_hash = select(show, TEXT.replace("target: live, ", ""))
+        await show.wait(1.1)
+        assert not asked(show)
+        plan.hold_target()
+        await show.wait(0.1)
+        assert show.view.features.targets.selected == ""  # type: ignore[union-attr]
+        plan.select_target("boat")
+        show.service.commands.command_show(ShowAction.START, show_hash=show_hash)
+        await show.reach(ShowPhase.RUNNING)
+        await show.wait(2.0)
+        assert alarms(show).isdisjoint({AlarmCause.TARGET_BEYOND, AlarmCause.TARGET_LOST})
+        assert "decides the target" in (await refused(show, plan.hold_target)).text
+
+    fly_on_pads(story, config(tmp_path, **TARGETS))
 
 
 def test_two_targets_need_two_names() -> None:

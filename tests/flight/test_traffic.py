@@ -290,10 +290,14 @@ def test_start_waits_until_traffic_is_gone() -> None:
         await show.wait(0.5)
         check = {each.name: each for each in show.service.preflight.report().fleet}["traffic-clear"]
         assert not check.passes
-        assert "4CA1B2 (manned)" in check.problem
+        assert check.problem.startswith("traffic comes near: 4CA1B2 (manned)")
+        assert check.to_do == "wait until it has passed"
         await show.wait(16.0)
-        check = {each.name: each for each in show.service.preflight.report().fleet}["traffic-clear"]
-        assert check.passes
+        traffic_of(show).failed(0, "nothing arrives at udp://127.0.0.1:14999")
+        checks = {each.name: each for each in show.service.preflight.report().fleet}
+        assert checks["traffic-clear"].passes
+        assert checks["traffic-known"].problem.startswith("traffic is not known: nothing arrives at")
+        assert checks["traffic-known"].to_do == "check its source"
 
     fly(story, FOUR)
 

@@ -47,7 +47,7 @@ class Station:
     async def serving(self, tls: TlsSettings | None = None) -> AsyncIterator[None]:
         loop = asyncio.get_running_loop()
         listening = [loop.create_future(), loop.create_future()]
-        apps: list[ASGIApp] = [self.app, EmergencyLane(self.app)]
+        apps: list[ASGIApp] = [self.app, EmergencyLane(self.app, self.port)]
         tasks = [
             asyncio.create_task(serve(app, port=0, listening=ready, tls=tls))
             for app, ready in zip(apps, listening, strict=True)

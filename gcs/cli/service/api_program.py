@@ -44,7 +44,7 @@ async def _serve(service: RemoteService, listeners: list[socket.socket]) -> None
     gc.collect()
     gc.freeze()
     loop = asyncio.get_running_loop()
-    apps: list[ASGIApp] = [app, EmergencyLane(app)]
+    apps: list[ASGIApp] = [app, EmergencyLane(app, listeners[0].getsockname()[1])]
     listening: list[asyncio.Future[int]] = [loop.create_future() for _ in listeners]
     serving = [
         loop.create_task(serve_on(listener, served, listening=port, tls=access.tls))

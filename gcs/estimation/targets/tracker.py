@@ -150,7 +150,7 @@ class Tracker:
         far_m = hypot(*report.position_m)
         if not far_m <= FARTHEST_M:  # written so that NaN is refused
             self.outliers += 1
-            far = "it is reported too far away: are latitude and longitude exchanged?"
+            far = "it is reported too far away; latitude and longitude may be exchanged"
             self.why = far if isfinite(far_m) else "it is reported without a place"
             return
         if isfinite(report.source_s) and (report.source_s, report.position_m) in self._reported:

@@ -93,7 +93,10 @@ class PlanEditor:
         self.targets.select(name)
 
     def hold_target(self) -> None:
-        self.show_player.set_target(self.in_force.plan.target.held(self.now_s()), checked=False)
+        """Hold the target; on the ground a show that leads keeps its own, and none is followed later."""
+        now_s, run = self.now_s(), self.show.run
+        if self.show.phase not in ON_THE_GROUND or run is None or run.is_live(now_s):
+            self.show_player.set_target(self.in_force.plan.target.held(now_s), checked=False)
         self.targets.select("")
 
     def report_target(self, name: str, fix: TargetFix) -> None:

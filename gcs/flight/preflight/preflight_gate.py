@@ -41,7 +41,7 @@ from gcs.planning.landing_sites import column_m, describe_columns, most_overlapp
 from gcs.planning.loss_times import APART_MAX_S, check_loss_times
 from gcs.planning.setpoint_loss import PREDICTED_MAX, check_setpoint_loss, formation_m
 from gcs.preflight.causes import ALONE, DOWN, RECEIVED, STANDBY, Finding, causes_of, in_words
-from gcs.preflight.fleet import FleetReadiness, Pattern, standing
+from gcs.preflight.fleet import OF_THE_PATTERN, FleetReadiness, Pattern, standing
 from gcs.preflight.pad_distances import ROOM, TO_THE_NEXT, room_to_wander, spacing
 from gcs.preflight.vehicles import PreflightInputs, fix_words, own_checks
 from gcs.service import CALLER, CommandRecord
@@ -68,6 +68,12 @@ SWAYS_M = 0.5
 
 ON_GROUND = "all vehicles on the ground and received"
 AS_CHECKED = "as it was checked, with as many vehicles"
+OF_THE_SHOW: Final = frozenset(
+    {"place", *OF_THE_PATTERN, "formation", "kept clear", "loss of the ground station", "obstacles"}
+)
+"""Checks that say nothing where the selected show is another one by now."""
+
+SELECT_AGAIN: Final = "select it again, once its check is good"
 TO_DO: Final = {
     "vehicles": "include vehicles, or wait until they are received on the ground",
     RECEIVED: "check its power, its link and its ids, or leave it out",
@@ -136,9 +142,9 @@ class PreflightGate:
         meant, left_out = self._meant(desired)
         chosen = [name for name in meant if self.flight.vehicles[name].phase is Phase.STANDBY]
         fleet = [_all_vehicles(chosen, meant)]
-        need_show = partial(self._need_show, show_hash=show_hash, desired=desired)
+        look_at_show = partial(self._show, show_hash=show_hash, desired=desired)
         if show_hash is not None or self.flight.show.run is not None:
-            fleet.append(_tried("show", AS_CHECKED, lambda: need_show(meant)))
+            fleet.append(look_at_show(meant))
         looked = self._look(chosen)
         for name, check in self._absences(meant).items():
             looked.of[name].insert(0, check)
@@ -146,7 +152,7 @@ class PreflightGate:
         for name, limit, look in self._setpoint_loss_checks(chosen):
             fleet.append(self._with_suspects(_tried(name, limit, look), chosen))
         failing = [check.name for check in fleet if not check.passes]
-        causes = self._causes(meant, chosen, looked, frozenset(failing), need_show)
+        causes = self._causes(meant, chosen, looked, frozenset(failing), look_at_show)
         report = self._report(Cleared(meant, left_out), fleet, looked, causes)
         self._last = self.flight.newest.state.time_s, self._question(desired), report
         return report
@@ -157,13 +163,13 @@ class PreflightGate:
         chosen: Sequence[VehicleId],
         looked: FleetReadiness,
         failing: Collection[str],
-        need_show: Callable[..., None],
+        look_at_show: Callable[..., Check],
     ) -> tuple[PreflightCause, ...]:
         """Fold what fails: a check about several vehicles is evaluated again without some of them."""
         fails = {name: [check for check in looked.of[name] if not check.passes] for name in meant}
         if not failing and not any(fails.values()):
             return ()
-        inputs, pattern = self._inputs(), self._pattern()
+        inputs, pattern, outdated = self._inputs(), self._pattern(), self.show_player.outdated
         own = {name: [check for check in of if check.name not in OF_SEVERAL] for name, of in fails.items()}
 
         def related(out: frozenset[VehicleId]) -> list[Finding]:
@@ -179,14 +185,16 @@ class PreflightGate:
             fleet += [check for each in self.flight.features for check in each.checks(self.flight.instant)]
             if "show" in failing:  # without vehicles a show says nothing about them
                 fliers, also_out = (left, len(out)) if left else (meant, 0)
-                fleet.append(_tried("show", AS_CHECKED, lambda: need_show(fliers, also_out=also_out)))
+                fleet.append(look_at_show(fliers, also_out=also_out))
             for name, limit, look in self._setpoint_loss_checks(kept):
                 if name in failing:
                     fleet.append(self._with_suspects(_tried(name, limit, look), kept))
             findings += [(None, check) for check in fleet]
-            return [each for each in findings if not each[1].passes]
+            failed = [each for each in findings if not each[1].passes]
+            return [*map(_of_another_show, failed)] if outdated else failed
 
-        return causes_of(own, related, partial(self._mended, chosen), _evaluations(len(chosen)))
+        causes = causes_of(own, related, partial(self._mended, chosen), _evaluations(len(chosen)))
+        return tuple(sorted(causes, key=lambda cause: not (outdated and cause.check == "show")))
 
     def _with_suspects(self, check: Check, chosen: Sequence[VehicleId]) -> Check:
         """Name the vehicles that may be why a check of the fleet fails: the least certain, or the odd one."""
@@ -280,16 +288,18 @@ class PreflightGate:
             raise RefusedError(text)
         self._check_obstacles([vehicle_id])  # one may have come to its pad since the start
 
-    def _need_show(
+    def _show(
         self,
         chosen: Sequence[VehicleId],
         *,
         show_hash: str | None,
         desired: Sequence[VehicleId] | None,
         also_out: int = 0,
-    ) -> None:
-        out = len(self.flight.excluded) + also_out
-        self.show_player.check_start(chosen, show_hash, named=desired is not None, taken_out=out)
+    ) -> Check:
+        out, player = len(self.flight.excluded) + also_out, self.show_player
+        start = partial(player.check_start, chosen, show_hash, named=desired is not None, taken_out=out)
+        check = _tried("show", AS_CHECKED, start)
+        return replace(check, to_do=SELECT_AGAIN) if player.outdated else check
 
     def _look(self, chosen: Sequence[VehicleId]) -> FleetReadiness:
         """Inspect the vehicles that are to fly together, and each of all vehicles alone."""
@@ -378,6 +388,7 @@ class PreflightGate:
             moved=flight.places.found,
             complaints={name: self._complaints(vehicle) for name, vehicle in flight.vehicles.items()},
             others=flight.elsewhere.placed(),
+            frame=flight.config.frame,
             ahead_s=self._ahead_s,
         )
 
@@ -399,8 +410,9 @@ class PreflightGate:
         flight, config = self.flight, self.flight.config
         heading_deg = config.show_frame.heading_deg
         if flight.show.run is not None:
-            pads_m = flight.show.run.timeline.show.start_places_m[:, :2]
-            return Pattern(pads_m, self.show_player.pads(), heading_deg)
+            show, name = flight.show.run.timeline.show, flight.show.run.name
+            drawn = "" if show.drawing is None else name
+            return Pattern(show.start_places_m[:, :2], self.show_player.pads(), heading_deg, drawn)
         places = config.preflight.start_places
         if not places:
             return None
@@ -594,6 +606,14 @@ class PreflightGate:
 def _evaluations(count: int) -> int:
     """40 for 60 vehicles, 3 for 200."""
     return min(EVALUATIONS_MAX, max(EVALUATIONS_MIN, EVALUATED_PAIRS // max(1, count * count)))
+
+
+def _of_another_show(finding: Finding) -> Finding:
+    """Have what an outdated show asks for follow from that."""
+    name, check = finding
+    if check.name not in OF_THE_SHOW:
+        return finding
+    return name, replace(check, depends_on=(*check.depends_on, "show"))
 
 
 def _all_vehicles(chosen: Sequence[VehicleId], meant: Sequence[VehicleId]) -> Check:

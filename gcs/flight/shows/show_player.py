@@ -177,6 +177,14 @@ class ShowPlayer:
             raise RefusedError("no show is selected")
         return self.show.run.view(self.newest.state.time_s)
 
+    @property
+    def outdated(self) -> str:
+        """Why the selected show must be selected again, in words; empty: it need not. Reads its file."""
+        show_run = self.show.run
+        if show_run is None or show_run.received:
+            return ""
+        return self.show_library.outdated(show_run.name, show_run.hash)
+
     def check_start(
         self, chosen: Sequence[VehicleId], show_hash: str | None, *, named: bool, taken_out: int = 0
     ) -> None:
@@ -189,6 +197,8 @@ class ShowPlayer:
             if show_hash is not None:
                 raise RefusedError("no show is selected: select one, or start without a show's hash")
             return
+        if outdated := self.outdated:
+            raise RefusedError(outdated)
         if show_hash is None:
             raise RefusedError(
                 f"show {show_run.name!r} is selected: start with its hash {show_run.hash}, or deselect it"

@@ -247,6 +247,11 @@ class ShowRun:
     def is_live(self, now_s: float) -> bool:
         return isinstance(self.timeline.leg_at(self.show_s(now_s)), Live)
 
+    @property
+    def has_live(self) -> bool:
+        """Whether the target is live at any of its cues."""
+        return any(played.cue.target == "live" for played in self.timeline.played)
+
     def is_over(self, now_s: float) -> bool:
         return self.clock.ended(self.timeline, now_s)
 

@@ -23,11 +23,15 @@ from gcs.links.targets.receive import intake_of, keep_receiving
 from gcs.links.targets.settings import TargetSettings
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.frames import ShowFrame
+from gcs.model.lifecycle import IN_THE_AIR, ShowPhase
 from gcs.model.plan import Target
 from gcs.model.preflight_report import Check, State
 from gcs.model.target_fix import TargetFix
 from gcs.service.alarms import AlarmCause, Condition
 from gcs.service.features import TargetsView, TargetView
+
+FOLLOWING: Final = IN_THE_AIR - {ShowPhase.RETURNING}
+"""Phases in which the formation follows a target, or will in a moment."""
 
 OUTRUN_M: Final = 10.0
 """A target that is farther ahead and gains is faster than the formation."""
@@ -213,8 +217,9 @@ class Targets(Feature):
         return nan if state is TrackState.TRACKED else now_s - since_s
 
     def checks(self, at: Instant) -> Iterator[Check]:
-        """Whether the selected target is known."""
-        if self.selected:
+        """Whether the selected target is known, unless a show is selected that follows none."""
+        run = at.show_run
+        if self.selected and (run is None or run.has_live):
             why = self._targets[self.selected].why(at.time_s)
             problem = f"target {self.selected}: {why}" if why else ""
             yield Check(
@@ -234,7 +239,9 @@ class Targets(Feature):
             )
 
     def conditions(self, at: Instant) -> Iterator[Condition]:
-        if not self.selected:
+        run = at.show_run
+        is_led = run is not None and not run.is_live(at.time_s)
+        if not self.selected or is_led or at.show not in FOLLOWING:
             return
         target, name = self._targets[self.selected], self.selected
         state = target.estimate.state(at.time_s)

@@ -241,14 +241,10 @@ class OtherTraffic(Feature):
         """Whether traffic is known, and none of it is in the way."""
         if self._settings is None:
             return
-        in_the_way = [self._words(row) for row in self._rows_near()[:3]]
-        problem = "; ".join([*self._problems(at.time_s), *in_the_way])
-        yield Check(
-            "traffic-clear",
-            State.FAIL if problem else State.PASS,
-            problem=problem,
-            to_do="check its source, or wait until it has passed" if problem else "",
-        )
+        unknown = "; ".join(self._problems(at.time_s))
+        near = "; ".join(self._words(row) for row in self._rows_near()[:3])
+        yield _check("traffic-known", unknown and f"traffic is not known: {unknown}", "check its source")
+        yield _check("traffic-clear", near and f"traffic comes near: {near}", "wait until it has passed")
 
     def _rows_near(self) -> tuple[int, ...]:
         if self._seen is None:
@@ -338,6 +334,11 @@ class OtherTraffic(Feature):
                 evaded=traffic.ids[row] in seen.evaded,
                 near=row in seen.announced or row in seen.manned,
             )
+
+
+def _check(name: str, problem: str, to_do: str) -> Check:
+    """Passes without a problem."""
+    return Check(name, State.FAIL if problem else State.PASS, problem=problem, to_do=to_do if problem else "")
 
 
 def _first(number: float, otherwise: float) -> float:

@@ -45,7 +45,7 @@ class Station:
         return asyncio.run(self.ask(method, path, headers=headers | options.pop("headers", {}), **options))
 
     async def ask(self, method: str, path: str, *, lane: bool = False, **options: Any) -> httpx.Response:
-        app = EmergencyLane(self.app) if lane else self.app
+        app = EmergencyLane(self.app, 8080) if lane else self.app
         transport = httpx.ASGITransport(app, raise_app_exceptions=False, client=("10.0.0.9", 5))
         async with httpx.AsyncClient(transport=transport, base_url="http://127.0.0.1") as client:
             return await client.request(method, path, **options)
@@ -215,7 +215,8 @@ def test_a_flood_of_denied_calls_is_summed_up(station: Station) -> None:
 def test_emergency_lane_answers_emergency_calls_only(station: Station) -> None:
     station.service.fly()
     station.service.tick()
-    assert station("operate", "GET", "/api/v1/fleet", lane=True).status_code == 404
+    refused = station("operate", "GET", "/api/v1/fleet", lane=True)
+    assert (refused.status_code, "port 8080 answers" in refused.text) == (404, True)
     assert station("operate", "POST", "/api/v1/show/resume", lane=True).status_code == 404
     assert station("", "GET", "/healthz", lane=True).status_code == 200
     assert station("", "POST", "/api/v1/show/stop", lane=True).status_code == 401

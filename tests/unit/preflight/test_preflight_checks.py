@@ -9,6 +9,7 @@ import pytest
 from gcs.config.sections import PreflightSettings
 from gcs.estimation.pad_places import Moved
 from gcs.estimation.positioning import Positioning, uncertainty_m
+from gcs.model.frames import ShowFrame
 from gcs.model.preflight_report import Check, State, describe
 from gcs.model.state import Array, FleetState, Landed, Mode, Telemetry
 from gcs.preflight.fleet import Pattern, standing
@@ -226,6 +227,22 @@ def test_rejected_position_differs_from_one_never_received() -> None:
     assert check.to_do == "check its GPS and show_frame"
 
 
+@pytest.mark.parametrize(
+    ("frame", "problem", "to_do"),
+    [
+        (ShowFrame(8.5456, 47.3977, 488.0), "at 47.3977, 8.5456", "exchange latitude and longitude in show"),
+        (ShowFrame(47.9, 8.5, 488.0), "56 km from the show's origin", "check its GPS and show_frame"),
+        (ShowFrame(47.39, 8.54, 488.0), "it jumped, or is kilometres away", "check its GPS and show_frame"),
+    ],
+    ids=["exchanged", "far", "near"],
+)
+def test_position_that_is_far_away_says_where(frame: ShowFrame, problem: str, to_do: str) -> None:
+    at = replace(GOOD, latitude_deg=np.full(3, 47.3977), longitude_deg=np.full(3, 8.5456))
+    _, check = only(known(at, age_s=(0.1, np.inf, 0.1), frame=frame))
+    assert problem in check.problem
+    assert check.to_do.startswith(to_do)
+
+
 def test_stale_position_is_not_judged() -> None:
     _, check = only(known(height_m=(0.0, 50.0, 0.0), age_s=(0.1, 9.0, 0.1)))
     assert check.problem == "no position for 9.0 s"
@@ -354,6 +371,12 @@ def test_pattern_shifted_by_5_m_is_refused_with_its_offset() -> None:
         "shift of the start pattern": "the start pattern is shifted by 5.0 m (+3.0 m along x, -4.0 m along y)"
         " from its middle (x 0.0 m, y 0.0 m), at most 2 m"
     }
+
+
+def test_drawn_show_in_the_wrong_place_can_be_placed() -> None:
+    found = standing(nine(GRID_M + np.array((3.0, -4.0))), NINE, replace(pattern(), drawn="night"))
+    (check,) = (check for check in found.fleet if not check.passes)
+    assert "gcs shows place night --fit yes" in check.to_do
 
 
 def test_heading_wrong_by_7_degrees_shifts_distant_pads() -> None:
