@@ -374,7 +374,7 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
     AlarmCause.LITTLE_AUTHORITY: CauseRow(
         C,
         "Vehicles do not reach their velocities",
-        "Bring the show home, or land it, if the wind does not drop.",
+        "Bring the show home, or land it, if it lasts.",
         on_after_s=1.0,
         off_after_s=5.0,
         action=X.STOP,

@@ -16,7 +16,7 @@ from gcs.failsafe.autopilot_failsafe import ADVICE_TO_MANY, TERMINATED, TEXTS_CO
 from gcs.failsafe.autopilots.texts import Meaning, meaning_of
 from gcs.failsafe.policy import Action, Cause
 from gcs.failsafe.triggers import OF_THE_SHOW
-from gcs.flight.monitors.accuracy_alarms import BLIND, AccuracyAlarms
+from gcs.flight.monitors.accuracy_alarms import BLIND, NO_FIX, AccuracyAlarms
 from gcs.flight.monitors.space_alarms import SpaceAlarms, of_routes, of_the_centre
 from gcs.flight.state.flight import FLIES, NOT_CHOSEN, Flight
 from gcs.flight.state.vehicle import Vehicle
@@ -207,6 +207,8 @@ class AlarmMonitor:
                     advice = BLIND if self.flight.newest.state.doubtful[vehicle.row] else ""
                     yield Condition(AlarmCause.OUTSIDE_CONTROL, why, ids, SENDS_NOTHING, advice)
                     continue
+                if vehicle.cause is FailsafeCause.POSITION_LOSS:
+                    because += f": {NO_FIX}" if self.flight.newest.state.doubtful[vehicle.row] else ""
                 critical = vehicle.cause is FailsafeCause.CRITICAL_BATTERY
                 severity = AlarmSeverity.EMERGENCY if critical else None
                 to_do = f"[{advice}|{ADVICE_TO_MANY.get(advice, advice)}]" if advice else WAIT_FOR_A_COMMAND
