@@ -499,6 +499,7 @@ class Condition:
     about: str = ""  # name of the link, file or obstacle: each has its own alarm
     command_id: str | None = None  # of the command that the service gave because of it
     action: AlarmAction | None = None  # does what `advice` says; of the cause, where that has none
+    replaces: tuple[AlarmCause, ...] = ()  # alarms of the same that this one goes on with: they are not over
 
 
 @dataclass(frozen=True, slots=True)

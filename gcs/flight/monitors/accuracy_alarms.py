@@ -43,7 +43,7 @@ LASTS_S: Final = 3.0
 OFF_GROUND_M: Final = Limit(on=2.0, off=1.4)
 """Of a vehicle that stands on its pad: more than estimates without corrections are off at once."""
 
-SETTLES_S: Final = 3.0
+SETTLES_S: Final = 1.5
 """Averaging time of the height of a vehicle that stands: an estimate settles after a touch-down."""
 
 ON_PAD_M: Final = 2.0

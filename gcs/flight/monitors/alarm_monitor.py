@@ -21,7 +21,7 @@ from gcs.flight.monitors.space_alarms import SpaceAlarms, of_routes, of_the_cent
 from gcs.flight.state.flight import FLIES, NOT_CHOSEN, Flight
 from gcs.flight.state.vehicle import Vehicle
 from gcs.model.interrupted_flight import InterruptedFlight
-from gcs.model.lifecycle import ON_THE_GROUND, Phase, ShowPhase
+from gcs.model.lifecycle import GROUNDED, ON_THE_GROUND, Phase, ShowPhase
 from gcs.model.state import StatusText
 from gcs.service import CALLER, ActiveFailsafe, Outcome
 from gcs.service.alarm_book import AlarmBook, Change, ChangeKind
@@ -84,6 +84,15 @@ SHOW_FOLLOWS: Final = {
 
 DRAWN_FOLLOWS: Final = "The others fly on as drawn, and keep clear of it."
 
+BATTERIES: Final = (AlarmCause.LOW_BATTERY, AlarmCause.CRITICAL_BATTERY)
+
+GOES_ON: Final = {
+    FailsafeCause.POSITION_LOSS: (AlarmCause.BAD_POSITION,),
+    FailsafeCause.LOW_BATTERY: BATTERIES,
+    FailsafeCause.CRITICAL_BATTERY: BATTERIES,
+}
+"""Alarms that are not over when the autopilot's own failsafe acts: its alarm has the same cause."""
+
 KILL_OUTCOMES: Final = {
     Outcome.PENDING: "motors are being stopped on command",
     Outcome.FAILED: "motors were not seen to stop; commanded",
@@ -132,7 +141,8 @@ class AlarmMonitor:
     flight: Flight
 
     def __post_init__(self) -> None:
-        self._alarm_book = AlarmBook()
+        vehicles = self.flight.vehicles
+        self._alarm_book = AlarmBook(lambda name: name in vehicles and vehicles[name].phase in GROUNDED)
         self._due_s = -np.inf
         self._poor = np.zeros(len(self.flight.vehicles), np.bool_)
         flight = self.flight
@@ -212,7 +222,9 @@ class AlarmMonitor:
                 critical = vehicle.cause is FailsafeCause.CRITICAL_BATTERY
                 severity = AlarmSeverity.EMERGENCY if critical else None
                 to_do = f"[{advice}|{ADVICE_TO_MANY.get(advice, advice)}]" if advice else WAIT_FOR_A_COMMAND
-                yield Condition(AlarmCause.OWN_FAILSAFE, because, ids, SENDS_NOTHING, to_do, severity)
+                goes_on = GOES_ON.get(vehicle.cause, ())
+                cause = AlarmCause.OWN_FAILSAFE
+                yield Condition(cause, because, ids, SENDS_NOTHING, to_do, severity, replaces=goes_on)
             elif vehicle.phase is Phase.KILLED:
                 yield self._of_a_kill(vehicle)
 

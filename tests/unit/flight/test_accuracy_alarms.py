@@ -85,7 +85,7 @@ def standing(up_m: float, seconds: float) -> list[Condition]:
 
 
 def test_height_on_the_pad_is_judged_over_some_seconds() -> None:
-    assert standing(2.3, seconds=3.0) == [], "an estimate settles after a touch-down"
+    assert standing(2.2, seconds=3.0) == [], "an estimate settles after a touch-down"
     (reported,) = standing(3.0, seconds=4.0)
     assert (reported.cause, reported.vehicles) == (AlarmCause.HEIGHT_DIFFERS, ("d1",))
     assert standing(5.0, seconds=2.0)
