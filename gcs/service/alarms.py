@@ -304,14 +304,14 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
     AlarmCause.TRAFFIC_MANNED: CauseRow(
         E,
         "Manned aircraft {about} near",
-        "It has the right of way. Land, or bring the show home, if it comes nearer.",
-        action=X.RETURN,
+        "Bring the show home, or land, if it comes nearer: it has the right of way.",
+        action=X.STOP,
         past="Manned aircraft {about} was near",
     ),
     AlarmCause.TRAFFIC_NEAR: CauseRow(
         W,
         "Traffic {about} comes near",
-        "Vehicles keep clear of it. Watch it; pause or land the show if it turns.",
+        "Watch it; pause or land the show if it turns. Vehicles keep clear of it.",
         past="Traffic {about} was near",
     ),
     AlarmCause.TRAFFIC_CROWDED: CauseRow(

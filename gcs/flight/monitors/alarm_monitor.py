@@ -5,7 +5,7 @@ Rounds without a condition are cheap: whole columns are compared, not single veh
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -175,7 +175,7 @@ class AlarmMonitor:
             *self._of_texts(),
             *_of_failsafes(findings.failsafes),
             *self._of_links(findings),
-            *self._of_features(),
+            *self._of_features(findings.failsafes),
             *self._of_intakes(),
             *self._of_the_ground(),
             *_of_the_service(findings),
@@ -259,9 +259,15 @@ class AlarmMonitor:
                 words = text.text.rstrip(".")
                 yield Condition(AlarmCause.LAND_NOW, f'"{words}"', (vehicle.id,), about=words)
 
-    def _of_features(self) -> Iterator[Condition]:
+    def _of_features(self, failsafes: Sequence[ActiveFailsafe]) -> Iterator[Condition]:
+        gives_way = next((each for each in failsafes if each.cause == Cause.MANNED_AIRCRAFT), None)
         for feature in self.flight.features:
-            yield from feature.conditions(self.flight.instant)
+            for each in feature.conditions(self.flight.instant):
+                if each.cause is AlarmCause.TRAFFIC_MANNED and gives_way is not None:
+                    follows, command_id = SHOW_FOLLOWS[Action(gives_way.action)], gives_way.command_id
+                    yield replace(each, consequence=follows, command_id=command_id)
+                else:
+                    yield each
 
     def _of_intakes(self) -> Iterator[Condition]:
         for intake in self.flight.intakes:
