@@ -32,7 +32,6 @@ def features_of(flight: Flight, targets: Targets, unix_minus_loop_s: Callable[[]
             frozenset(vehicle.system_id for vehicle in flight.vehicles.values()),
             config.own_tracks,
             unix_minus_loop_s,
-            config.failsafes.manned_aircraft.action,
         ),
         TakTracks(
             config,

@@ -1,7 +1,7 @@
 """Turns conditions into alarms: grouped by cause, with hysteresis, with acknowledgement."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from itertools import count
@@ -31,6 +31,9 @@ NUMBERS_S: Final = 5.0
 
 KEPT_UNTIL_ACKNOWLEDGED: Final = frozenset({AlarmSeverity.EMERGENCY, AlarmSeverity.WARNING})
 """Alarms that stay listed as ended until they are acknowledged."""
+
+MINUTES_S: Final = 180.0
+"""A time from here on is in minutes."""
 
 REASONS_MAX: Final = 2
 """Of more different reasons a text has none: they are a table."""
@@ -80,12 +83,17 @@ class _BookEntry:
     written_s: float = 0.0
     because: str = ""  # when it was raised last: as it ends, the values are good again
     about: str = ""
+    begun_s: float = 0.0
+    gone_s: float = 0.0
+    flew: bool = False  # one of its vehicles, when it began
 
 
 class AlarmBook:
     """All alarms of one service. Used on the event loop only; reads no clock."""
 
-    def __init__(self) -> None:
+    def __init__(self, stands: Callable[[VehicleId], bool] = lambda _: False) -> None:
+        """`stands`: whether a vehicle is on the ground."""
+        self._stands = stands
         self._entries: dict[tuple[AlarmCause, str], _BookEntry] = {}
         self._ended: list[Alarm] = []
         self._numbers = count(1)
@@ -106,12 +114,21 @@ class AlarmBook:
                 member = members.get(name)
                 if member is None or _rank(condition) < _rank(member):
                     members[name] = condition
+        replaced = {
+            (cause, condition.about, name)
+            for condition in conditions
+            for cause in condition.replaces
+            for name in condition.vehicles or (None,)
+        }
         changes: list[Change] = []
         self._due_s = float("inf")
         for key in [*self._entries, *(key for key in held if key not in self._entries)]:
             entry = self._entries.setdefault(key, _BookEntry(CAUSES[key[0]]))
             self._follow(entry, held.get(key, {}), now_s)
-            changes += self._write(entry, now_s, unix_s)
+            goes_on = entry.alarm is not None and all(
+                (*key, name) in replaced for name in entry.alarm.vehicles or (None,)
+            )
+            changes += self._write(entry, now_s, unix_s, goes_on=goes_on)
             if not entry.members:
                 del self._entries[key]
         self._list()
@@ -153,19 +170,21 @@ class AlarmBook:
                 member.gone_since_s = now_s
             ends_s = member.gone_since_s + entry.row.off_after_s
             if not member.active or now_s >= ends_s:
+                entry.gone_s = max(entry.gone_s, member.gone_since_s)
                 del entry.members[name]
             else:
                 self._due_s = min(self._due_s, ends_s)
 
-    def _write(self, entry: _BookEntry, now_s: float, unix_s: float) -> list[Change]:
+    def _write(self, entry: _BookEntry, now_s: float, unix_s: float, *, goes_on: bool) -> list[Change]:
         active = {name: member.condition for name, member in entry.members.items() if member.active}
         before = entry.alarm
         if not active:
             if before is None:
                 return []
-            ended = _over(entry, before, unix_s)
+            ended = self._over(entry, before, unix_s)
             entry.alarm = None
-            if before.severity in KEPT_UNTIL_ACKNOWLEDGED and before.acknowledged_by is None:
+            kept = before.severity in KEPT_UNTIL_ACKNOWLEDGED and not goes_on
+            if kept and before.acknowledged_by is None:
                 self._ended = [*self._ended, ended][-ENDED_MAX:]
             return [Change(ChangeKind.ENDED, ended)]
         alarm = _alarm(entry.row, active)
@@ -174,6 +193,8 @@ class AlarmBook:
             alarm = replace(alarm, id=name, since_unix_time_s=unix_s, raised_unix_time_s=unix_s)
             entry.alarm, entry.written_s = alarm, now_s
             entry.because, entry.about = _because(active)[0], next(iter(active.values())).about
+            entry.begun_s = min(member.on_since_s for member in entry.members.values() if member.active)
+            entry.flew = not all(map(self._stands, alarm.vehicles))
             return [Change(ChangeKind.BEGUN, alarm)]
         alarm = replace(
             before,
@@ -197,6 +218,14 @@ class AlarmBook:
             return []
         entry.alarm, entry.written_s = alarm, now_s
         return [Change(ChangeKind.GROWN, alarm)] if grown else []
+
+    def _over(self, entry: _BookEntry, alarm: Alarm, unix_s: float) -> Alarm:
+        """The alarm in the past, and how long it lasted: what was done about it, and what to do, is over."""
+        headline = _headline(in_the_past(entry.row), alarm.vehicles, entry.about)
+        first = f"{headline}: {entry.because}" if entry.because else headline
+        landed = entry.flew and all(map(self._stands, alarm.vehicles))
+        ended = f"{'On the ground' if landed else 'Ended'} after {_in_words(entry.gone_s - entry.begun_s)}"
+        return replace(alarm, text=f"{first}. {ended}.", advice="", action=None, ended_unix_time_s=unix_s)
 
     def _list(self) -> None:
         lasting = (entry.alarm for entry in self._entries.values() if entry.alarm is not None)
@@ -264,11 +293,10 @@ def _because(active: Mapping[VehicleId | None, Condition]) -> tuple[str, tuple[V
     return "; ".join(f"{named(ids)}: {why}" if ids and not alike else why for ids, why in words), ()
 
 
-def _over(entry: _BookEntry, alarm: Alarm, unix_s: float) -> Alarm:
-    """The alarm in the past: what was done about it, and what to do, is over."""
-    headline = _headline(in_the_past(entry.row), alarm.vehicles, entry.about)
-    text = f"{headline}: {entry.because}." if entry.because else f"{headline}."
-    return replace(alarm, text=text, advice="", action=None, ended_unix_time_s=unix_s)
+def _in_words(seconds: float) -> str:
+    if seconds < 1.0:
+        return "less than 1 s"
+    return f"{seconds:.0f} s" if seconds < MINUTES_S else f"{seconds / 60.0:.0f} min"
 
 
 def named(vehicles: Sequence[VehicleId]) -> str:

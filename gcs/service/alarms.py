@@ -304,14 +304,14 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
     AlarmCause.TRAFFIC_MANNED: CauseRow(
         E,
         "Manned aircraft {about} near",
-        "It has the right of way. Land, or bring the show home, if it comes nearer.",
-        action=X.RETURN,
+        "Bring the show home, or land, if it comes nearer: it has the right of way.",
+        action=X.STOP,
         past="Manned aircraft {about} was near",
     ),
     AlarmCause.TRAFFIC_NEAR: CauseRow(
         W,
         "Traffic {about} comes near",
-        "Vehicles keep clear of it. Watch it; pause or land the show if it turns.",
+        "Watch it; pause or land the show if it turns. Vehicles keep clear of it.",
         past="Traffic {about} was near",
     ),
     AlarmCause.TRAFFIC_CROWDED: CauseRow(
@@ -374,7 +374,7 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
     AlarmCause.LITTLE_AUTHORITY: CauseRow(
         C,
         "Vehicles do not reach their velocities",
-        "Bring the show home, or land it, if the wind does not drop.",
+        "Bring the show home, or land it, if it lasts.",
         on_after_s=1.0,
         off_after_s=5.0,
         action=X.STOP,
@@ -499,6 +499,7 @@ class Condition:
     about: str = ""  # name of the link, file or obstacle: each has its own alarm
     command_id: str | None = None  # of the command that the service gave because of it
     action: AlarmAction | None = None  # does what `advice` says; of the cause, where that has none
+    replaces: tuple[AlarmCause, ...] = ()  # alarms of the same that this one goes on with: they are not over
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
 from gcs.model.settings import PUBLISHED, Measured
-from gcs.model.traffic import TrackKind
+from gcs.model.traffic import KIND_IN_WORDS, TrackKind, distance_in_words
 
 NO_LABEL: Final[tuple[int, ...]] = (255, 255, 255, 255)
 
@@ -288,7 +288,9 @@ class TrackView:
     climb_m_s: Measured
     deviation_m: Annotated[float, Field(description="Standard deviation of its place, along an axis.")]
     age_s: Annotated[float, Field(description="Of its newest report.")]
-    away_m: Annotated[float, Field(description="From the nearest vehicle's side of the formation, now.")]
+    away_m: Annotated[
+        float, Field(description="From the side of the formation, now; 0: over, under or within it.")
+    ]
     nearest_m: Annotated[float, Field(description="The same when it is nearest, if both go straight on.")]
     nearest_s: Annotated[float, Field(description="When that is, in s from now.")]
     evaded: Annotated[bool, Field(description="Whether vehicles keep clear of it now.")]
@@ -326,8 +328,8 @@ class TrafficView(FeatureView):
         yield f"{self.known:g} tracks", ""
         for track in self.nearest:
             if track.near:
-                soon = f", {track.nearest_m:.0f} m in {track.nearest_s:.0f} s"
-                text = f", {track.id} ({track.kind}) {track.away_m:.0f} m away{soon}"
+                where = distance_in_words(track.away_m, track.nearest_m, track.nearest_s)
+                text = f", {KIND_IN_WORDS[track.kind]} {track.id}, {where}"
                 yield text, "urgent" if track.kind == "manned" else "bad"
 
 

@@ -16,7 +16,7 @@ from gcs.model.plan import Formation
 from gcs.model.target_fix import TargetFix
 from gcs.model.traffic import TRACK_KINDS, TrackKind
 from gcs.service import ShowAction
-from gcs.service.alarms import AlarmCause
+from gcs.service.alarms import AlarmAction, AlarmCause, AlarmSeverity
 from gcs.testing.virtual_show import VirtualShow, fly, show_config
 from tests.support import written_show
 from tests.support.failsafe_flights import failsafe, reacts
@@ -64,8 +64,8 @@ def report(
     traffic_of(show).take(0, fix)
 
 
-def alarms(show: VirtualShow) -> set[AlarmCause]:
-    return {alarm.cause for alarm in show.service.alarms.alarms}
+def alarms(show: VirtualShow, *, lasting: bool = False) -> set[AlarmCause]:
+    return {alarm.cause for alarm in show.service.alarms.alarms if alarm.lasts or not lasting}
 
 
 def test_drone_that_crosses_is_announced_and_evaded() -> None:
@@ -97,7 +97,10 @@ def test_manned_aircraft_has_the_formation_descend() -> None:
         reported = await reacts(show, Cause.MANNED_AIRCRAFT)
         assert reported.action == "descend"
         await show.wait(1.0)
-        assert AlarmCause.TRAFFIC_MANNED in alarms(show)
+        (alarm,) = [each for each in show.view.alarms if each.cause is AlarmCause.TRAFFIC_MANNED]
+        assert alarm.action is AlarmAction.STOP
+        assert "The formation flies on lower, and stays there." in alarm.text
+        assert show.view.reason.startswith("flies lower: manned aircraft 4CA1B2 is near; ")
         assert show.service.plan.current.formation.height_m == pytest.approx(15.0, abs=1.0)
         for _ in range(30):
             report(show, 150.0, kind="manned", height_m=60.0)
@@ -107,6 +110,30 @@ def test_manned_aircraft_has_the_formation_descend() -> None:
         assert show.service.plan.current.formation.height_m < 20.0, "an operator raises it again"
 
     fly(story, FOUR, after=running)
+
+
+def test_manned_aircraft_that_has_passed_is_near_no_more() -> None:
+    """It says so first; one that turns, or goes away slowly, stays an emergency."""
+
+    async def story(show: VirtualShow) -> tuple[list[str], set[AlarmCause], set[AlarmCause]]:
+        texts = []
+        for second in range(26):
+            report(show, -90.0 + 10.0 * second, kind="manned", speed_m_s=10.0, height_m=60.0)
+            await show.wait(1.0)
+            near = [a for a in show.view.alarms if a.cause is AlarmCause.TRAFFIC_MANNED and a.lasts]
+            texts += [alarm.text for alarm in near]
+        past = alarms(show, lasting=True)
+        for second in range(12):
+            report(show, 170.0 - 10.0 * second, kind="manned", speed_m_s=-10.0, height_m=60.0)
+            await show.wait(1.0)
+        return texts, past, alarms(show, lasting=True)
+
+    texts, past, back = fly(story, FOUR, after=running)
+    assert "away; passes" in texts[0]
+    assert "has passed" in texts[-1]
+    assert len(texts) > 18
+    assert AlarmCause.TRAFFIC_MANNED not in past
+    assert AlarmCause.TRAFFIC_MANNED in back
 
 
 def test_paused_show_stays_paused_near_a_manned_aircraft() -> None:
@@ -290,8 +317,11 @@ def test_start_waits_until_traffic_is_gone() -> None:
         await show.wait(0.5)
         check = {each.name: each for each in show.service.preflight.report().fleet}["traffic-clear"]
         assert not check.passes
-        assert check.problem.startswith("traffic comes near: 4CA1B2 (manned)")
+        assert check.problem.startswith("traffic comes near: manned aircraft 4CA1B2, ")
         assert check.to_do == "wait until it has passed"
+        (alarm,) = [each for each in show.view.alarms if each.cause is AlarmCause.TRAFFIC_MANNED]
+        assert (alarm.severity, alarm.action) == (AlarmSeverity.INFORMATION, None)
+        assert alarm.advice == "Start when it has passed."
         await show.wait(16.0)
         traffic_of(show).failed(0, "nothing arrives at udp://127.0.0.1:14999")
         checks = {each.name: each for each in show.service.preflight.report().fleet}

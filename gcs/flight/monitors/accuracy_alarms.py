@@ -11,6 +11,7 @@ from gcs.config.schema import Config
 from gcs.control import ControlSettings, Tick
 from gcs.estimation.fleet_state import Table
 from gcs.estimation.height_bias import HeightComparison
+from gcs.failsafe.autopilot_failsafe import FailsafeCause
 from gcs.failsafe.policy import Cause
 from gcs.flight.state.flight import FLIES
 from gcs.flight.state.newest import InForce, Newest
@@ -20,6 +21,7 @@ from gcs.model.lifecycle import Phase
 from gcs.model.state import Array, Landed, Mask
 from gcs.planning.feasibility import radius_allowed, smallest_formation_radius_m
 from gcs.safety.answers import slowest_m_s2
+from gcs.safety.authority import Authority
 from gcs.service import ActiveFailsafe
 from gcs.service.alarms import AlarmCause, Condition, Limit, beyond
 
@@ -40,6 +42,9 @@ LASTS_S: Final = 3.0
 
 OFF_GROUND_M: Final = Limit(on=2.0, off=1.4)
 """Of a vehicle that stands on its pad: more than estimates without corrections are off at once."""
+
+SETTLES_S: Final = 1.5
+"""Averaging time of the height of a vehicle that stands: an estimate settles after a touch-down."""
 
 ON_PAD_M: Final = 2.0
 """Farther from its pad the ground may be higher or lower."""
@@ -78,6 +83,8 @@ class AccuracyAlarms:
         self._is_small = np.zeros(1, np.bool_)
         self._wide = np.zeros(1, np.bool_)
         self._off_ground = np.zeros(n, np.bool_)
+        self._on_pad_m: Array = np.zeros(n)  # averaged
+        self._looked_s = self.newest.state.time_s
         self._lacks_since_s: Array = np.full(n, np.inf)
         self._lacked_s: Array = np.full(n, -np.inf)
 
@@ -92,6 +99,8 @@ class AccuracyAlarms:
             if vehicle.phase not in FLIES or vehicle.id in named or self.newest.silent[row]:
                 continue
             if doubtful[row]:
+                if vehicle.phase is Phase.PILOT and vehicle.cause is FailsafeCause.POSITION_LOSS:
+                    continue  # the alarm of its own failsafe says so
                 advice = BLIND if vehicle.phase is Phase.PILOT else ""
                 yield Condition(AlarmCause.BAD_POSITION, NO_FIX, (vehicle.id,), advice=advice)
             else:
@@ -165,7 +174,11 @@ class AccuracyAlarms:
             if vehicle.phase in FLIES:
                 consequence = "Others keep so much farther above and below [it|them]."
                 yield Condition(AlarmCause.HEIGHT_DIFFERS, biases.in_words(row), (vehicle.id,), consequence)
-        height_m = self._reported_on_pads_m()
+        now_s = self.newest.state.time_s
+        share, self._looked_s = 1.0 - np.exp(-(now_s - self._looked_s) / SETTLES_S), now_s
+        reported_m = np.nan_to_num(self._reported_on_pads_m())
+        self._on_pad_m = np.where(reported_m, self._on_pad_m + share * (reported_m - self._on_pad_m), 0.0)
+        height_m = self._on_pad_m
         self._off_ground = beyond(self._off_ground, np.abs(height_m), OFF_GROUND_M)
         for row in np.flatnonzero(self._off_ground).tolist():
             side = "above" if height_m[row] > 0.0 else "below"
@@ -193,9 +206,10 @@ class AccuracyAlarms:
         lack_m_s = np.linalg.norm(authority.lack_m_s, axis=1)
         blown = self._blown(lack_m_s > safety.authority.lack_m_s)
         if self._wide[0] and len(blown):
-            off_m_s, alone = authority.fleet_wander_m_s, len(blown) == 1
-            because = f"{off_m_s:.1f} m/s off on average, by wind or gusts"
-            if alone:
+            gusts = authority.fleet_wander_m_s > safety.authority.free_m_s
+            why = "by wind or gusts" if gusts else "all alike: by wind, or a hard turn"
+            because = f"up to {_off_m_s(authority):.1f} m/s off, {why}"
+            if len(blown) == 1:
                 off_m_s = float(lack_m_s[blown[0]])
                 because = f"{self.newest.state.ids[blown[0]]} alone, {off_m_s:.1f} m/s off"
             consequence = f"Pairs keep up to {wider_m:.1f} m more than usual."
@@ -227,3 +241,10 @@ class AccuracyAlarms:
         if len(blown) == 1 and not now_s - self._lacks_since_s[blown[0]] >= LASTS_S:
             return []
         return blown
+
+
+def _off_m_s(authority: Authority) -> float:
+    """The most that a vehicle is off its velocity: what margins are widened by."""
+    gusts_m2_s2 = np.maximum(authority.square_m2_s2, authority.fleet_wander_m_s**2)
+    off_m2_s2 = 3.0 * gusts_m2_s2 + (authority.lack_m_s**2).sum(axis=1)
+    return float(np.sqrt(off_m2_s2.max(initial=0.0)))

@@ -5,7 +5,7 @@ Rounds without a condition are cheap: whole columns are compared, not single veh
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -16,12 +16,12 @@ from gcs.failsafe.autopilot_failsafe import ADVICE_TO_MANY, TERMINATED, TEXTS_CO
 from gcs.failsafe.autopilots.texts import Meaning, meaning_of
 from gcs.failsafe.policy import Action, Cause
 from gcs.failsafe.triggers import OF_THE_SHOW
-from gcs.flight.monitors.accuracy_alarms import BLIND, AccuracyAlarms
+from gcs.flight.monitors.accuracy_alarms import BLIND, NO_FIX, AccuracyAlarms
 from gcs.flight.monitors.space_alarms import SpaceAlarms, of_routes, of_the_centre
 from gcs.flight.state.flight import FLIES, NOT_CHOSEN, Flight
 from gcs.flight.state.vehicle import Vehicle
 from gcs.model.interrupted_flight import InterruptedFlight
-from gcs.model.lifecycle import ON_THE_GROUND, Phase, ShowPhase
+from gcs.model.lifecycle import GROUNDED, ON_THE_GROUND, Phase, ShowPhase
 from gcs.model.state import StatusText
 from gcs.service import CALLER, ActiveFailsafe, Outcome
 from gcs.service.alarm_book import AlarmBook, Change, ChangeKind
@@ -84,6 +84,15 @@ SHOW_FOLLOWS: Final = {
 
 DRAWN_FOLLOWS: Final = "The others fly on as drawn, and keep clear of it."
 
+BATTERIES: Final = (AlarmCause.LOW_BATTERY, AlarmCause.CRITICAL_BATTERY)
+
+GOES_ON: Final = {
+    FailsafeCause.POSITION_LOSS: (AlarmCause.BAD_POSITION,),
+    FailsafeCause.LOW_BATTERY: BATTERIES,
+    FailsafeCause.CRITICAL_BATTERY: BATTERIES,
+}
+"""Alarms that are not over when the autopilot's own failsafe acts: its alarm has the same cause."""
+
 KILL_OUTCOMES: Final = {
     Outcome.PENDING: "motors are being stopped on command",
     Outcome.FAILED: "motors were not seen to stop; commanded",
@@ -132,7 +141,8 @@ class AlarmMonitor:
     flight: Flight
 
     def __post_init__(self) -> None:
-        self._alarm_book = AlarmBook()
+        vehicles = self.flight.vehicles
+        self._alarm_book = AlarmBook(lambda name: name in vehicles and vehicles[name].phase in GROUNDED)
         self._due_s = -np.inf
         self._poor = np.zeros(len(self.flight.vehicles), np.bool_)
         flight = self.flight
@@ -165,7 +175,7 @@ class AlarmMonitor:
             *self._of_texts(),
             *_of_failsafes(findings.failsafes),
             *self._of_links(findings),
-            *self._of_features(),
+            *self._of_features(findings.failsafes),
             *self._of_intakes(),
             *self._of_the_ground(),
             *_of_the_service(findings),
@@ -207,10 +217,14 @@ class AlarmMonitor:
                     advice = BLIND if self.flight.newest.state.doubtful[vehicle.row] else ""
                     yield Condition(AlarmCause.OUTSIDE_CONTROL, why, ids, SENDS_NOTHING, advice)
                     continue
+                if vehicle.cause is FailsafeCause.POSITION_LOSS:
+                    because += f": {NO_FIX}" if self.flight.newest.state.doubtful[vehicle.row] else ""
                 critical = vehicle.cause is FailsafeCause.CRITICAL_BATTERY
                 severity = AlarmSeverity.EMERGENCY if critical else None
                 to_do = f"[{advice}|{ADVICE_TO_MANY.get(advice, advice)}]" if advice else WAIT_FOR_A_COMMAND
-                yield Condition(AlarmCause.OWN_FAILSAFE, because, ids, SENDS_NOTHING, to_do, severity)
+                goes_on = GOES_ON.get(vehicle.cause, ())
+                cause = AlarmCause.OWN_FAILSAFE
+                yield Condition(cause, because, ids, SENDS_NOTHING, to_do, severity, replaces=goes_on)
             elif vehicle.phase is Phase.KILLED:
                 yield self._of_a_kill(vehicle)
 
@@ -245,9 +259,15 @@ class AlarmMonitor:
                 words = text.text.rstrip(".")
                 yield Condition(AlarmCause.LAND_NOW, f'"{words}"', (vehicle.id,), about=words)
 
-    def _of_features(self) -> Iterator[Condition]:
+    def _of_features(self, failsafes: Sequence[ActiveFailsafe]) -> Iterator[Condition]:
+        gives_way = next((each for each in failsafes if each.cause == Cause.MANNED_AIRCRAFT), None)
         for feature in self.flight.features:
-            yield from feature.conditions(self.flight.instant)
+            for each in feature.conditions(self.flight.instant):
+                if each.cause is AlarmCause.TRAFFIC_MANNED and gives_way is not None:
+                    follows, command_id = SHOW_FOLLOWS[Action(gives_way.action)], gives_way.command_id
+                    yield replace(each, consequence=follows, command_id=command_id)
+                else:
+                    yield each
 
     def _of_intakes(self) -> Iterator[Condition]:
         for intake in self.flight.intakes:

@@ -227,7 +227,9 @@ class FailsafeMonitor:
             reason, since_unix_s = request.reason, unix_s - (now_s - request.since_s)
             if before is not None:
                 since_unix_s = before.since_unix_time_s
-                if before.vehicles == named and self._held.get(key) == request.holds:
+                names_another = request.cause is Cause.MANNED_AIRCRAFT and request.holds
+                same = before.vehicles == named and self._held.get(key) == request.holds
+                if same and not names_another:
                     reason = before.reason  # its numbers may change in every tick
             active.append(ActiveFailsafe(*key, reason, named, request.since_s, since_unix_s, command_id))
         self._held = {(request.cause.value, request.action.value): request.holds for request in requests}

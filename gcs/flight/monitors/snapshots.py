@@ -12,6 +12,7 @@ from gcs.estimation import time_estimates
 from gcs.estimation.fleet_state import tuple3
 from gcs.estimation.link_health import LinkQuality
 from gcs.estimation.time_estimates import Estimates, Speeds
+from gcs.failsafe.policy import Action
 from gcs.flight.state.flight import ASSEMBLED_M, ASSEMBLED_SHARE, FLIES, Flight
 from gcs.flight.state.newest import InForce, Newest
 from gcs.flight.state.show_state import ShowState
@@ -54,7 +55,7 @@ def fleet_view(
         time_s=fleet.time_s,
         unix_time_s=unix_time_s,
         show=flight.show.phase,
-        reason=flight.show.reason,
+        reason=_reason(flight.show.reason, failsafes),
         rows=_rows(flight, tick),
         plan=flight.in_force.plan,
         flight_envelope=FlightEnvelope.of(flight.in_force.control.safety),
@@ -78,6 +79,12 @@ def fleet_view(
         alarms=tuple(alarms),
         features=Features(**{each.name: each.view(flight.instant) for each in flight.features}),  # type: ignore[arg-type]
     )
+
+
+def _reason(reason: str, failsafes: Sequence[ActiveFailsafe]) -> str:
+    """Why the show is in its phase; first that the formation flies lower, which is no phase of its own."""
+    lower = next((each for each in failsafes if each.action == Action.DESCEND), None)
+    return reason if lower is None else f"flies lower: {lower.reason}; {reason}"
 
 
 def measured(newest: Newest, link_quality: LinkQuality) -> dict[str, Array]:

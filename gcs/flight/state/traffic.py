@@ -12,7 +12,6 @@ import numpy as np
 from gcs.control.traffic import Approaches, Sphere, announced, approaches, tracks_near
 from gcs.estimation.targets.source_clock import AGREES_S, AHEAD_S
 from gcs.estimation.traffic import FARTHEST_M, FASTEST_M_S, TrackReport, TracksNow, TrackTable
-from gcs.failsafe.policy import Cause
 from gcs.flight.state.feature import Feature, Instant
 from gcs.flight.state.newest import Newest
 from gcs.links.features import TrafficSettings
@@ -24,7 +23,8 @@ from gcs.model.lifecycle import ON_THE_GROUND
 from gcs.model.preflight_report import Check, State
 from gcs.model.state import Mask
 from gcs.model.target_fix import TargetFix
-from gcs.service.alarms import AlarmCause, Condition
+from gcs.model.traffic import KIND_IN_WORDS, distance_in_words
+from gcs.service.alarms import AlarmCause, AlarmSeverity, Condition
 from gcs.service.features import TrackView, TrafficView
 
 SHOWN_MAX: Final = 64
@@ -49,6 +49,14 @@ ALARMS_MAX: Final = 8
 
 ALARMED_S: Final = 10.0
 """An alarm gives way to that of a sooner track of its kind after so long: a flood has none flicker."""
+
+RECEDES_M_S: Final = 5.0
+"""A track that is farther away by so much every second, straight on, has passed."""
+
+PASSED_S, PASSED_SHARE = 10.0, 0.5
+"""A manned aircraft that has passed for so long is no longer near, beyond this share of the radius."""
+
+WAIT: Final = "Start when it has passed."
 
 RECEIVED_S: Final = 10.0
 """Of a track that was not reported for so long operators know since when."""
@@ -92,7 +100,6 @@ class OtherTraffic(Feature):
         own_systems: frozenset[int],
         own: OwnTracks,
         unix_minus_loop_s: Callable[[], float],
-        follows: str,
     ) -> None:
         """Know of none yet.
 
@@ -105,9 +112,7 @@ class OtherTraffic(Feature):
             own_systems: system ids of the vehicles.
             own: tracks of them that this show sends.
             unix_minus_loop_s: this computer's clock minus the loop's; NaN: it is not to be trusted.
-            follows: what the failsafe of manned aircraft does.
         """
-        self._follows = f"Failsafe {Cause.MANNED_AIRCRAFT}: {follows}."
         self._settings, self._frame, self._newest = settings, frame, newest
         self._flown, self._highest_amsl_m = flown, frame.altitude_amsl_m + highest_m
         self._own_systems, self._unix_minus_loop_s = own_systems, unix_minus_loop_s
@@ -118,6 +123,7 @@ class OtherTraffic(Feature):
         self._table = TrackTable(1.0 if settings is None else settings.forgotten_s)
         self._seen: _Around | None = None
         self._alarmed: dict[str, float] = {}  # tracks with an alarm, and since when
+        self._recedes_since_s: dict[str, float] = {}  # tracks that have passed
         self.intakes = [source.intake for source in self._sources]
 
     async def receive(self) -> None:
@@ -192,16 +198,23 @@ class OtherTraffic(Feature):
         )
         names = () if near_traffic is None else near_traffic.names
         self._newest.near_traffic = near_traffic
+        near, comes = approaches(traffic, self._settings, sphere), announced(traffic, self._settings, sphere)
+        self._recedes_since_s = {
+            traffic.ids[row]: self._recedes_since_s.get(traffic.ids[row], at.time_s)
+            for row in _receding(traffic, near, sphere)
+            if row not in comes
+        }
         self._seen = _Around(
             traffic,
             sphere,
-            approaches(traffic, self._settings, sphere),
-            tuple(announced(traffic, self._settings, sphere)),
-            self._manned(traffic, sphere, self._settings),
+            near,
+            tuple(comes),
+            self._manned(traffic, sphere, self._settings, at.time_s),
             frozenset((*names, *boxes)),
             left_out,
         )
-        self._newest.manned = "; ".join(self._words(row) for row in self._seen.manned[:1])
+        names_near = [f"{self._name(self._seen, row)} is near" for row in self._seen.manned[:1]]
+        self._newest.manned = "".join(names_near)
 
     def _sphere(self) -> Sphere:
         """All vehicles that count as one; the show's origin while the place of none of them is known."""
@@ -213,36 +226,51 @@ class OtherTraffic(Feature):
         moves_m_s = np.zeros(3) if center is None else center.velocity_m_s
         return Sphere(center_m, moves_m_s, float(np.linalg.norm(known_m - center_m, axis=1).max()))
 
-    def _manned(self, traffic: TracksNow, sphere: Sphere, settings: TrafficSettings) -> tuple[int, ...]:
+    def _manned(
+        self, traffic: TracksNow, sphere: Sphere, settings: TrafficSettings, now_s: float
+    ) -> tuple[int, ...]:
+        """Rows of manned aircraft that are too near, but for those that have passed for a while."""
         off_m = traffic.position_m - sphere.center_m
         away_m = np.hypot(off_m[:, 0], off_m[:, 1]) - sphere.radius_m
         beyond = np.abs(off_m[:, 2]) - sphere.radius_m > settings.manned.height_m  # False: not known
-        near = np.flatnonzero((away_m <= settings.manned.radius_m) & ~beyond).tolist()
+        gone_s = np.array([now_s - self._recedes_since_s.get(name, inf) for name in traffic.ids])
+        past = (gone_s >= PASSED_S) & (away_m > PASSED_SHARE * settings.manned.radius_m)
+        near = np.flatnonzero((away_m <= settings.manned.radius_m) & ~beyond & ~past).tolist()
         return tuple(
             sorted((row for row in near if traffic.kinds[row] == "manned"), key=lambda row: away_m[row])
         )
 
     def _words(self, row: int) -> str:
-        """Where a track is, and when it is how near."""
+        """Where a track is, and when it passes how near."""
         seen, settings = self._seen, self._settings
         if seen is None or settings is None:
             return ""
-        near = seen.near
-        now_m, z_m = near.now_m[row] + settings.radius_m, seen.traffic.position_m[row, 2]
-        height = "height not known" if not isfinite(z_m) else f"{-z_m:.0f} m high"
-        then_m = max(near.apart_m[row] + settings.radius_m, 0.0)
-        soon = f", in {near.after_s[row]:.0f} s {then_m:.0f} m" if near.after_s[row] > 0.5 else ""
-        age_s = seen.traffic.age_s[row]
-        height += f", last reported {age_s:.0f} s ago" if age_s >= RECEIVED_S else ""
-        name = f"{seen.traffic.ids[row]} ({seen.traffic.kinds[row]})"
-        return f"{name} {max(now_m, 0.0):.0f} m away{soon}, {height}"
+        height_m, age_s = -float(seen.traffic.position_m[row, 2]), seen.traffic.age_s[row]
+        where = distance_in_words(*self._distances(seen, row, settings))
+        passed = "has passed, " if seen.traffic.ids[row] in self._recedes_since_s else ""
+        height = f"{height_m:.0f} m high" if isfinite(height_m) else "height not known"
+        age = f", last reported {age_s:.0f} s ago" if age_s >= RECEIVED_S else ""
+        return f"{passed}{where}, {height}{age}"
+
+    @staticmethod
+    def _distances(seen: _Around, row: int, settings: TrafficSettings) -> tuple[float, float, float]:
+        """Of a track from the side of the formation, now and when it is nearest, and when that is."""
+        now_m, then_m = (
+            max(float(gap_m[row]) + settings.radius_m, 0.0) for gap_m in (seen.near.now_m, seen.near.apart_m)
+        )
+        return now_m, then_m, float(seen.near.after_s[row])
+
+    @staticmethod
+    def _name(seen: _Around, row: int) -> str:
+        return f"{KIND_IN_WORDS[seen.traffic.kinds[row]]} {seen.traffic.ids[row]}"
 
     def checks(self, at: Instant) -> Iterator[Check]:
         """Whether traffic is known, and none of it is in the way."""
         if self._settings is None:
             return
-        unknown = "; ".join(self._problems(at.time_s))
-        near = "; ".join(self._words(row) for row in self._rows_near()[:3])
+        seen, rows = self._seen, self._rows_near()[:3]
+        comes = [] if seen is None else [f"{self._name(seen, row)}, {self._words(row)}" for row in rows]
+        unknown, near = "; ".join(self._problems(at.time_s)), "; ".join(comes)
         yield _check("traffic-known", unknown and f"traffic is not known: {unknown}", "check its source")
         yield _check("traffic-clear", near and f"traffic comes near: {near}", "wait until it has passed")
 
@@ -263,15 +291,19 @@ class OtherTraffic(Feature):
             yield Condition(AlarmCause.TRAFFIC_UNKNOWN, problem)
         if self._seen is None:
             return
-        rows = () if at.show in ON_THE_GROUND else self._rows_near()
+        rows, on_the_ground = self._rows_near(), at.show in ON_THE_GROUND
         if crowded := "; ".join(self._crowded(at.time_s, self._seen, len(rows))):
             yield Condition(AlarmCause.TRAFFIC_CROWDED, crowded)
         for row in self._with_alarms(rows, at.time_s, self._seen):
-            name, words = self._seen.traffic.ids[row], self._words(row)
-            if row in self._seen.manned:
-                yield Condition(AlarmCause.TRAFFIC_MANNED, words, about=name, consequence=self._follows)
-            else:
-                yield Condition(AlarmCause.TRAFFIC_NEAR, words, about=name)
+            manned = row in self._seen.manned
+            yield Condition(
+                AlarmCause.TRAFFIC_MANNED if manned else AlarmCause.TRAFFIC_NEAR,
+                self._words(row),
+                about=self._seen.traffic.ids[row],
+                advice=WAIT if on_the_ground else "",
+                severity=AlarmSeverity.INFORMATION if on_the_ground else None,
+                replaces=(AlarmCause.TRAFFIC_NEAR,) if manned else (),
+            )
 
     def _with_alarms(self, rows: tuple[int, ...], now_s: float, seen: _Around) -> list[int]:
         """Rows of the tracks with an alarm, of all that come near."""
@@ -313,10 +345,11 @@ class OtherTraffic(Feature):
         seen, settings = self._seen, self._settings
         if seen is None or settings is None:
             return
-        traffic, near = seen.traffic, seen.near
-        for row in np.argsort(near.now_m)[:SHOWN_MAX].tolist():
+        traffic = seen.traffic
+        for row in np.argsort(seen.near.now_m)[:SHOWN_MAX].tolist():
             x_m, y_m, z_m = traffic.position_m[row].tolist()
             x_m_s, y_m_s, z_m_s = traffic.velocity_m_s[row].tolist()
+            away_m, nearest_m, nearest_s = self._distances(seen, row, settings)
             yield TrackView(
                 id=traffic.ids[row],
                 kind=traffic.kinds[row],
@@ -328,9 +361,9 @@ class OtherTraffic(Feature):
                 climb_m_s=-z_m_s if isfinite(z_m) else nan,
                 deviation_m=float(np.sqrt(traffic.spread[row, 0, 0])),
                 age_s=float(traffic.age_s[row]),
-                away_m=float(near.now_m[row]) + settings.radius_m,
-                nearest_m=float(near.apart_m[row]) + settings.radius_m,
-                nearest_s=float(near.after_s[row]),
+                away_m=away_m,
+                nearest_m=nearest_m,
+                nearest_s=nearest_s,
                 evaded=traffic.ids[row] in seen.evaded,
                 near=row in seen.announced or row in seen.manned,
             )
@@ -339,6 +372,15 @@ class OtherTraffic(Feature):
 def _check(name: str, problem: str, to_do: str) -> Check:
     """Passes without a problem."""
     return Check(name, State.FAIL if problem else State.PASS, problem=problem, to_do=to_do if problem else "")
+
+
+def _receding(traffic: TracksNow, near: Approaches, sphere: Sphere) -> list[int]:
+    """Rows of tracks that go away straight on, as far as their newest reports say."""
+    off_m = traffic.position_m[:, :2] - sphere.center_m[:2]
+    moves_m_s = traffic.velocity_m_s[:, :2] - sphere.velocity_m_s[:2]
+    opens_m_s = (off_m * moves_m_s).sum(axis=1) / np.maximum(np.hypot(*off_m.T), 1.0)
+    straight = (traffic.turn_rad_s == 0.0) & (traffic.age_s < RECEIVED_S)
+    return np.flatnonzero((near.after_s == 0.0) & (opens_m_s > RECEDES_M_S) & straight).tolist()
 
 
 def _first(number: float, otherwise: float) -> float:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from gcs.control import Memory, Tick
+from gcs.failsafe.autopilot_failsafe import FailsafeCause
 from gcs.flight.monitors.alarm_monitor import AlarmMonitor, Findings
 from gcs.flight.state.flight import Flight
 from gcs.flight.state.vehicle import VehicleStatus
@@ -71,3 +72,16 @@ def test_landing_that_an_autopilot_asks_for_is_an_alarm() -> None:
     assert (alarm.advice, alarm.vehicles) == ("Land it.", ("d1",))
     subject.vehicles.named("d1").phase = Phase.STANDBY
     assert listed(subject) == {}, "it has landed"
+
+
+def test_own_failsafe_of_a_blind_vehicle_is_one_alarm() -> None:
+    """It says why: no second one beside it has the cause."""
+    subject = flying()
+    doubtful = np.arange(COUNT) == 2
+    subject.newest.state = replace(subject.newest.state, doubtful=doubtful)
+    vehicle = subject.vehicles.named(subject.newest.state.ids[2])
+    vehicle.apply(Event.TAKEN_OVER, f"{vehicle.id} lands by its own position-loss failsafe. Leave it.")
+    vehicle.cause = FailsafeCause.POSITION_LOSS
+    (alarm,) = listed(subject).values()
+    assert alarm.cause == "own-failsafe"
+    assert "lands by its own position-loss failsafe: its receiver has no 3D fix" in alarm.text

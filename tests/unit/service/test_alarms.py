@@ -294,15 +294,39 @@ def test_vehicles_with_different_reasons_are_a_table(story: Story) -> None:
 def test_an_alarm_that_ended_is_told_in_the_past(story: Story) -> None:
     story.holds(lost("d3"))
     (alarm,) = story.holds()
-    assert alarm.text == "Vehicle d3 was lost: no telemetry for 2.0 s."
+    assert alarm.text == "Vehicle d3 was lost: no telemetry for 2.0 s. Ended after less than 1 s."
     assert (alarm.advice, alarm.action) == ("", None)
+
+
+def test_an_alarm_that_ended_says_how_long_it_lasted() -> None:
+    """And that a vehicle landed: what was wrong with it may still be."""
+    standing: set[str] = set()
+    story = Story()
+    story.book = AlarmBook(standing.__contains__)
+    story.holds(lost("d3"), low("d2"), for_s=12.0)
+    standing.add("d2")
+    texts = [alarm.text for alarm in story.holds(for_s=12.0)]
+    assert texts == [
+        "Vehicle d3 was lost: no telemetry for 2.0 s. Ended after 12 s.",
+        "Vehicle d2 was low on battery: battery at 15%, below 20%. On the ground after 12 s.",
+    ]
+    story.holds(low("d2"))
+    assert story.holds(for_s=3.0)[0].text.endswith("Ended after less than 1 s."), "it did not fly"
+
+
+def test_an_alarm_that_became_another_one_is_not_over(story: Story) -> None:
+    own = Condition(AlarmCause.OWN_FAILSAFE, "lands", ("d1",), replaces=(AlarmCause.LOW_BATTERY,))
+    story.holds(low("d1"))
+    assert causes(story.holds(own, for_s=3.0)) == ["own-failsafe"]
+    story.holds(own, low("d2"))
+    assert "low-battery" in causes(story.holds(own, for_s=3.0)), "that of another vehicle is"
 
 
 def test_what_ended_keeps_the_reason_it_was_raised_with(story: Story) -> None:
     story.holds(Condition(AlarmCause.VEHICLES_LOST, "3 of 12 are lost"))
     story.holds(Condition(AlarmCause.VEHICLES_LOST, "0 of 12 are lost"), for_s=6.0)
     (alarm,) = story.holds(for_s=6.0)
-    assert alarm.text == "Too many vehicles were lost: 3 of 12 are lost."
+    assert alarm.text == "Too many vehicles were lost: 3 of 12 are lost. Ended after 6 s."
 
 
 @pytest.mark.parametrize(

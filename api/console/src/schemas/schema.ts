@@ -2414,7 +2414,7 @@ export interface components {
         TrackView: {
             /** @description Of its newest report. */
             age_s: number;
-            /** @description From the nearest vehicle's side of the formation, now. */
+            /** @description From the side of the formation, now; 0: over, under or within it. */
             away_m: number;
             climb_m_s: number | null;
             /** @description Standard deviation of its place, along an axis. */
