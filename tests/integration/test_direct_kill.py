@@ -237,17 +237,26 @@ def test_heartbeats_from_another_host_confirm_no_kill() -> None:
         assert "its id is sent from 127.0.0.1, and it was at 192.0.2.7: look at" in reported.reason
 
 
-def test_of_two_that_send_one_id_both_must_stop() -> None:
+@pytest.mark.parametrize("of_one_radio", [False, True])
+def test_of_two_that_send_one_id_both_must_stop(*, of_one_radio: bool) -> None:
     """The other one's next heartbeat comes a second after its first, as those of autopilots do."""
-    with over_udp() as (vehicle, url), closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as made:
+    port = free_ports()
+    with (
+        closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as made,
+        closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as another,
+    ):
         made.bind(("127.0.0.1", 0))
-        port = int(url.rsplit(":", 1)[1])
-        deaf = Vehicle(lambda data: made.sendto(data, ("127.0.0.1", port)), lambda: b"", beats_s=1.0)
-        with closing(deaf):
-            reported = kill(plan_of(url), 2.5)
+        another.bind(("127.0.0.1", 0))
+        second = made if of_one_radio else another
+        to = ("127.0.0.1", port)
+        with (
+            closing(Vehicle(lambda data: made.sendto(data, to), reader(made), beats_s=1.0)) as vehicle,
+            closing(Vehicle(lambda data: second.sendto(data, to), lambda: b"", beats_s=1.0)),
+        ):
+            reported = kill(plan_of(f"udpin://127.0.0.1:{port}"), 3.5)
         assert not vehicle.armed
-        assert not reported.done
-        assert "its motors were not seen to stop" in reported.reason
+    assert not reported.done
+    assert "its motors were not seen to stop" in reported.reason
 
 
 def test_vehicle_that_requires_signing_is_killed_with_the_key(key_file: Path) -> None:

@@ -54,6 +54,8 @@ class _Target:
     at: dict[Address, Port] = field(default_factory=dict)  # from where its id was received, the newest last
     acknowledged: int | None = None  # the newest MAV_RESULT
     armed: dict[Address, bool] = field(default_factory=dict)  # from heartbeats after the first command
+    armed_s: float = -inf  # when the newest of these said that motors run
+    off_s: float = inf  # when the first said that they are off
     recorded: bool = False  # the service has recorded that its motors are off
     failure: str = ""  # why the last command could not be sent
 
@@ -62,8 +64,16 @@ class _Target:
         """As whatever has sent its id so far reports."""
         return self.recorded or (0 < len(self.armed) < PLACES_MAX and not any(self.armed.values()))
 
+    def listened_s(self, now_s: float) -> float:
+        """How long nothing that sends its id has said that motors run: two may send from one place."""
+        return now_s - max(self.sent_s, self.armed_s)
+
     def is_settled(self, now_s: float) -> bool:
-        return self.recorded or (self.stopped and now_s - self.sent_s >= BEATS_S)
+        return self.recorded or (self.stopped and self.listened_s(now_s) >= BEATS_S)
+
+    def is_contradicted(self, now_s: float) -> bool:
+        """Whether something with its id has said since that motors run."""
+        return self.armed_s > self.off_s and not self.is_settled(now_s)
 
     def believes(self, at: Address, *, is_stream: bool) -> bool:
         """Whether its heartbeats from there count: anybody may send them from another host than its last."""
@@ -163,6 +173,10 @@ class _Line:
             return
         if is_beat and (at in target.armed or len(target.armed) < PLACES_MAX):
             target.armed[at] = bool(message.base_mode & ARMED)
+            if target.armed[at]:
+                target.armed_s = time.monotonic()
+            else:
+                target.off_s = min(target.off_s, time.monotonic())
         elif kind == "COMMAND_ACK" and message.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM:
             ours = message.target_system in (0, self.link.station_id)
             target.acknowledged = message.result if ours else target.acknowledged
@@ -170,8 +184,11 @@ class _Line:
     def outcome(self, target: _Target) -> KillPart:
         if target.recorded:
             return KillPart(True, "its motors are off, as the service recorded")
-        if target.stopped:
-            return KillPart(True, "its motors are off")
+        now_s = time.monotonic()
+        if target.stopped and not target.is_contradicted(now_s):
+            listened_s = target.listened_s(now_s)
+            short = f", as reported for {listened_s:.1f} s: look at it" if listened_s < BEATS_S else ""
+            return KillPart(True, f"its motors are off{short}")
         problem = next((port.problem for port in self.ports if port.problem), "")
         if not target.sent:
             return KillPart(
