@@ -107,7 +107,7 @@ def estimated(data: FlightData, on_progress: OnProgress | None = None) -> FlownT
             formed,
             recent,
             layout.vectors(table, layout.SETPOINT),
-            _late(flown, recent),
+            (*_late(flown, recent), *_several(held_at, airborne)),
             (
                 *_before(data, ticks[0], flies=bool(airborne[0].any())),
                 *data.damages,
@@ -136,10 +136,15 @@ def _late(flown: Mask, recent: Mask) -> tuple[str, ...]:
     late = flown & ~recent
     if not late.any():
         return ()
-    share = late.sum() / flown.sum()
-    return (
-        f"{share:.1%} of the positions in flight are older than {RECENT_S} s: acceleration is not judged",
-    )
+    positions = f"{late.sum()} of {flown.sum()} positions in flight"
+    return (f"{positions} are older than {RECENT_S} s: with these acceleration is not judged",)
+
+
+def _several(held_at: NDArray[np.intp], airborne: Mask) -> tuple[str, ...]:
+    """Describe what a worst value is where limits changed in flight."""
+    if len(np.unique(held_at[airborne.any(axis=1)])) < 2:
+        return ()
+    return ("limits changed in flight: each value below is the one nearest to its limit then",)
 
 
 def _reported(data: FlightData, on_progress: OnProgress) -> Iterator[RecordedSample]:

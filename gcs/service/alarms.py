@@ -267,10 +267,10 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
     ),
     AlarmCause.TARGET_OUTRUNS: CauseRow(
         C,
-        "Target {about} is faster than the formation",
+        "Formation falls behind target {about}",
         "Let it slow down, or select another one; the formation follows at its own limit.",
         on_after_s=1.0,
-        past="Target {about} was faster than the formation",
+        past="Formation fell behind target {about}",
     ),
     AlarmCause.TARGET_BEYOND: CauseRow(
         C,

@@ -34,7 +34,9 @@ FOLLOWING: Final = IN_THE_AIR - {ShowPhase.RETURNING}
 """Phases in which the formation follows a target, or will in a moment."""
 
 OUTRUN_M: Final = 10.0
-"""A target that is farther ahead and gains is faster than the formation."""
+"""The formation falls behind a target that is farther ahead and gains."""
+
+WAIT: Final = "Wait until the way is free, hold, or select another target."
 
 
 @dataclass(eq=False)
@@ -264,8 +266,17 @@ class Targets(Feature):
         elif outruns := self._outruns(motion):
             yield Condition(AlarmCause.TARGET_OUTRUNS, f"it {outruns}", consequence=way, about=name)
         elif ahead_m > OUTRUN_M:
-            ahead = f"it is {ahead_m:.0f} m ahead"
-            yield Condition(AlarmCause.TARGET_OUTRUNS, ahead, consequence=way, about=name)
+            held_off = self._held_off()
+            ahead, advice = f"it is {ahead_m:.0f} m ahead{held_off}", WAIT if held_off else ""
+            yield Condition(AlarmCause.TARGET_OUTRUNS, ahead, consequence=way, advice=advice, about=name)
+
+    def _held_off(self) -> str:
+        """What the formation keeps clear of meanwhile, in words; empty: of nothing."""
+        near, detour = self._newest.near_traffic, self._newest.memory.detour
+        if near is not None:
+            names = (*near.names, *(box.id.removeprefix("traffic ") for box in near.boxes))
+            return f", and the formation keeps clear of traffic {names[0]}"
+        return ", and the formation goes round obstacles" if detour is not None and detour.active else ""
 
     @property
     def _reach_m(self) -> float:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Callable
@@ -14,6 +15,7 @@ import pytest
 
 from gcs.cli.main import main
 from gcs.config import schema as configuration
+from gcs.control import ControlSettings
 from gcs.model.frames import ShowFrame
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Array
@@ -162,7 +164,14 @@ def test_several_truth_files_are_one_flight_with_a_heading(tmp_path: Path) -> No
     np.testing.assert_allclose(trajectories.velocity_m_s[10, 1], [1.0, 0.0, 0.0], atol=1e-3)
 
 
-def flight(folder: Path, *, apart_m: float, uncertainty_m: float = 0.35, count: int = 40) -> Path:
+def flight(
+    folder: Path,
+    *,
+    apart_m: float,
+    uncertainty_m: float = 0.35,
+    count: int = 40,
+    controls: tuple[ControlSettings, ...] = (CONFIG.control,),
+) -> Path:
     about = layout.about("s1", CONFIG.model_dump_json(), dict.fromkeys(ids_of(2), (1, "a")))
     file = FlightFile(folder, about)
     file.open()
@@ -174,10 +183,24 @@ def flight(folder: Path, *, apart_m: float, uncertainty_m: float = 0.35, count: 
                 position_m=place_m,
                 phases=[Phase.FORMATION, Phase.FORMATION],
                 uncertainty_m=np.full(2, uncertainty_m),
+                control=controls[tick * len(controls) // count],
             )
         )
     file.close()
     return folder / "flight.mcap"
+
+
+def test_limits_that_change_in_flight_are_noted(tmp_path: Path) -> None:
+    """A value is then not the greatest of the flight, but the one nearest to its limit."""
+    safety = CONFIG.control.safety
+    fence = safety.fence.model_copy(update={"height_max_m": 22.0})
+    safety = safety.model_copy(update={"fence": fence})
+    lower = CONFIG.control.model_copy(update={"safety": safety})
+    _, report = judged(flight(tmp_path, apart_m=5.0, controls=(CONFIG.control, lower)))
+    assert check(report, "greatest height")["limit"] == 22.0
+    assert [text for text in report["remarks"] if "the one nearest to its limit then" in text]
+    _, report = judged(flight(tmp_path / "same", apart_m=5.0))
+    assert report["remarks"] == []
 
 
 def test_estimates_are_judged_with_their_uncertainty(tmp_path: Path) -> None:
@@ -311,6 +334,7 @@ def test_late_positions_are_no_acceleration(tmp_path: Path) -> None:
         assert check(report, "acceleration")["worst"] == pytest.approx(2.0, abs=0.1)
         remarks = [text for text in report["remarks"] if "acceleration is not judged" in text]
         assert len(remarks) == (name == "late")
+        assert not remarks or re.match("[1-9][0-9]* of 160 positions in flight are older", remarks[0])
 
 
 def test_broken_limits_come_first(tmp_path: Path) -> None:
