@@ -68,7 +68,8 @@ def approaches(traffic: TracksNow, cylinder: Cylinder, sphere: Sphere) -> Approa
 def announced(traffic: TracksNow, cylinder: Cylinder, sphere: Sphere) -> list[int]:
     """Rows of tracks with a cylinder that comes to the formation within `ANNOUNCED_S`, the next first.
 
-    Whether it flies on or stays: one that evades a track is to say so until that has passed.
+    Whether it flies on or stays: one that evades a track is to say so until that has passed. One that turns
+    counts along its arc as well.
     """
     sideways_m, up_m = cylinder.deviations * np.sqrt(traffic.spread[:, :, 0].T)
     wider_m = np.minimum(sideways_m, (WIDEST - 1.0) * cylinder.radius_m)
@@ -78,6 +79,15 @@ def announced(traffic: TracksNow, cylinder: Cylinder, sphere: Sphere) -> list[in
         close = (near.apart_m < wider_m + BESIDE_M) & (near.below_m < np.nan_to_num(up_m) + ABOVE_M)
         close &= near.after_s <= ANNOUNCED_S
         soonest_s[close] = np.minimum(soonest_s, near.after_s)[close]
+    kept_m = cylinder.radius_m + sphere.radius_m + wider_m + BESIDE_M
+    up_m = cylinder.half_height_m + sphere.radius_m + np.nan_to_num(up_m) + ABOVE_M
+    for after_s in np.arange(0.0, ARCS_S[-1] + 1.0):
+        later_s = np.full(len(traffic.ids), after_s)
+        there_m, _ = turned(traffic.position_m, traffic.velocity_m_s, traffic.turn_rad_s, later_s)
+        off_m = there_m - sphere.center_m - after_s * sphere.velocity_m_s
+        close = (traffic.turn_rad_s != 0.0) & (np.hypot(off_m[:, 0], off_m[:, 1]) < kept_m)
+        close &= ~(np.abs(off_m[:, 2]) > up_m)  # a height that is not known is any
+        soonest_s[close] = np.minimum(soonest_s[close], after_s)
     return sorted(np.flatnonzero(np.isfinite(soonest_s)).tolist(), key=lambda row: soonest_s[row])
 
 

@@ -174,21 +174,23 @@ class TrackTable:
         _turn(state, x_m_s, y_m_s, moves, dt_s)
         self._keep(row, report, state, away_m)
 
-    def forget(self, now_s: float) -> None:
-        """Forget the tracks that are silent for too long."""
+    def forget(self, now_s: float, center_m: Array | None = None) -> None:
+        """Forget what is silent for too long, but nothing that comes to (2,); None: to the origin."""
         vessels = np.array([kind == "vessel" for kind in self._kinds])
         after_s = np.where(vessels, max(self.forgotten_s, VESSEL_S), self.forgotten_s)
         age_s = now_s - self._time_s
-        ended = (age_s > after_s) & ((age_s > COMES_S) | self._has_passed(age_s))
+        ended = (age_s > after_s) & (
+            (age_s > COMES_S) | self._has_passed(age_s, np.zeros(2) if center_m is None else center_m)
+        )
         silent = np.flatnonzero(ended & (self._away_m >= 0.0))
         if len(silent):
             gone = set(silent.tolist())
             for name in [name for name, row in self._rows.items() if row in gone]:
                 self._drop(name)
 
-    def _has_passed(self, age_s: Array) -> Mask:
-        """Which do not come to the show, or are beyond it: one that comes and falls silent is kept."""
-        place_m, velocity_m_s = self._state[:, :_Z], self._state[:, _VX:_VZ]
+    def _has_passed(self, age_s: Array, center_m: Array) -> Mask:
+        """Which do not come there, or are beyond it: one that comes and falls silent is kept."""
+        place_m, velocity_m_s = self._state[:, :_Z] - center_m, self._state[:, _VX:_VZ]
         speed_m_s = np.hypot(velocity_m_s[:, 0], velocity_m_s[:, 1])
         way_m = (place_m * velocity_m_s).sum(axis=1) / np.maximum(speed_m_s, STANDS_M_S)
         beyond_m = way_m + np.where(np.isfinite(age_s), age_s, 0.0) * speed_m_s

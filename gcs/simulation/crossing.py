@@ -87,7 +87,7 @@ class Crossing:
         if self._next_s == inf and all(passage.is_over(now_s, sphere) for passage in self._group):
             self._next_s = now_s + PAUSE_S
             self._judge(now_s)
-        self._table.forget(now_s)
+        self._table.forget(now_s, sphere.center_m[:2])
         traffic = self._table.at(now_s)
         for row in announced(traffic, self._settings, sphere):
             passage = self.passages[int(traffic.ids[row])]

@@ -167,7 +167,7 @@ def corrected(belief: TargetBelief, time_s: float, reported: Array, variance: Ar
     )
     after = TargetBelief(max(time_s, belief.time_s), mean, covariance, weight, belief.alike_s)
     goes_on = after.way == belief.way and after.way[0] != BRISK
-    return after if goes_on else replace(after, alike_s=belief.time_s)
+    return after if goes_on else replace(after, alike_s=after.time_s)
 
 
 def warm_up() -> None:

@@ -5,6 +5,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TypeVar
 
+import numpy as np
+
 from gcs.flight.maneuvers.maneuvers import Maneuvers
 from gcs.flight.shows.show_player import ShowPlayer
 from gcs.flight.state.newest import InForce, Newest
@@ -72,6 +74,8 @@ class PlanEditor:
                 formation.radius_m, formation.height_m, target, self.in_force.plan.orbit, control.safety
             )
         uncertainty_m = self.in_formation_m(flying)
+        if formation.radius_m == was.radius_m:  # it stays, also where receivers are worse
+            uncertainty_m = np.zeros_like(uncertainty_m)
         check_formation(formation, len(uncertainty_m), control.safety, uncertainty_m)
         check_target(target, self.in_force.plan.orbit, formation, control, changed="formation")
         self.in_force.plan = replace(self.in_force.plan, formation=formation)

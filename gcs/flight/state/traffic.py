@@ -50,6 +50,9 @@ ALARMS_MAX: Final = 8
 ALARMED_S: Final = 10.0
 """An alarm gives way to that of a sooner track of its kind after so long: a flood has none flicker."""
 
+URGENT_S: Final = 15.0
+"""What arrives within this time has an alarm before all that arrive later."""
+
 RECEDES_M_S: Final = 5.0
 """A track that is farther away by so much every second, straight on, has passed."""
 
@@ -187,11 +190,12 @@ class OtherTraffic(Feature):
         """Have vehicles keep clear of what is near them."""
         if self._settings is None:
             return
-        self._table.forget(at.time_s)
-        if not len(self._table):
+        sphere = self._sphere() if len(self._table) else None
+        self._table.forget(at.time_s, None if sphere is None else sphere.center_m[:2])
+        if sphere is None or not len(self._table):
             self._seen, self._newest.near_traffic, self._newest.manned = None, None, ""
             return
-        traffic, sphere = self._table.at(at.time_s), self._sphere()
+        traffic = self._table.at(at.time_s)
         near_traffic, left_out = tracks_near(traffic, self._settings, sphere, at.time_s)
         boxes = (
             () if near_traffic is None else (box.id.removeprefix("traffic ") for box in near_traffic.boxes)
@@ -309,8 +313,9 @@ class OtherTraffic(Feature):
         """Rows of the tracks with an alarm, of all that come near."""
         ids = seen.traffic.ids
 
-        def gives_way(row: int) -> tuple[bool, bool]:
-            return row not in seen.manned, now_s - self._alarmed.get(ids[row], -inf) > ALARMED_S
+        def gives_way(row: int) -> tuple[bool, bool, bool]:
+            is_late = seen.near.after_s[row] > URGENT_S
+            return row not in seen.manned, is_late, now_s - self._alarmed.get(ids[row], -inf) > ALARMED_S
 
         chosen = sorted(rows, key=gives_way)[:ALARMS_MAX]
         self._alarmed = {ids[row]: self._alarmed.get(ids[row], now_s) for row in chosen}

@@ -212,3 +212,12 @@ def test_track_that_comes_and_falls_silent_is_kept(x_m: float, north_m_s: float,
     assert len(table) == 1
     table.forget(until_s + 2.0)
     assert len(table) == 0
+
+
+def test_silent_track_that_comes_to_the_formation_is_kept() -> None:
+    """The formation may be far from the origin, over which the track has passed."""
+    for center_m, kept in ((np.array([900.0, 0.0]), 1), (np.zeros(2), 0)):
+        table = TrackTable(15.0)
+        table.take(TrackReport("A", "manned", 0.0, 0.0, (100.0, 0.0, -50.0), (30.0, 0.0, 0.0), 3.0, 3.0, 0.1))
+        table.forget(17.0, center_m)
+        assert len(table) == kept
