@@ -12,7 +12,7 @@ import json
 import math
 import re
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Final, NoReturn
@@ -195,6 +195,27 @@ def _finite(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [_finite(each) for each in value]
     return value
+
+
+UNITS: Final = frozenset({"s", "m", "m/s"})
+
+
+def aligned(rows: Iterable[Sequence[str]]) -> Iterator[str]:
+    """Yield the lines of a table, the heads first; a row with one cell is a line above it.
+
+    Columns whose head ends with a unit are aligned at their end. No cell is cut.
+    """
+    cells = list(rows)
+    heads, *others = table = [row for row in cells if len(row) > 1]
+    yield from (row[0] for row in cells if len(row) == 1)
+    widths = [max(map(len, column)) for column in zip(*table, strict=True)]
+    for row in table if others else ():
+        found = zip(heads, row, widths, strict=True)
+        padded = (
+            text.rjust(width) if head.split()[-1] in UNITS else text.ljust(width)
+            for head, text, width in found
+        )
+        yield "  ".join(padded).rstrip()
 
 
 PICTURES: Final = (".png", ".svg", ".pdf")

@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import inspect
 import os
+import re
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from operator import attrgetter
@@ -17,10 +18,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from gcs.cli.commands import ACTIONS, CALLS, ApiCall
-from gcs.cli.output import REFUSED, exit_code, fail, failed, print_json
+from gcs.cli.output import REFUSED, aligned, exit_code, fail, failed, print_json
 from gcs.client import URL, Client, fleet_client
 from gcs.client.http import Deferred, Exchange
-from gcs.model.errors import GcsError, UnknownError, visible
+from gcs.model.errors import GcsError, RefusedError, UnknownError, visible
 
 if TYPE_CHECKING:
     import pydantic
@@ -141,13 +142,22 @@ KINDS: Final[Mapping[str, Callable[[str], Any]]] = {
 }
 
 
+BEFORE_CAUSE: Final = re.compile(r"; (?=\d+\. |follows: )")
+"""Where the text of a refused start has its next cause; each is a line of its own."""
+
+
 def _run(call: ApiCall, names: Sequence[str], arguments: argparse.Namespace) -> int:
     given: Mapping[str, Any] = {
         name: value for name in names if (value := getattr(arguments, name)) not in (None, [])
     }
     within_s = SHOWS_S if call.method.startswith("shows.") else ANSWER_S
     with connected(arguments, within_s) as client:
-        answer = attrgetter(call.method)(client)(**given)
+        try:
+            answer = attrgetter(call.method)(client)(**given)
+        except RefusedError as error:
+            if not arguments.json:
+                error.args = (BEFORE_CAUSE.sub("\n", str(error)),)
+            raise
         if isinstance(answer, service.CommandRecord):
             return _reported(client, [answer], arguments)
     _print(answer, arguments)
@@ -213,6 +223,8 @@ def _reported(
 def _print(answer: object, arguments: argparse.Namespace) -> None:
     if isinstance(answer, str) and not arguments.json:
         print(visible(answer), end="")
+    elif hasattr(answer, "table") and not arguments.json:
+        print(visible("\n".join(aligned(answer.table()))))
     elif answer is not None or arguments.json:
         print_json(document(answer))
 

@@ -121,7 +121,7 @@ def causes_of(
 
 
 def in_words(report: PreflightReport) -> str:
-    """Why a start is refused: causes and what to do about them, then what follows.
+    """Why a start is refused: each cause and what to do about it, then what follows; several are numbered.
 
     Of many consequences only the checks are named; a vehicle that is absent has none.
     """
@@ -132,16 +132,17 @@ def in_words(report: PreflightReport) -> str:
     for finding in (*of_vehicles, *((None, check) for check in report.fleet if not check.passes)):
         failing.setdefault(_key(finding), []).append(finding)
     absent = {name for name, check_name in failing if check_name in PHASE_CHECKS}
-    roots: list[Finding] = []
+    roots: list[str] = []
     for cause in report.causes:
         whole = Check(cause.check, cause.state, problem=cause.text, to_do=cause.to_do)
         own = [failing.pop((name, cause.check), []) for name in (*cause.vehicles, None)]
-        roots += list(chain(*own)) or [(None, whole)]
+        roots.append(describe([*chain(*own)] or [(None, whole)]))
     rest = [finding for finding in chain(*failing.values()) if finding[0] not in absent]
     follows = describe(rest)
     if len({check.problem for _, check in rest}) > FOLLOWS_MAX:
         follows = ", ".join(dict.fromkeys(text for cause in report.causes for text in cause.follows))
-    return "; ".join([describe(roots), *([f"follows: {follows}"] if follows else [])])
+    causes = [f"{number}. {text}" for number, text in enumerate(roots, 1)] if len(roots) > 1 else roots
+    return "; ".join([*causes, *([f"follows: {follows}"] if follows else [])])
 
 
 def _key(finding: Finding) -> tuple[VehicleId | None, str]:

@@ -5,7 +5,7 @@ A feature is one class here and one field of `Features`; REST, metrics and `gcs 
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
-from math import nan
+from math import hypot, isnan, nan
 from typing import Annotated, Any, ClassVar, Final, Literal, TypeAlias, get_args, get_type_hints
 
 from pydantic import Field, GetJsonSchemaHandler
@@ -58,6 +58,10 @@ class FeatureView:
         """How it is, for `gcs status`; without parts: nothing is to be said."""
         return iter(())
 
+    def table(self) -> Iterator[Sequence[str]]:
+        """All of it for a terminal: rows of cells, heads with their units first; one cell is a line."""
+        return iter(())
+
     @property
     def parts(self) -> Sequence["FeatureView"]:
         """Views in it that have metrics of their own."""
@@ -79,8 +83,12 @@ class FeatureView:
         return replace(self, **dict.fromkeys(moving))  # type: ignore[type-var]
 
 
+def _speed(x_m_s: float | None, y_m_s: float | None) -> float | None:
+    return None if x_m_s is None or y_m_s is None else hypot(x_m_s, y_m_s)
+
+
 def _number(value: float | None) -> str:
-    return "?" if value is None else f"{value:.1f}"
+    return "?" if value is None or isnan(value) else f"{value:.1f}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -267,6 +275,16 @@ class TargetsView(FeatureView):
                 yield f": {target.why}", "urgent" if target.state == "lost" else "bad"
             yield " ", ""
 
+    def table(self) -> Iterator[Sequence[str]]:
+        yield (f"selected: {self.selected or 'none'}; the centre is {_number(self.off_m)} m off it",)
+        reach = f"{_number(self.follows_m_s)} m/s, {_number(self.reach_m)} m from the show's origin"
+        yield (f"can follow: {reach}",)
+        yield "target", "state", "source", "age s", "x m", "y m", "speed m/s", "clearance m", "why"
+        for each in self.targets:
+            speed_m_s = _speed(each.velocity_x_m_s, each.velocity_y_m_s)
+            numbers = each.age_s, each.x_m, each.y_m, speed_m_s, each.clearance_m
+            yield each.name, each.state, each.source, *map(_number, numbers), each.why
+
     @property
     def parts(self) -> Sequence[FeatureView]:
         return [target for target in self.targets if target.name == self.selected]
@@ -331,6 +349,18 @@ class TrafficView(FeatureView):
                 where = distance_in_words(track.away_m, track.nearest_m, track.nearest_s)
                 text = f", {KIND_IN_WORDS[track.kind]} {track.id}, {where}"
                 yield text, "urgent" if track.kind == "manned" else "bad"
+
+    def table(self) -> Iterator[Sequence[str]]:
+        if self.problem:
+            yield (f"NOT KNOWN: {self.problem}",)
+        yield (f"{self.known:g} tracks, {self.near:g} come near, {self.manned:g} manned too near",)
+        yield "track", "kind", "away m", "nearest m", "in s", "height m", "speed m/s", "age s", "is"
+        for each in self.nearest:
+            speed_m_s = _speed(each.velocity_x_m_s, each.velocity_y_m_s)
+            away_m, nearest_m = max(each.away_m, 0.0), max(each.nearest_m, 0.0)  # less: within its cylinder
+            numbers = away_m, nearest_m, each.nearest_s, each.height_m, speed_m_s, each.age_s
+            words = [word for word, holds in (("near", each.near), ("evaded", each.evaded)) if holds]
+            yield each.id, each.kind, *map(_number, numbers), " ".join(words)
 
 
 @dataclass(frozen=True, slots=True)

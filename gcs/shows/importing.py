@@ -30,6 +30,10 @@ HIGH_SHARE: Final = 0.9
 ROUNDED_M: Final = 0.02
 """Heights in files are rounded."""
 
+GIVE_ORIGIN: Final = (
+    "give the show's origin (--origin LAT,LON,ALT,HEADING), or the configuration that has it (--config)"
+)
+
 _STEP_S: Final = 0.25
 
 
@@ -76,7 +80,7 @@ def show_file(
     """
     place, rules = origin or drawing.origin, rules or ServiceRules()
     if place is None:
-        raise ConfigError(f"{source}: the file names no place on Earth: give the show's origin")
+        raise ConfigError(f"{source}: the file names no place on Earth: {GIVE_ORIGIN}")
     parts = _cut(drawing, rules)
     begin_s, end_s = parts[0].from_s, parts[-1].from_s
     columns, spacing_m, (x_m, y_m) = pads_of(drawing.home_m)

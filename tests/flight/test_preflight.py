@@ -241,8 +241,10 @@ def test_a_refused_start_names_all_that_fails_causes_first(tmp_path: Path) -> No
     assert "d3: its receiver does not tell its accuracy" in follows
     assert "accuracy" not in causes
     assert "d1: " not in follows, "it is absent"
-    for cause in found.report.causes:
-        assert cause.to_do in causes
+    lines = re.split(r"; (?=\d\. )", causes)
+    for number, (cause, line) in enumerate(zip(found.report.causes, lines, strict=True), 1):
+        assert line.startswith(f"{number}. ")
+        assert cause.to_do in line
 
 
 def test_an_empty_fleet_is_no_cause_where_all_vehicles_fail(tmp_path: Path) -> None:

@@ -10,6 +10,8 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from math import nan
 from pathlib import Path
 
 import pytest
@@ -25,12 +27,14 @@ from gcs.cli.main import main
 from gcs.cli.status import board
 from gcs.client import Client
 from gcs.client.fleet_client import PlaybackCalls, PreflightCalls, ShowsCalls
+from gcs.model.errors import RefusedError
 from gcs.model.interrupted_flight import InterruptedFlight, Offer
 from gcs.model.lifecycle import Phase as LifePhase
 from gcs.model.lifecycle import ShowPhase
-from gcs.service import Features, Outcome, SelectedShow
+from gcs.service import CommandRecord, Features, Outcome, SelectedShow
 from gcs.service.access import Role
 from gcs.service.alarms import AlarmCause, Condition
+from gcs.service.features import TargetsView, TargetView, TrackView, TrafficView
 from gcs.shows import load, shipped
 from tests.support.api_background import in_background
 from tests.support.api_fake_service import FakeService
@@ -503,6 +507,49 @@ def test_preflight_prints_failures_and_sets_the_exit_code(
     assert (reported["passes"], reported["not_flying"]["d2"].endswith("cracked")) == (False, True)
     assert reported["fleet"][0]["value"] is None, "what is no number is null"
     assert "vehicles" in everything
+
+
+class OnceRefused(FakeService):
+    """Refuses each command to the show, for two causes."""
+
+    def command_show(self, *_: object, **__: object) -> CommandRecord:
+        raise RefusedError("1. d1: battery at 10%; charge it; 2. d3: no fix; wait; follows: place: d3")
+
+
+def test_refused_start_has_a_line_for_each_cause(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with station(OnceRefused(), monkeypatch):
+        assert main(["start"]) == 1
+    lines = ["gcs: 1. d1: battery at 10%; charge it", "2. d3: no fix; wait", "follows: place: d3"]
+    assert capsys.readouterr().err.splitlines() == lines
+
+
+TARGET = TargetView("boat", "nmea", "tracked", "", 0.2, 5.0, 3.0, -40.0, 3.0, 4.0, 0.5, nan, 10.0, 9, 0)
+TRACK = TrackView(
+    "3C6444", "manned", 90.0, 0.0, 50.0, -30.0, 0.0, nan, 5.0, 0.4, 75.0, -24.0, 2.5, evaded=True, near=True
+)
+
+
+def test_targets_and_traffic_are_tables(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    fake, targets = FakeService(), TargetsView("boat", (TARGET,), 6.4, 80.0, nan)
+    traffic = TrafficView(3, 1, 1, "", 9, 0, 15.0, 10.0, (TRACK,))
+    fake.features = replace(fake.features, targets=targets, traffic=traffic)
+    fake.tick()
+    with station(fake, monkeypatch):
+        assert main(["target", "list"]) == 0
+        boats = capsys.readouterr().out.splitlines()
+        assert main(["traffic"]) == 0
+        nearest = capsys.readouterr().out.splitlines()
+        assert main(["traffic", "--json"]) == 0
+        assert json.loads(capsys.readouterr().out)["nearest"][0]["nearest_m"] == -24.0
+    assert boats[0] == "selected: boat; the centre is ? m off it"
+    assert boats[2].startswith("target  state    source  age s")
+    assert boats[3].split() == ["boat", "tracked", "nmea", "0.2", "3.0", "-40.0", "5.0", "10.0"]
+    assert nearest[0] == "3 tracks, 1 come near, 1 manned too near"
+    assert " ".join(nearest[2].split()) == "3C6444 manned 75.0 0.0 2.5 50.0 30.0 0.4 near evaded"
 
 
 def test_preflight_waits_until_a_start_would_be_accepted(

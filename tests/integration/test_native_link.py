@@ -130,7 +130,7 @@ def test_a_port_in_use_is_named_and_no_other_stays_open() -> None:
     port = free_ports(2)
     with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as taken:
         taken.bind((HOST, port + 1))
-        with pytest.raises(LinkError, match=f"UDP port {port + 1} on {HOST}"):
+        with pytest.raises(LinkError, match=f"UDP port {port + 1} on {HOST}: another program has it"):
             UdpPorts("bench", Listen(HOST, port, 2), time.monotonic).open()
     with closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as free:
         free.bind((HOST, port))

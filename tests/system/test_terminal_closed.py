@@ -74,3 +74,22 @@ def test_closed_terminal_brings_the_fleet_home(tmp_path: Path, options: tuple[st
         assert [(truth["landed"], truth["armed"]) for truth in last_truths(tmp_path / "truth.jsonl")] == [
             (True, False)
         ] * COUNT
+
+
+def test_second_ctrl_c_names_what_is_left_in_the_air(tmp_path: Path) -> None:
+    base = free_ports(COUNT)
+    config = flying_config(COUNT, base, silence_s=20.0)
+    (tmp_path / "config.yaml").write_text(yaml.safe_dump(config.model_dump(mode="json")), encoding="utf-8")
+    words = ("serve", "--config", str(tmp_path / "config.yaml"), "--quiet")
+    with vehicles(COUNT, base, tmp_path, *proper(config)), on_a_terminal(*words) as (pid, terminal, url):
+        with Client(url, timeout_s=30.0) as client:
+            wait_until("ready", SOON_S, lambda: all(vehicle.ready for vehicle in client.vehicles()))
+            client.start()
+            wait_until("running", SOON_S, lambda: client.show().phase == "running")
+        shown = ""
+        for last in ("coming home; press Ctrl-C again", "ended; still in the air, not under this station"):
+            os.kill(pid, signal.SIGINT)
+            while last not in shown:
+                assert select.select([terminal], [], [], SOON_S)[0], shown
+                shown += os.read(terminal, 4096).decode()
+        wait_until("ended", SOON_S, lambda: ended(pid) is not None)

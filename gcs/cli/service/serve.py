@@ -11,7 +11,7 @@ from collections.abc import AsyncIterator, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager, nullcontext
 from pathlib import Path
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 from pydantic import ValidationError
 
@@ -44,17 +44,22 @@ from gcs.links.signing import Signing
 from gcs.links.stream_requests import desired_rates
 from gcs.model.errors import ConfigError, FileError, GcsError, Problem, RefusedError
 from gcs.model.interrupted_flight import Offer
-from gcs.model.lifecycle import AIRBORNE, ShowPhase
-from gcs.model.state import VehicleId
+from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
+from gcs.model.preflight_report import named
+from gcs.model.state import VehicleId, Whereabouts, whereabouts
 from gcs.recording.audit_reader import exclusions, interruption, lost_begin
 from gcs.recording.session import Record
 from gcs.service import FleetView, ShowAction
 from gcs.service.access import ACCESS_OFF, is_loopback
+from gcs.service.alarms import AlarmCause
 from gcs.service.folder_lock import owned
 from gcs.site.member import Membership
 from gcs.site.service import SiteService
 
 log = logging.getLogger(__name__)
+
+FAILURES_S: Final = 1.0
+"""How often `gcs serve` looks for links that have failed."""
 
 StationService: TypeAlias = Orchestrator | SiteService
 """The service of a station that flies alone, or of one of a site."""
@@ -260,23 +265,71 @@ async def serve(config: Config, say: Say, notifier: Notifier, *, site: Config | 
         if config.access.tokens_file is None:
             off = "access is off: every user of this machine can fly; gcs token create makes tokens"
             say("access_off", off)
+        failures = asyncio.create_task(say_failures(service, say), name="link failures")
         await stop.first.wait()
+        failures.cancel()
         notifier.stopping()
-        if not _any_airborne(service.view.value):
-            return
-        try:
-            service.commands.command_show(ShowAction.STOP)
-        except RefusedError as refused:
-            say("stop_refused", f"{refused}")  # still wait until no vehicle is airborne
-        say(
-            "coming_home",
-            "coming home; press Ctrl-C again to stop at once (the vehicles' own failsafe takes over)",
+        if _any_airborne(service.view.value):
+            await _brought_home(service, stop, say)
+        if left := left_behind(service.view.value):
+            say("left_behind", f"ended; {left}")
+
+
+async def _brought_home(service: StationService, stop: StopRequests, say: Say) -> None:
+    """Stop the show, and wait until its vehicles are down, or for a second signal."""
+    try:
+        service.commands.command_show(ShowAction.STOP)
+    except RefusedError as refused:
+        say("stop_refused", f"{refused}")  # still wait until no vehicle is airborne
+    say(
+        "coming_home",
+        "coming home; press Ctrl-C again to stop at once (the vehicles' own failsafe takes over)",
+    )
+    landed = asyncio.create_task(_landed(service), name="landed")
+    again = asyncio.create_task(stop.second.wait(), name="again")
+    await asyncio.wait((landed, again), return_when=asyncio.FIRST_COMPLETED)
+    landed.cancel()
+    again.cancel()
+
+
+async def say_failures(service: StationService, say: Say) -> None:
+    """Say each link that fails, with how many vehicles are received all the same."""
+    printed = set[str]()
+    while True:
+        view = service.view.value
+        failed = {alarm.id: alarm.text for alarm in view.alarms if alarm.cause is AlarmCause.LINK_FAILED}
+        for alarm_id in failed.keys() - printed:
+            offline = list(view.rows.phases).count(Phase.OFFLINE)
+            count = len(view.rows.phases)
+            received = f"{count - offline} of {count} vehicles are received"
+            say("link_failed", f"{failed[alarm_id]} {received}")
+        printed |= failed.keys()
+        await asyncio.sleep(FAILURES_S)
+
+
+def left_behind(view: FleetView) -> str:
+    """Which vehicles are, or may be, in the air without this station's control as it ends, in words."""
+    rows, places = view.rows, dict[Whereabouts, list[str]]()
+    for row in _own_rows(view):
+        where = whereabouts(
+            rows.phases[row],
+            rows.landed[row],
+            armed=rows.armed[row],
+            heartbeat_age_s=float(rows.heartbeat_age_s[row]),
         )
-        landed = asyncio.create_task(_landed(service), name="landed")
-        again = asyncio.create_task(stop.second.wait(), name="again")
-        await asyncio.wait((landed, again), return_when=asyncio.FIRST_COMPLETED)
-        landed.cancel()
-        again.cancel()
+        places.setdefault(where, []).append(f"{rows.ids[row]} ({rows.phases[row]})")
+    up = [
+        name for where in (Whereabouts.CONTROLLED, Whereabouts.UNCONTROLLED) for name in places.get(where, ())
+    ]
+    unknown = places.get(Whereabouts.UNKNOWN, [])
+    return "; ".join(
+        f"{text}: {named(names)}"
+        for text, names in (
+            ("still in the air, not under this station's control", up),
+            ("not known whether on the ground", unknown),
+        )
+        if names
+    )
 
 
 async def _landed(service: StationService) -> None:
@@ -291,10 +344,14 @@ def _any_airborne(view: FleetView) -> bool:
         return True
     if view.interrupted is not None and Offer.BRING_HOME in view.interrupted.offers:
         return True  # a stall or restart left vehicles hovering
+    return not AIRBORNE.isdisjoint(view.rows.phases[row] for row in _own_rows(view))
+
+
+def _own_rows(view: FleetView) -> list[int]:
+    """The rows of the vehicles that this station flies."""
     own = next((station.name for station in view.stations if station.own), "")
     flown_by = view.rows.stations or [""] * len(view.rows.phases)
-    ours = (phase for phase, by in zip(view.rows.phases, flown_by, strict=True) if by == own)
-    return not AIRBORNE.isdisjoint(ours)
+    return [row for row, by in enumerate(flown_by) if by == own]
 
 
 def run_serve(arguments: argparse.Namespace) -> int:

@@ -38,8 +38,8 @@ def import_show(arguments: argparse.Namespace) -> int:
     """
     given, target = Path(arguments.file), output_file(arguments.output, (".yaml",))
     drawing, data = read_drawing(given)
-    if drawing.origin is None and arguments.origin_else is not None:
-        drawing = replace(drawing, origin=frame_at(arguments.origin_else, "--origin-else"))
+    if drawing.origin is None:
+        drawing = replace(drawing, origin=_origin_else(arguments))
     rules = rules_of(arguments) or ServiceRules()
     beside = target.with_name(_safe(target.stem) + given.suffix.lower())
     is_source = beside.exists() and beside.samefile(given)
@@ -92,6 +92,13 @@ def rules_of(arguments: argparse.Namespace) -> ServiceRules | None:
         return ServiceRules.model_validate_json(arguments.rules) if arguments.rules else None
     except ValidationError as error:
         raise explained(error, "--rules", ServiceRules, None) from None
+
+
+def _origin_else(arguments: argparse.Namespace) -> ShowFrame | None:
+    """Return the origin for a drawing that names none, if it is known. Raises: ConfigError."""
+    if arguments.origin_else is not None:
+        return frame_at(arguments.origin_else, "--origin-else")
+    return None if arguments.config is None else schema.load(schema.find(arguments.config)).frame
 
 
 def _safe(stem: str) -> str:

@@ -1,5 +1,6 @@
 """The interface of a link's ports: datagrams in batches, and their addresses as numbers."""
 
+import errno
 import socket
 from collections.abc import Callable, Iterable, Sequence
 from math import inf
@@ -40,6 +41,12 @@ def socket_of(source: int) -> int:
 
 def host_number(host: str) -> int:
     return int.from_bytes(socket.inet_aton(host), "big")
+
+
+def why_closed(error: Exception) -> str:
+    """Why a port cannot be opened, in words."""
+    in_use = isinstance(error, OSError) and error.errno == errno.EADDRINUSE
+    return "another program has it" if in_use else str(error)
 
 
 class Ports(Protocol):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.links.endpoints.channels import Channel, Dial, SerialDial, SocketChannel, TcpDial, listen
-from gcs.links.endpoints.ports import Datagrams, host_number, socket_of, source_of
+from gcs.links.endpoints.ports import Datagrams, host_number, socket_of, source_of, why_closed
 from gcs.links.endpoints.udp import TURN_S, UdpPorts
 from gcs.links.link import Address
 from gcs.links.settings import Place, SerialPort, TcpIn, TcpOut
@@ -197,7 +197,7 @@ class TcpServer(StreamPort):
         try:
             self._listening = listen(self._at.host, self._at.port)
         except (OSError, OverflowError) as error:
-            text = f"{self._name}: TCP port {self._at.port} on {self._at.host}: {error}"
+            text = f"{self._name}: TCP port {self._at.port} on {self._at.host}: {why_closed(error)}"
             raise LinkError(text) from error
         selector.register(self._listening, EVENT_READ, (self, None))
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.links.endpoints import mmsg
-from gcs.links.endpoints.ports import Datagrams, Ports, host_number, source_of
+from gcs.links.endpoints.ports import Datagrams, Ports, host_number, source_of, why_closed
 from gcs.links.settings import Listen, Place, UdpOut
 from gcs.mavlink.kernels import LONGEST_FRAME, Bytes, Whole
 from gcs.model.errors import LinkError
@@ -89,7 +89,7 @@ class UdpPorts(Ports):
             try:
                 opened.append(_bound(host, port))
             except (OSError, OverflowError) as error:
-                problem = f"{self._name}: UDP port {port} on {host}: {error}"
+                problem = f"{self._name}: UDP port {port} on {host}: {why_closed(error)}"
                 if not self._replace_busy:
                     for other in opened:
                         other.close()

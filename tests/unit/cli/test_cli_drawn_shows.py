@@ -122,7 +122,13 @@ def test_an_origin_can_be_given(tmp_path: Path, capsys: pytest.CaptureFixture[st
     plain, target = tmp_path / "plain.skyc", tmp_path / "a.yaml"
     plain.write_bytes(zipped(skyc(HOVER)))
     assert main(["show", "import", str(plain), "-o", str(target)]) == 2
-    assert "no place on Earth" in capsys.readouterr().err
+    assert (
+        "no place on Earth: give the show's origin (--origin LAT,LON,ALT,HEADING)" in capsys.readouterr().err
+    )
+    at_site = tmp_path / "site.yaml"
+    assert main(["show", "import", str(plain), "-o", str(at_site), "--config", "px4-sitl"]) == 0
+    site = configuration.load(configuration.find("px4-sitl")).frame
+    assert load(at_site).show.origin.frame == site
     assert main(["show", "import", str(plain), "-o", str(target), "--origin", "47.4,8.5,488,30"]) == 0
     origin = load(target).show.origin
     assert (origin.latitude_deg, origin.heading_deg) == (47.4, 30.0)
