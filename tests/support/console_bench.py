@@ -192,7 +192,7 @@ class Console:
             if found == at:
                 return
             self.page.wait_for_timeout(LOOK_MS)
-        assert found == at
+        assert found == at, found
 
     def says(self, name: str, text: str | re.Pattern[str], timeout_ms: float = SOON_MS) -> None:
         """Wait until that part of the page has this text."""

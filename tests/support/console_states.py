@@ -124,12 +124,19 @@ def fails(service: FakeService) -> None:
     service.excluded["d4"] = Exclusion("anna", "propeller", time.time())
 
 
-def selected(service: FakeService, *, runs: bool = False, begin: BeginView | None = None) -> None:
+def selected(
+    service: FakeService, *, name: str = "parade", runs: bool = False, begin: BeginView | None = None
+) -> None:
     """A written show with three cues."""
     service.selected = SelectedShow(
-        "parade", "a1b2", "turn", tuple(each.cue for each in CUES), 31.0, 70.0,
+        name, "a1b2", "turn", tuple(each.cue for each in CUES), 31.0, 70.0,
         runs=runs, target_is_live=runs, timeline=CUES, begin=begin,
     )  # fmt: skip
+
+
+def night_selected(service: FakeService) -> None:
+    """As it was before the file that is uploaded."""
+    selected(service, name="night")
 
 
 def show_runs(service: FakeService) -> None:
@@ -490,6 +497,7 @@ STATES: Final = (
     ConsoleState("obstacle-changed", "obstacle-save", obstacles, panel("obstacles", "obstacle-change-van")),
     ConsoleState("obstacle-drawn", "preview", obstacles, obstacle_previewed),
     ConsoleState("shows", "show-broken", act=bad_show),
+    ConsoleState("show-outdated", "show-outdated", night_selected, previewed),
     ConsoleState("drawn", "drawn", act=previewed),
     ConsoleState("placing", "placing", act=placed),
     *(

@@ -150,6 +150,14 @@ it("no text of the page has two marks where there should be one", () => {
   expect(all(texts).filter((text) => badly.test(text))).toEqual([]);
 });
 
+it("a panel that is asked for is seen: all alarms, which lie over it, are folded", () => {
+  const { actions, state } = page(live({ status: { ...status(), alarms: [alarm("a", "warning")] } }), () => ({}), "refused");
+  actions.openPanel("fleet");
+  actions.set({ allAlarms: true });
+  actions.togglePanel("fleet");
+  expect([state().panels.allAlarms, state().panels.right]).toEqual([false, "fleet"]);
+});
+
 describe("the button of an alarm", () => {
   const flying = (phase: "formation" | "standby"): State =>
     live({ status: { ...status(), alarms: [] }, frame: frame({ vehicles: [{ phase }] }, 0) });
@@ -166,9 +174,13 @@ describe("the button of an alarm", () => {
     expect(all.map(mayAcknowledge)).toEqual([true, false, false]);
   });
 
-  it("lets all return home where the alarm is of the show", async () => {
+  it.each([
+    alarm("wind", "warning", { cause: "wind", action: "stop", vehicles: ["d1"] }),
+    alarm("3C6444", "emergency", { cause: "traffic-manned", action: "return", vehicles: [] }),
+  ])("lets all return home where the alarm is of the show: $id", async (ofShow) => {
     const { actions, calls } = page(flying("formation"), () => ({ outcomes: {} }), "refused");
-    actions.follow(alarm("wind", "warning", { cause: "wind", action: "stop", vehicles: ["d1"] }));
+    expect(whyNotFollow(flying("formation"), ofShow)).toBe("");
+    actions.follow(ofShow);
     await settled();
     expect(calls[0]).toMatchObject({ call: "POST /api/v1/show/stop" });
   });

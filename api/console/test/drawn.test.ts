@@ -40,14 +40,14 @@ describe("upload of a drawing", () => {
     const { calls, actions, state } = opening(GOOD);
     const input = chosen("night.SKYC");
     press(shows(state(), actions), "show-upload", "change", input);
-    expect(textOf(shows(state(), actions))).toContain(texts.shows.uploading("night.SKYC"));
+    expect(textOf(shows(state(), actions))).toContain(texts.shows.reading);
     await settled();
     expect(calls.map((each) => each.call)).toEqual([
       "POST /api/v1/shows", "POST /api/v1/shows/{name}/check", "GET /api/v1/shows", "GET /api/v1/shows/{name}/check", "GET /api/v1/shows/{name}/drawing",
     ]);
     expect(calls[0]).toMatchObject({ query: { name: "night", format: "skyc" }, body: input.files[0] });
     expect(state().drawn?.drawing.show).toBe("night");
-    expect(state().panels.uploading).toBe("");
+    expect(state().panels.reading).toBe("");
     expect(state().toasts.map((each) => each.text)).toContain("night uploaded: 2 vehicles, 3 s; not used: music");
   });
 
@@ -56,7 +56,7 @@ describe("upload of a drawing", () => {
     press(shows(state(), actions), "show-upload", "change", chosen("night.skyc"));
     await settled();
     expect(state().toasts.at(-1)?.text).toContain("night.skyc: show.json: not JSON");
-    expect([state().drawn, state().panels.uploading]).toEqual([null, ""]);
+    expect([state().drawn, state().panels.reading]).toEqual([null, ""]);
   });
 
   it("is not sent when it is too large, or has a name that no show has", async () => {

@@ -3,7 +3,7 @@ import { describe, expect, it } from "vitest";
 import { doomed } from "../src/panels/kill";
 import { whyNot, whyNotOnGround, whyNotShape, whyNotShow, whyNotVehicle } from "../src/panels/rights";
 import { lastOrder, whyNotSelection } from "../src/panels/group";
-import { refusal } from "../src/panels/shows";
+import { isOutdated, refusal } from "../src/panels/shows";
 import { startOrder } from "../src/panels/start";
 import { life, showReason } from "../src/panels/topbar";
 import { typedNumbers } from "../src/panels/shape";
@@ -218,6 +218,23 @@ describe("a show that Select refused", () => {
   it("is good again once it was selected, or has changed", () => {
     expect(refusal(after([{ kind: "show-selected", name: "parade", hash: "a1", problem: "" }], refused), "parade")).toBe("");
     expect(refusal(after([{ kind: "check", check: check("b2") }], refused), "parade")).toBe("");
+  });
+});
+
+describe("a selected show", () => {
+  const selected = { name: "parade", hash: "a1", cue: "", cues: [], clock_s: 0, duration_s: 9, begun: false, runs: false, spares: [], target_is_live: false };
+  const state = flying(undefined, { show: { ...status().show, selected } });
+  const checked = (hash: string | null): State =>
+    after([{ kind: "check", check: { name: "parade", state: "done", good: true, fits_service: true, hash, problems: [], reason: "", figures: null } }], state);
+
+  it("is out of date once the file was checked with another hash, by this page or another", () => {
+    expect(isOutdated(checked("b2"), { name: "parade", hash: null })).toBe(true);
+    expect(isOutdated(state, { name: "parade", hash: "b2" })).toBe(true);
+  });
+
+  it("is as it was selected, or not known to be another", () => {
+    expect([checked("a1"), checked(null), state].map((each) => isOutdated(each, { name: "parade", hash: null }))).toEqual([false, false, false]);
+    expect(isOutdated(state, { name: "other", hash: "b2" })).toBe(false);
   });
 });
 

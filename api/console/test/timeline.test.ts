@@ -79,6 +79,12 @@ describe("a course", () => {
     ]);
   });
 
+  it("has no cue of the flight before: the show may have been deselected since", () => {
+    const flights = phases(["idle", 0, 5], ["running", 5, 20], ["landed", 20, 30], ["running", 30, 50]);
+    const record = recordCourse({ ...MARKS, phases: flights, cues: [{ cue: "drawn", at_s: 5 }] }, 40, 60);
+    expect(partsOf(record)).toEqual([["idle", 0, 5], ["drawn", 5, 20], ["landed", 20, 30], ["running", 30, 50]]);
+  });
+
   it("of a show on the ground is its cues, between a take-off and a return of unknown length", () => {
     const found = flightCourse(flying("idle", 0, { began_unix_time_s: null }))!;
     expect(partsOf(found)).toEqual([["arming", 0, 8], ["rise", 8, 48], ["ring", 48, 108], ["returning", 108, 116]]);

@@ -30,6 +30,12 @@ export const isOpen = (alarm: Alarm): boolean => alarm.acknowledged_by === null;
 export const mayAcknowledge = (alarm: Alarm): boolean => isOpen(alarm) && alarm.cause !== "control-stopped";
 export const lasts = (alarm: Alarm): boolean => alarm.ended_unix_time_s === null;
 
+/** The command that an alarm advises to the whole show; null: it advises none, or one to its vehicles. */
+export function showCommand({ action, vehicles }: Alarm): "pause" | "stop" | null {
+  if (action === "return" && vehicles.length === 0) return "stop";
+  return action === "pause" || action === "stop" ? action : null;
+}
+
 export function worst(alarms: readonly Alarm[]): Overall {
   return SEVERITIES.find((severity) => alarms.some((each) => lasts(each) && each.severity === severity)) ?? "normal";
 }

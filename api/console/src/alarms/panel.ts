@@ -12,7 +12,7 @@ import { isBesideAPanel, isSmall } from "../panels/layout";
 import { FROM, whyNot, whyNotAcknowledge, whyNotOnGround, whyNotShow } from "../panels/rights";
 import { fresh, indexOf, PHASES, type State } from "../state";
 import { texts } from "../texts";
-import { ALWAYS_SHOWN, alarmsOf, counted, isOpen, lasts, mayAcknowledge, commanded, worst, type Alarm, type Overall } from "./model";
+import { ALWAYS_SHOWN, alarmsOf, counted, isOpen, lasts, mayAcknowledge, commanded, showCommand, worst, type Alarm, type Overall } from "./model";
 
 const t = texts.alarms;
 
@@ -59,11 +59,11 @@ function reasons(actions: PanelActions, alarm: Alarm): TemplateResult | typeof n
 }
 
 /** Why the command that an alarm advises is not possible now; "" where it is. Pure. */
-export function whyNotFollow(state: State, { action, vehicles }: Alarm): string {
+export function whyNotFollow(state: State, alarm: Alarm): string {
+  const ofShow = showCommand(alarm);
+  if (ofShow !== null) return whyNotShow(state, ofShow);
+  const { action, vehicles } = alarm;
   switch (action) {
-    case "pause":
-    case "stop":
-      return whyNotShow(state, action);
     case "leave-out":
     case "include":
       return whyNot(state, action) || whyNotOnGround(state);
@@ -83,10 +83,8 @@ export function whyNotFollow(state: State, { action, vehicles }: Alarm): string 
 /** The button that does what the text advises; none where it would do nothing. */
 function follows(state: State, actions: PanelActions, alarm: Alarm): TemplateResult | typeof nothing {
   const { action } = alarm;
-  const isAlone = alarmsOf(state.status).length === 1; // the list has no button that opens it
-  const hasRoom = !isSmall(state.panels.layout) || state.panels.allAlarms || isAlone;
-  if (action === null || !hasRoom || !lasts(alarm) || whyNotFollow(state, alarm) !== "") return nothing;
-  const ofAll = action === "pause" || action === "stop";
+  if (action === null || !lasts(alarm) || whyNotFollow(state, alarm) !== "") return nothing;
+  const ofAll = showCommand(alarm) !== null;
   const isAsked = action === "confirm-down" && state.panels.sure === alarm.id;
   return button(actions, {
     id: `follow-${alarm.id}`,
@@ -96,12 +94,15 @@ function follows(state: State, actions: PanelActions, alarm: Alarm): TemplateRes
   });
 }
 
-function since(state: State, alarm: Alarm): string {
+/** Since when; a dense row has only for how long. */
+function since(state: State, alarm: Alarm): TemplateResult {
   const now_s = state.frame?.unix_time_s ?? NaN;
   const lasted_s = (alarm.ended_unix_time_s ?? now_s) - alarm.since_unix_time_s;
   const time = clockTime(alarm.since_unix_time_s);
-  if (!lasts(alarm)) return t.ended(time, clockTime(alarm.ended_unix_time_s));
-  return fresh(state) && lasted_s >= 0 ? t.since(time, lasted_s < 100 ? `${Math.floor(lasted_s)} s` : seconds(lasted_s)) : time;
+  const [when, much] = !lasts(alarm)
+    ? [t.ended(time, clockTime(alarm.ended_unix_time_s)), t.isOver]
+    : [time, fresh(state) && lasted_s >= 0 ? t.since(lasted_s < 100 ? `${Math.floor(lasted_s)} s` : seconds(lasted_s)) : ""];
+  return html`<time class=${much === "" ? nothing : "alarm-from"}>${when}</time> <span>${much}</span>`;
 }
 
 function one(state: State, actions: PanelActions, alarm: Alarm): TemplateResult {
@@ -116,8 +117,10 @@ function one(state: State, actions: PanelActions, alarm: Alarm): TemplateResult 
   >
     ${icon(SEVERITY_ICON[alarm.severity])}
     <div class="alarm-words" title="${alarm.text} ${alarm.advice}">
-      <p class="alarm-head"><b>${t.severities[alarm.severity]}</b> <time>${since(state, alarm)}</time> ${vehicles(actions, alarm)}</p>
-      <p class="alarm-text">${alarm.text}</p>
+      <div class="alarm-what">
+        <p class="alarm-head"><b>${t.severities[alarm.severity]}</b> ${since(state, alarm)} ${vehicles(actions, alarm)}</p>
+        <p class="alarm-text">${alarm.text}</p>
+      </div>
       ${reasons(actions, alarm)} ${alarm.advice ? html`<p class="alarm-advice">${alarm.advice}</p>` : nothing}
       ${isNew
         ? nothing
@@ -150,21 +153,24 @@ export function alarms(state: State, actions: PanelActions): TemplateResult | ty
   const all = commanded(alarmsOf(state.status));
   if (all.length === 0) return nothing;
   const { isFolded } = state.attention;
+  const live = all.filter(lasts);
+  const over = all.length - live.length;
   const minor = all.filter((each) => !ALWAYS_SHOWN.has(each.severity));
   const shown = isFolded ? all.filter((each) => ALWAYS_SHOWN.has(each.severity)) : all;
   const { layout, allAlarms } = state.panels;
   const isUnseen = isSmall(layout) && !allAlarms && all.length > 1; // what is not on screen is not acknowledged
   return html`<section class="alarm-list" tabindex="-1" aria-label=${t.title} data-testid="alarms">
     <header>
-      <h2>${t.title} <b data-testid="alarm-count">${all.length}</b></h2>
+      <h2>${t.title} <b data-testid="alarm-count">${live.length}</b></h2>
       <span class="alarm-counts">
-        ${counted(all.filter(lasts)).map(({ severity, count }) => html`<span class="alarm-count-${severity}" title=${t.counts[severity](count)}>${icon(SEVERITY_ICON[severity])}${count}</span>`)}
+        ${counted(live).map(({ severity, count }) => html`<span class="alarm-count-${severity}" title=${t.counts[severity](count)}>${icon(SEVERITY_ICON[severity])}${count}</span>`)}
+        ${over > 0 ? html`<span class="dim">${t.over(over)}</span>` : nothing}
       </span>
       <span class="spring"></span>
       ${all.length > 1 && (allAlarms || isBesideAPanel(state.panels))
         ? button(actions, {
             id: "alarms-all",
-            label: allAlarms ? t.seeFewer : isSmall(layout) ? t.seeMore(all.length - 1) : t.seeAll(all.length),
+            label: allAlarms ? t.seeFewer : t.seeAll(all.length),
             icon: allAlarms ? "up" : "down",
             kind: "quiet",
             expanded: allAlarms,
@@ -202,10 +208,10 @@ export function overall(state: State): TemplateResult {
   const all = alarmsOf(state.status);
   const worstOf = worst(all);
   const severity = worstOf === "normal" && !fresh(state) && !state.status?.replay ? "unknown" : worstOf; // old data is no green light
-  const open = all.filter(isOpen).length;
+  const live = all.filter(lasts).length;
   return html`<button
     type="button"
-    class="overall overall-${severity} ${open > 0 ? "open" : ""}"
+    class="overall overall-${severity} ${all.some(isOpen) ? "open" : ""}"
     data-testid="overall"
     data-severity=${severity}
     title=${t.goTo}
@@ -214,7 +220,7 @@ export function overall(state: State): TemplateResult {
     ${icon(severity === "unknown" ? "question" : SEVERITY_ICON[severity])}
     <span class="overall-words">
       <strong data-testid="overall-word">${t.overall[severity]}</strong>
-      <small>${severity === "unknown" ? t.notFresh : all.length === 0 ? t.noAlarms : t.open(all.length, open)}</small>
+      <small>${severity === "unknown" ? t.notFresh : t.count(live, all.length - live)}</small>
     </span>
   </button>`;
 }

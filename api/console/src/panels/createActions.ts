@@ -15,7 +15,7 @@ import { beginOrder, beginTime } from "./begin";
 import { startOrder } from "./start";
 import { isSite } from "./stations";
 import type { PanelActions, PanelName, Remedy } from "./actions";
-import type { Alarm } from "../alarms/model";
+import { showCommand, type Alarm } from "../alarms/model";
 
 const LEFT: readonly PanelName[] = ["preflight", "shows", "shape", "obstacles"];
 const SHOW_MAX_BYTES = 64 * 1024;
@@ -41,8 +41,8 @@ export function createDeskActions(
     if (status?.replay && DEAD_IN_REPLAY.has(name)) return;
     if (name === "stations" && !isSite(status)) return;
     const sheet = isSmall(panels.layout) && panels.sheet === "start" ? null : panels.sheet; // it hides the panel
-    if (LEFT.includes(name)) set({ left: name as LeftPanel, front: "left", sheet });
-    else set({ right: name as RightPanel, front: "right", sheet, ...(name === "stations" ? { sure: "" } : {}) });
+    if (LEFT.includes(name)) set({ left: name as LeftPanel, front: "left", sheet, allAlarms: false });
+    else set({ right: name as RightPanel, front: "right", sheet, allAlarms: false, ...(name === "stations" ? { sure: "" } : {}) });
   }
 
   function releaseKill(): void {
@@ -116,9 +116,9 @@ export function createDeskActions(
 
   async function uploadDrawing(name: string, format: DrawingFormat, file: File): Promise<void> {
     if (file.size > DRAWING_MAX_BYTES) return refuse(texts.commands.upload(name), texts.shows.drawingTooLarge);
-    set({ uploading: file.name });
+    set({ reading: "show-upload" });
     const accepted = await service.importDrawing(name, format, file);
-    set({ uploading: "" });
+    set({ reading: "" });
     if (!accepted) return;
     const checked = service.checkShow(name); // takes a minute
     await service.loadShows();
@@ -129,17 +129,17 @@ export function createDeskActions(
   async function previewShow(name: string): Promise<void> {
     const why = whyNotOnGround(state());
     if (why !== "") return refuse(texts.commands.preview(name), why);
-    set({ uploading: name });
+    set({ reading: `show-preview-${name}` });
     await service.loadDrawing(name);
-    set({ uploading: "" });
+    set({ reading: "" });
   }
 
   async function placeShow(name: string): Promise<void> {
     const why = whyNotPlacing(state());
     if (why !== "") return refuse(texts.commands.place(name), why);
-    set({ uploading: name });
+    set({ reading: `show-place-${name}` });
     await service.loadPlacement(name, null, false);
-    set({ uploading: "" });
+    set({ reading: "" });
   }
 
   async function applyPlacement(): Promise<void> {
@@ -186,15 +186,15 @@ export function createDeskActions(
     await service.loadPreflight();
   }
 
-  async function follow({ id, action, vehicles }: Alarm): Promise<void> {
+  async function follow(alarm: Alarm): Promise<void> {
+    const ofShow = showCommand(alarm);
+    if (ofShow !== null) return void (await service.show(ofShow));
+    const { id, action, vehicles } = alarm;
     switch (action) {
       case "return":
       case "land":
       case "take-control":
         return void (await service.fleet(action, vehicles));
-      case "pause":
-      case "stop":
-        return void (await service.show(action));
       case "leave-out":
         return leaveOut(vehicles, texts.preflight.silent);
       case "include":
@@ -238,7 +238,8 @@ export function createDeskActions(
     openPanel,
     togglePanel(name) {
       const { left, right } = shownPanels(state().panels);
-      if (left === name) set({ left: null });
+      if (state().panels.allAlarms) openPanel(name); // they may lie over it
+      else if (left === name) set({ left: null });
       else if (right === name) set({ right: null });
       else openPanel(name);
     },

@@ -89,7 +89,10 @@ function options(curve: Curve, width: number, look: CSSStyleDeclaration): uPlot.
     padding: [8, 18, 0, 0],
     scales: {
       x: { time: false, range: (_plot, least) => [Math.min(least ?? 0, -SHORTEST_S), 0] },
-      y: curve.fromZero ? { range: (_plot, _least, most) => [0, Math.max(1e-3, most ?? 1) * 1.1] } : {},
+      y: {
+        range: (_plot, least, most) =>
+          curve.fromZero || least == null || most == null ? [0, Math.max(1e-3, most ?? 1) * 1.1] : uPlot.rangeNum(least, most, 0.1, true),
+      },
     },
     axes: [
       { ...axis, size: 22, values: (_plot, ticks) => ticks.map((each) => minutes(each)) },

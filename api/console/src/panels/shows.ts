@@ -60,6 +60,18 @@ export function refusal(state: State, name: string): string {
   return refused !== undefined && state.panels.checks[name]?.hash === refused.hash ? refused.problem : "";
 }
 
+/** The button that was pressed says that the page reads a drawing. */
+function labelOf({ panels: { reading } }: State): (id: string, label: string) => string {
+  return (id, label) => (reading === id ? t.reading : label);
+}
+
+/** Whether the file has changed since the service selected it: that is what would start. Pure. */
+export function isOutdated({ panels, status }: State, { name, hash }: Pick<StoredShow, "name" | "hash">): boolean {
+  const selected = status?.show.selected;
+  const now = panels.checks[name]?.hash ?? hash;
+  return selected?.name === name && now !== null && now !== selected.hash;
+}
+
 function verdict(check: ShowCheck | undefined, refused: string): TemplateResult {
   if (!check) return html`<span class="verdict">${icon("question")}${t.unchecked}</span>`;
   if (check.state !== "done") {
@@ -75,11 +87,13 @@ function verdict(check: ShowCheck | undefined, refused: string): TemplateResult 
 
 function one(state: State, actions: PanelActions, file: StoredShow): TemplateResult {
   const { checks, openShow, sure } = state.panels;
+  const label = labelOf(state);
   const check = checks[file.name];
   const selected = state.status?.show.selected?.name === file.name;
   const why = whyNot(state, "shows");
   const whyNotNow = why || whyNotOnGround(state);
-  const refused = selected ? "" : refusal(state, file.name);
+  const outdated = isOutdated(state, file);
+  const refused = selected && !outdated ? "" : refusal(state, file.name);
   const open = openShow === file.name;
   const removing = sure === `show:${file.name}`;
   const named = (label: string): string => `${label} ${file.name}`;
@@ -87,7 +101,11 @@ function one(state: State, actions: PanelActions, file: StoredShow): TemplateRes
     <header>
       ${icon("show")}
       <h3>${file.name}</h3>
-      ${selected ? html`<span class="tag accent">${icon("check")}${t.selected}</span>` : nothing}
+      ${outdated
+        ? html`<span class="tag bad" data-testid="show-outdated">${icon("warning")}${t.outdated}</span>`
+        : selected
+          ? html`<span class="tag accent">${icon("check")}${t.selected}</span>`
+          : nothing}
       <span class="spring"></span>
       <span data-testid="show-verdict-${file.name}">${verdict(check, refused)}</span>
     </header>
@@ -95,10 +113,13 @@ function one(state: State, actions: PanelActions, file: StoredShow): TemplateRes
       ${button(actions, { id: `show-check-${file.name}`, label: t.check, name: named(t.check), why, press: () => actions.checkShow(file.name) })}
       ${selected
         ? button(actions, { id: `show-deselect-${file.name}`, label: t.deselect, name: named(t.deselect), why: whyNotNow, press: () => actions.deselectShow() })
+        : nothing}
+      ${selected && !outdated
+        ? nothing
         : button(actions, {
             id: `show-select-${file.name}`,
-            label: t.select,
-            name: named(t.select),
+            label: selected ? t.selectAgain : t.select,
+            name: named(selected ? t.selectAgain : t.select),
             kind: check?.good && !refused ? "primary" : "normal",
             why: whyNotNow || (check?.good && check.hash ? "" : t.unchecked),
             press: () => actions.selectShow(file.name, check?.hash ?? ""),
@@ -106,7 +127,7 @@ function one(state: State, actions: PanelActions, file: StoredShow): TemplateRes
       ${file.drawing
         ? button(actions, {
             id: `show-preview-${file.name}`,
-            label: t.preview,
+            label: label(`show-preview-${file.name}`, t.preview),
             name: named(t.preview),
             why: whyNotOnGround(state),
             press: () => actions.previewShow(file.name),
@@ -115,7 +136,7 @@ function one(state: State, actions: PanelActions, file: StoredShow): TemplateRes
       ${file.drawing
         ? button(actions, {
             id: `show-place-${file.name}`,
-            label: t.place,
+            label: label(`show-place-${file.name}`, t.place),
             name: named(t.place),
             why: whyNotPlacing(state),
             press: () => actions.placeShow(file.name),
@@ -148,12 +169,12 @@ function one(state: State, actions: PanelActions, file: StoredShow): TemplateRes
 export function shows(state: State, actions: PanelActions): TemplateResult {
   const all = state.panels.shows ?? [];
   const why = whyNot(state, "shows");
-  const { uploading } = state.panels;
+  const label = labelOf(state);
   const noUploads = state.status?.shows_refused ?? "";
   const chosen = (event: Event): void => {
     const input = event.target as HTMLInputElement;
     const file = input.files?.[0];
-    if (file && uploading === "") actions.upload(file);
+    if (file && state.panels.reading === "") actions.upload(file);
     input.value = "";
   };
   /** Without fresh data for a moment a disabled one would lose the focus. */
@@ -173,7 +194,7 @@ export function shows(state: State, actions: PanelActions): TemplateResult {
     ${noUploads
       ? html`<p class="hint" data-testid="show-no-upload">${t.noUploads(noUploads)}</p>`
       : html`<label class="button upload ${why ? "denied" : ""}" title=${why || nothing}>
-      ${icon("up")}<span>${uploading ? t.uploading(uploading) : t.upload}</span>
+      ${icon("up")}<span>${label("show-upload", t.upload)}</span>
       <input type="file" accept=".yaml,.yml,.skyc,.zip,.csv" data-testid="show-upload" aria-label=${t.upload} aria-disabled=${why === "" ? nothing : "true"} @click=${asked} @change=${chosen} />
         </label>`}
     ${why && !noUploads ? html`<p class="hint">${why}</p>` : nothing}

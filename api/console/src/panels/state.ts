@@ -57,7 +57,7 @@ export interface PanelState {
   showsRefused: Readonly<Record<string, { hash: string; problem: string }>>; // shows that Select refused, by the hash then
   showsProblem: string;
   openShow: string | null;
-  uploading: string; // the file that is being uploaded or read; empty: none
+  reading: string; // the button that was pressed for a drawing that is being read; empty: none
   wasDown: boolean; // with the newest status: a start could be prepared
   preflightRead_ms: number; // the page's clock; NaN: not yet
   preflightFor: string; // the vehicles it was requested for, with spaces between; empty: all that are online
@@ -107,7 +107,7 @@ export function initialDesk(): PanelState {
     showsRefused: {},
     showsProblem: "",
     openShow: null,
-    uploading: "",
+    reading: "",
     wasDown: true,
     preflightRead_ms: NaN,
     preflightFor: "",

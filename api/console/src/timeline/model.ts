@@ -52,11 +52,13 @@ const within = (share: number): number => Math.min(1, Math.max(0, share));
 
 export const percent = (share: number): string => `${(100 * within(share)).toFixed(3)}%`;
 
-/** The running show, from cue to cue. */
+/** The running show, from cue to cue. A cue is of its flight: none of the one before a landing. */
 export function cut(spans: readonly Span[], cues: Cues): Part[] {
+  let ground_s = -Infinity;
   return spans.flatMap((span): Part[] => {
+    if (GROUND.includes(span.phase)) ground_s = span.from_s;
     if (span.phase !== "running") return [{ ...span, cue: null }];
-    const first = cues.findLast((each) => each.at_s <= span.from_s);
+    const first = cues.findLast((each) => each.at_s <= span.from_s && each.at_s >= ground_s);
     const starts = [{ cue: first?.cue ?? null, at_s: span.from_s }, ...cues.filter(({ at_s }) => at_s > span.from_s && at_s < span.until_s)];
     return starts.map(({ cue, at_s }, i) => ({ ...span, cue, from_s: at_s, until_s: starts[i + 1]?.at_s ?? span.until_s }));
   });
