@@ -28,6 +28,9 @@ ANNOUNCED_S, BESIDE_M = 60.0, 20.0
 ARCS_S: Final = np.arange(0.0, 9.0, 2.0)
 """Times at which the arc of a track that turns is one of the straight ways that stand for it."""
 
+WAYS_MAX: Final = 24
+"""Most straight ways of all tracks: the arcs of the soonest that turn, a tangent of each other."""
+
 UP_TO_M: Final = 10_000.0
 """Height of an obstacle with a height that is not known."""
 
@@ -136,6 +139,7 @@ def _arcs(traffic: TracksNow, rows: Rows) -> tuple[Rows, Array, Array, tuple[Arr
     Returns: (m,) of which of the `rows` each is; (m, 3) places now and velocities; (m,) from when until when.
     """
     turn_rad_s = traffic.turn_rad_s[rows]
+    turn_rad_s[np.flatnonzero(turn_rad_s)[max(WAYS_MAX - len(rows), 0) // (len(ARCS_S) - 1) :]] = 0.0
     after_s = np.where(turn_rad_s[:, None] != 0.0, ARCS_S, np.where(ARCS_S > 0.0, np.nan, 0.0))
     of, at = np.nonzero(np.isfinite(after_s))
     then_s, turns = ARCS_S[at], turn_rad_s[of]

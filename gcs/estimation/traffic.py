@@ -31,6 +31,9 @@ AGILITY: Final = (2.0, 0.5)
 CALM: Final = (0.1, 0.05)
 """The same of a track that flies as is expected of it."""
 
+SUDDEN: Final = (AGILITY[0] - CALM[0], AGILITY[1] - CALM[1])
+"""What the first is more than the second."""
+
 COMES_S: Final = 60.0
 PASSED_M: Final = 300.0
 """A silent track that comes to the show is kept so long, or until it is expected so far beyond."""
@@ -47,6 +50,9 @@ TURNS: Final = (0.04, 0.003)
 
 TURNS_RAD_S: Final = (0.03, 1.0)
 """A slower turn is none; a faster one none that lasts."""
+
+TURNED_S: Final = 15.0
+"""Reports farther apart do not say how fast a track turns."""
 
 UNKNOWN_M_S: Final = (20.0, 5.0)
 """Standard deviation of a velocity that was not reported yet, along each axis sideways, and up."""
@@ -162,13 +168,11 @@ class TrackTable:
         dt_s = report.was_s - float(self._time_s[row])
         _move(state, dt_s)
         off_m = hypot(x_m - state[_X], y_m - state[_Y])
-        if off_m > max(GATE * hypot(state[_SIDE] ** 0.5, report.deviation_m), GATE_LEAST_M):
-            self.outliers += 1
-            self._refused[row] += 1
-            if self._refused[row] >= AGAIN:
-                self._begin(row, report, away_m)
-            return
+        turns_m2 = state[_SIDE] + SUDDEN[0] * dt_s**3 / 3.0
         _doubt(state, report, off_m, dt_s)
+        if off_m > max(GATE * hypot(turns_m2**0.5, report.deviation_m), GATE_LEAST_M):
+            self._refuse(row, report, away_m, dt_s, state[_SURPRISE])
+            return
         x_m_s, y_m_s, moves = state[_VX], state[_VY], state[_SIDE + 2]
         _correct(state, report)
         _turn(state, x_m_s, y_m_s, moves, dt_s)
@@ -243,6 +247,18 @@ class TrackTable:
         _correct(state, report, place=False)
         self._keep(row, report, state, away_m)
 
+    def _refuse(self, row: int, report: TrackReport, away_m: float, dt_s: float, surprise: float) -> None:
+        """Do not believe a report: its track is known less well for it, and begins anew after some."""
+        self.outliers += 1
+        self._refused[row] += 1
+        if self._refused[row] >= AGAIN:
+            self._begin(row, report, away_m)
+            return
+        state: list[float] = self._state[row].tolist()
+        _grow(state, dt_s, SUDDEN)
+        state[_SURPRISE] = surprise
+        self._state[row] = state
+
     def _keep(self, row: int, report: TrackReport, state: list[float], away_m: float) -> None:
         self._state[row], self._time_s[row], self._away_m[row] = state, report.was_s, away_m
         self._places[row], self._kinds[row], self._refused[row] = report.position_m, report.kind, 0
@@ -305,7 +321,7 @@ def _move(state: list[float], dt_s: float) -> None:
 
 
 def _doubt(state: list[float], report: TrackReport, off_m: float, dt_s: float) -> None:
-    """Expect more of a track that is off by more than was expected of it."""
+    """Expect more of a track that is off by more than was expected of it, or that turns."""
     off = 0.5 * off_m**2 / (state[_SIDE] + report.deviation_m**2)
     x_m_s, y_m_s, _ = report.velocity_m_s
     if isfinite(x_m_s) and isfinite(y_m_s):
@@ -313,8 +329,8 @@ def _doubt(state: list[float], report: TrackReport, off_m: float, dt_s: float) -
         off = max(off, 0.5 * off_m_s**2 / (state[_SIDE + 2] + report.velocity_deviation_m_s**2))
     weight, most = SURPRISES
     state[_SURPRISE] += weight * (min(off, 10.0) - state[_SURPRISE])
-    if state[_SURPRISE] > most:
-        _grow(state, dt_s, (AGILITY[0] - CALM[0], AGILITY[1] - CALM[1]))
+    if state[_SURPRISE] > most or state[_TURN] != 0.0:
+        _grow(state, dt_s, SUDDEN)
 
 
 def _turn(state: list[float], x_m_s: float, y_m_s: float, moves: float, dt_s: float) -> None:
@@ -324,7 +340,7 @@ def _turn(state: list[float], x_m_s: float, y_m_s: float, moves: float, dt_s: fl
     """
     speed2 = x_m_s**2 + y_m_s**2
     straight = state[_TURN] == 0.0 and state[_SURPRISE] <= SURPRISES[1]
-    if straight or speed2 < SLOW_M_S[1] ** 2 or dt_s <= 0.0:
+    if straight or speed2 < SLOW_M_S[1] ** 2 or not 0.0 < dt_s <= TURNED_S:
         state[_TURN], state[_TURN + 1] = 0.0, TURNS[0]
         return
     angle = atan2(x_m_s * state[_VY] - y_m_s * state[_VX], x_m_s * state[_VX] + y_m_s * state[_VY])

@@ -9,12 +9,12 @@ from dataclasses import dataclass, field
 from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from gcs.model.errors import ShapeError
 from gcs.model.plan import Obstacle
 from gcs.model.state import TINY, Array, Mask
 from gcs.safety.constraints import NO_ROW, Constraints, stopping_speed_m_s
+from gcs.safety.neighbours import Rows
 
 TRACKS_MAX: Final = 16
 """Most tracks that a tick evades."""
@@ -37,6 +37,9 @@ BEGUN_M_S: Final = 1.0
 
 FAR_M: Final = 50.0
 """Farther from a corridor no vehicle is too fast to stop before it."""
+
+SOONEST: Final = 5
+"""A vehicle keeps clear of so many ways of tracks at a time, the first to arrive: each is a row."""
 
 HEADINGS: Final = np.stack([np.cos(np.arange(16) * np.pi / 8), np.sin(np.arange(16) * np.pi / 8)], axis=1)
 """Directions of the ways out of several corridors that are compared."""
@@ -123,7 +126,9 @@ def track_constraints(evading: Evading, near_traffic: NearTraffic | None) -> Con
         near &= (gone_s > from_s) & (arrives_s < until_s)
     level_m = np.abs(beside_m) - radius_m
     upright_m, upward = _above_or_below(place_m, near_traffic, half_m, arrives_s, gone_s)
-    kept = np.flatnonzero((near & (np.maximum(level_m, upright_m) < FAR_M)).ravel())
+    near &= np.maximum(level_m, upright_m) < FAR_M
+    near &= np.where(near, arrives_s, np.inf).argsort(axis=1).argsort(axis=1) < SOONEST
+    kept = np.flatnonzero(near.ravel())
     if not len(kept):
         return Constraints.none()
     which, track = np.divmod(kept, len(near_traffic))
@@ -142,18 +147,21 @@ def track_constraints(evading: Evading, near_traffic: NearTraffic | None) -> Con
     upright = (upright_m > 0.0) & (upright_m >= level_m)
     counts = np.zeros(beside_m.shape, np.bool_)
     counts.ravel()[kept] = ~upright
-    names = np.array(near_traffic.names)
-    several = (counts @ (names[:, None] == np.unique(names)) > 0).sum(axis=1) > 1
+    left_s = np.maximum(arrives_s - EARLY_S, LEAST_S)
+    way_m = (side * needed_m_s * left_s.ravel()[kept])[:, None] * aside[track]
+    several = _in_several(near_traffic.names, counts, beside_m, radius_m, aside, which, track, way_m)
     if several.any():
         ways = _Ways(
             evading.position_m[rows, :2][several],
             evading.desired_m_s[rows, :2][several],
             fastest_m_s[several, 0],
             aside,
-            *(
-                each[several]
-                for each in (beside_m, radius_m, least_m, np.maximum(arrives_s - EARLY_S, LEAST_S), counts)
-            ),
+            near_traffic.names,
+            beside_m[several],
+            radius_m[several],
+            least_m[several],
+            left_s[several],
+            counts[several],
         )
         sides, most_m_s = ways.chosen(evading.reach_m)
         both, at = several[which], np.cumsum(several) - 1
@@ -168,6 +176,33 @@ def track_constraints(evading: Evading, near_traffic: NearTraffic | None) -> Con
     return Constraints(row, np.full(len(row), NO_ROW), normal, bound_m_s, reasons[track])
 
 
+def _in_several(
+    names: tuple[str, ...],
+    counts: Mask,
+    beside_m: Array,
+    radius_m: Array,
+    aside: Array,
+    which: Rows,
+    track: Rows,
+    way_m: Array,
+) -> Mask:
+    """(r,) which are in the corridors of two tracks, or whose way out (c, 2) of one leads into another's."""
+    inside = counts & (np.abs(beside_m) < radius_m)
+    several: Mask = ((inside @ _of_tracks(names)) > 0).sum(axis=1) > 1
+    alone = np.flatnonzero(inside[which, track] & ~several[which])
+    of, number = which[alone], np.unique(np.array(names), return_inverse=True)[1]
+    then_m = np.sign(beside_m[of]) * (beside_m[of] + way_m[alone] @ aside.T)
+    enters = counts[of] & (then_m < radius_m[of]) & (number != number[track[alone]][:, None])
+    several[of[enters.any(axis=1)]] = True
+    return several
+
+
+def _of_tracks(names: tuple[str, ...]) -> Array:
+    """(k, t) 1 where a way is of a track."""
+    of: Array = np.equal.outer(np.array(names), np.unique(np.array(names))).astype(float)
+    return of
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Ways:
     """Vehicles (r,) in several corridors (k,): one velocity of each is to lead out of all of them."""
@@ -176,6 +211,7 @@ class _Ways:
     desired_m_s: Array  # (r, 2)
     fastest_m_s: Array  # (r,)
     aside: Array  # (k, 2)
+    names: tuple[str, ...]  # (k,)
     beside_m: Array  # (r, k), as the others
     radius_m: Array
     least_m: Array
@@ -206,10 +242,17 @@ class _Ways:
         )
         fenced = np.hypot(ends_m[..., 0], ends_m[..., 1]) > reach_m - FENCED_M
         turned = np.hypot(*np.moveaxis(ways_m_s - desired_m_s, 2, 0)) / self.fastest_m_s[:, None]
-        cost = LACKS * lacks.max(axis=2) + less.mean(axis=2) + fenced + TURNED * turned
+        cost = LACKS * lacks.max(axis=2) + (less @ self._weights())[..., 0] + fenced + TURNED * turned
         best = cost.argmin(axis=1)
         of = np.arange(len(best))
         return side[of, best], (side * aside_m_s)[of, best]
+
+    def _weights(self) -> Array:
+        """(r, k, 1) weights of the ways that count: those of one track weigh as much as those of another."""
+        of = _of_tracks(self.names)
+        shares = self.counts / np.maximum((self.counts @ of) @ of.T, 1.0)
+        weights: Array = (shares / shares.sum(axis=1, keepdims=True))[..., None]
+        return weights
 
 
 def _above_or_below(
@@ -237,7 +280,7 @@ def _led_m(desired_m_s: Array, beside_m: Array, arrives_s: Array, radius_m: Arra
 
 def _way_out(
     evading: Evading,
-    row: NDArray[np.intp],
+    row: Rows,
     aside: Array,
     beside_m: Array,
     radius_m: Array,

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from gcs.control.traffic import Sphere, tracks_near
-from gcs.estimation.traffic import TrackReport, TrackTable
+from gcs.control.traffic import WAYS_MAX, Sphere, tracks_near
+from gcs.estimation.traffic import TrackReport, TracksNow, TrackTable
 from gcs.model.state import Array
 from gcs.model.traffic import Cylinder
 from gcs.safety.constraints import Braking, Constraints
@@ -59,3 +59,23 @@ def test_one_velocity_leads_out_of_several_corridors() -> None:
         rows = constraints(table, 0.0, (0.0, 0.0, -40.0))
         kept_m_s = ways_m_s @ rows.normal.T - rows.bound_m_s
         assert kept_m_s.min(axis=1).max() > -0.5
+
+
+def test_arcs_of_many_turning_tracks_are_bounded() -> None:
+    """The soonest have arcs, each other one its tangent."""
+    k = 16
+    place_m = np.array([[-50.0 - 10.0 * number, 0.0, -40.0] for number in range(k)])
+    traffic = TracksNow(
+        tuple(f"T{number}" for number in range(k)),
+        ("manned",) * k,
+        place_m,
+        np.tile([20.0, 0.0, 0.0], (k, 1)),
+        np.zeros((k, 2, 3)),
+        np.zeros(k),
+        np.zeros(k, np.bool_),
+        np.full(k, 0.1),
+    )
+    near, _ = tracks_near(traffic, Cylinder(radius_m=20.0), HERE, 0.0)
+    assert near is not None
+    assert len(near) <= WAYS_MAX
+    assert [near.names.count(name) for name in ("T0", "T1", "T2", "T15")] == [5, 5, 1, 1]

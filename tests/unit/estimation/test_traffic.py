@@ -221,3 +221,23 @@ def test_silent_track_that_comes_to_the_formation_is_kept() -> None:
         table.take(TrackReport("A", "manned", 0.0, 0.0, (100.0, 0.0, -50.0), (30.0, 0.0, 0.0), 3.0, 3.0, 0.1))
         table.forget(17.0, center_m)
         assert len(table) == kept
+
+
+def test_turn_between_sparse_reports_is_believed() -> None:
+    """A vessel turns by a right angle between two reports, which come every 10 s."""
+    table, places_m = TrackTable(15.0), []
+    for number in range(16):
+        before_s, after_s = 10.0 * min(number, 8), 10.0 * max(number - 9, 0)
+        places_m.append(np.array([8.0 * before_s + 50.0 * (number > 8), 50.0 * (number > 8) + 8.0 * after_s]))
+        moves_m_s = (8.0, 0.0, 0.0) if number <= 8 else (0.0, 8.0, 0.0)
+        at_s = 10.0 * number
+        table.take(TrackReport("A", "vessel", at_s, at_s, (*places_m[-1], nan), moves_m_s, 5.0, 5.0, 0.5))
+        off_m = np.hypot(*(table.at(at_s).position_m[0, :2] - places_m[-1]))
+        assert off_m < 15.0
+    assert table.outliers == 0
+
+
+def test_refused_report_widens_its_track() -> None:
+    table, other = flown(), flown()
+    table.take(report(11.0, x_m=-900.0))
+    assert (table.at(12.0).spread[0, :, 0] > other.at(12.0).spread[0, :, 0]).all()

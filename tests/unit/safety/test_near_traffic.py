@@ -7,7 +7,7 @@ import pytest
 
 from gcs.model.state import Array
 from gcs.safety.constraints import Braking
-from gcs.safety.near_traffic import EARLY_S, WIDEST, Evading, NearTraffic, track_constraints
+from gcs.safety.near_traffic import EARLY_S, SOONEST, WIDEST, Evading, NearTraffic, track_constraints
 
 SPEED_M_S, RADIUS_M = 20.0, 30.0
 
@@ -128,3 +128,52 @@ def test_way_counts_while_its_track_is_there() -> None:
     for from_s, until_s, rows in ((0.0, 4.0, 0), (4.0, 6.0, 1), (9.0, 10.0, 0)):
         window = replace(AHEAD, counts_s=(np.array([from_s]), np.array([until_s])))
         assert len(track_constraints(evading((0.0, 10.0, -40.0)), window)) == rows
+
+
+def side_by_side(*off_m: float, spread_m2: float = 0.0) -> NearTraffic:
+    """As AHEAD, some tracks so far beside each other, equally well known."""
+    k = len(off_m)
+    spread = np.zeros((k, 2, 3))
+    spread[:, 0, 0] = spread_m2
+    return NearTraffic(
+        tuple(f"T{number}" for number in range(k)),
+        np.array([[-130.0, each_m, -40.0] for each_m in off_m]),
+        np.tile([SPEED_M_S, 0.0, 0.0], (k, 1)),
+        np.full(k, RADIUS_M),
+        np.full(k, 15.0),
+        spread,
+    )
+
+
+def test_track_beside_changes_no_way_out() -> None:
+    """The corridor of the second is 40 m away on the other side; a vehicle leaves to its own."""
+    alone, among = (
+        track_constraints(evading((0.0, 10.0, -40.0)), side_by_side(*off_m))
+        for off_m in ((0.0,), (0.0, -60.0))
+    )
+    assert len(among) == 2
+    assert among.normal[0] == pytest.approx(alone.normal[0])
+    assert among.bound_m_s[0] == alone.bound_m_s[0]
+
+
+def test_way_out_does_not_lead_into_another_corridor() -> None:
+    rows = track_constraints(evading((0.0, 5.0, -40.0)), side_by_side(0.0, 45.0))
+    assert rows.normal[0] == pytest.approx([0.0, -1.0, 0.0]), "10 m more, but nothing is there"
+
+
+def test_tracks_far_away_change_no_choice() -> None:
+    """Of two badly known tracks, 30 others that reach no vehicle."""
+    near, all_of_them = (
+        track_constraints(
+            evading((0.0, 10.0, -40.0), desired_m_s=np.array([[0.0, -2.0, 0.0]])),
+            side_by_side(0.0, 15.0, *[5000.0 + 200.0 * number for number in range(others)], spread_m2=400.0),
+        )
+        for others in (0, 30)
+    )
+    np.testing.assert_allclose(near.normal, all_of_them.normal)
+    np.testing.assert_allclose(near.bound_m_s, all_of_them.bound_m_s)
+
+
+def test_rows_of_a_vehicle_among_many_tracks_are_bounded() -> None:
+    rows = track_constraints(evading((0.0, 0.0, -40.0), (0.0, 5.0, -40.0)), side_by_side(*range(-20, 20, 3)))
+    assert np.bincount(rows.first).tolist() == [SOONEST, SOONEST]
