@@ -271,5 +271,5 @@ def test_reported_accuracy_widens_the_margin_within_bounds() -> None:
     assert wide_m == pytest.approx([1.0, 3.0, 0.05])
     assert "at least 9.0 m for 3 vehicles 15.5 m apart" in smaller.text
     assert "uncertain by 1.00 m (1 sigma); 2.5 m is enough at 0.05 m, as with RTK" in smaller.text
-    assert refusal.text.startswith("d2: its receiver reports an accuracy of 9.0 m sideways and 20.0 m up")
+    assert refusal.text.startswith("1. d2: its receiver reports an accuracy of 9.0 m sideways and 20.0 m up")
     assert "d1" not in refusal.text

@@ -72,7 +72,7 @@ def test_bad_arguments_are_named_and_exit_with_two(
         ([*MIXED, "--autopilot-version", "1.16,3.6"], "autopilot version '3.6' is not known"),
         ([*MIXED, "--autopilot-version", "1.16,1.17"], "'1.16,1.17': one of PX4 is possible"),
         (["--autopilot-version", "1.18", "--param", "COM_RC_STICK_OV=9"], "PX4 v1.18.0-beta has no such"),
-        (["--target", "boa", "--send", "nmea"], "--target boa: there are still, walker, rover"),
+        (["--target", "boa", "--send", "nmea"], "--target boa: there are still, walker, walk, rover"),
         (["--target", "boat"], "--target boat needs --send: nmea, gpsd, cot, mavlink, follow-target"),
         ([*BOAT, "cot", "--to", "tcp://a:1"], "--to tcp://a:1: --send cot needs udp://HOST:PORT"),
         ([*BOAT, "gpsd", "--to", "udp://a:1"], "--to udp://a:1: --send gpsd needs tcp://HOST:PORT"),
