@@ -260,7 +260,7 @@ def test_reported_accuracy_widens_the_margin_within_bounds() -> None:
         await show.standby()
         show.befall("d1", "accuracy", eph_m=1.0, epv_m=1.8)
         await show.wait(0.6)  # it is reported twice a second
-        smaller = await refused(show, lambda: show.service.plan.set_formation(Formation(6.0, 14.0)))
+        smaller = await refused(show, lambda: show.service.plan.set_formation(Formation(5.5, 14.0)))
         show.befall("d2", "accuracy", eph_m=9.0, epv_m=20.0)
         await show.wait(0.6)
         return [seen.position_uncertainty_m for seen in vehicles_of(show.view)], smaller, await start(show)

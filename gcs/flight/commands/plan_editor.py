@@ -74,8 +74,8 @@ class PlanEditor:
                 formation.radius_m, formation.height_m, target, self.in_force.plan.orbit, control.safety
             )
         uncertainty_m = self.in_formation_m(flying)
-        if tuple(fields) == ("height_m",) and formation.height_m < was.height_m:
-            # the radius stays, also where receivers are worse: it comes down
+        if formation.radius_m == was.radius_m and formation.height_m <= was.height_m:
+            # the radius stays, also where receivers are worse
             uncertainty_m = np.zeros_like(uncertainty_m)
         check_formation(formation, len(uncertainty_m), control.safety, uncertainty_m)
         check_target(target, self.in_force.plan.orbit, formation, control, changed="formation")
