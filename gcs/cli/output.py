@@ -203,7 +203,7 @@ UNITS: Final = frozenset({"s", "m", "m/s"})
 def aligned(rows: Iterable[Sequence[str]]) -> Iterator[str]:
     """Yield the lines of a table, the heads first; a row with one cell is a line above it.
 
-    Columns whose head ends with a unit are aligned at their end. No cell is cut.
+    A column with a unit at the end of its head is aligned at its end. No cell is cut.
     """
     cells = list(rows)
     heads, *others = table = [row for row in cells if len(row) > 1]

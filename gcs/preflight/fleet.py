@@ -175,7 +175,7 @@ class Pattern:
     places_m: Array  # (m, 2) show frame
     place_of: Mapping[VehicleId, int]  # rows of `places_m`
     heading_deg: float  # of the show frame
-    drawn: str = ""  # the drawn show whose pads they are, which can be placed; empty: none
+    drawn: str = ""  # the drawn show with these pads, which can be placed; empty: none
 
 
 @dataclass(slots=True)

@@ -186,7 +186,7 @@ def _in_several(
     track: Rows,
     way_m: Array,
 ) -> Mask:
-    """(r,) which are in the corridors of two tracks, or whose way out (c, 2) of one leads into another's."""
+    """(r,) which are in the corridors of two tracks, or leave one by a way (c, 2) into another."""
     inside = counts & (np.abs(beside_m) < radius_m)
     several: Mask = ((inside @ _of_tracks(names)) > 0).sum(axis=1) > 1
     alone = np.flatnonzero(inside[which, track] & ~several[which])

@@ -330,7 +330,7 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
     AlarmCause.TAK_NOT_SENT: CauseRow(
         C,
         "Tracks not sent to {about}",
-        "Who looks at TAK there does not see the vehicles. Check the address and the network.",
+        "Users of TAK there do not see the vehicles. Check the address and the network.",
         on_after_s=3.0,
         past="Tracks were not sent to {about}",
     ),

@@ -383,7 +383,7 @@ class TakView(FeatureView):
 
     callsign: Annotated[str, Field(description="Of the centre; those of the vehicles begin with it.")]
     vehicles: Annotated[
-        float, Described("Vehicles of this station whose place is believed.", "gcs_tak_vehicles")
+        float, Described("Vehicles of this station with a place that is believed.", "gcs_tak_vehicles")
     ]
     missing: Annotated[
         str,

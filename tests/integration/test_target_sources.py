@@ -331,11 +331,13 @@ def test_ten_thousand_junk_datagrams_a_second_end_nothing() -> None:
 def test_source_ends_although_something_arrives_just_then() -> None:
     async def main(port: int, send: Callable[[bytes], object]) -> None:
         for turns in range(12):
+            before = asyncio.all_tasks()
             async with receiving(kind="cot", at=f"udp://127.0.0.1:{port}", track="BOAT") as received:
                 await until_sent(lambda _: send(cot()), lambda: bool(received.fixes))
                 send(cot())
                 for _ in range(turns % 4):
                     await asyncio.sleep(0)
+            assert asyncio.all_tasks() == before, "the source is not received any more"
 
     port = free_ports()
     with sender(port) as send:

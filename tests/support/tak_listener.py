@@ -54,7 +54,7 @@ class Listener(CotSender):
 
 @dataclass
 class Listening:
-    """The feature of a flight, whose only receiver is a listener."""
+    """The feature of a flight, with one receiver: a listener."""
 
     tak: TakTracks
     listener: Listener = field(default_factory=Listener)

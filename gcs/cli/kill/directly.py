@@ -54,8 +54,8 @@ class _Target:
     at: dict[Address, Port] = field(default_factory=dict)  # from where its id was received, the newest last
     acknowledged: int | None = None  # the newest MAV_RESULT
     armed: dict[Address, bool] = field(default_factory=dict)  # from heartbeats after the first command
-    armed_s: float = -inf  # when the newest of these said that motors run
-    off_s: float = inf  # when the first said that they are off
+    armed_s: float = -inf  # when the newest of these reported running motors
+    off_s: float = inf  # when the first reported that they are off
     recorded: bool = False  # the service has recorded that its motors are off
     failure: str = ""  # why the last command could not be sent
 
@@ -65,14 +65,14 @@ class _Target:
         return self.recorded or (0 < len(self.armed) < PLACES_MAX and not any(self.armed.values()))
 
     def listened_s(self, now_s: float) -> float:
-        """How long nothing that sends its id has said that motors run: two may send from one place."""
+        """How long its id has not reported running motors; two vehicles may have it, behind one radio."""
         return now_s - max(self.sent_s, self.armed_s)
 
     def is_settled(self, now_s: float) -> bool:
         return self.recorded or (self.stopped and self.listened_s(now_s) >= BEATS_S)
 
     def is_contradicted(self, now_s: float) -> bool:
-        """Whether something with its id has said since that motors run."""
+        """Whether its id has reported running motors after it reported that they are off."""
         return self.armed_s > self.off_s and not self.is_settled(now_s)
 
     def believes(self, at: Address, *, is_stream: bool) -> bool:

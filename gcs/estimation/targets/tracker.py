@@ -255,7 +255,7 @@ class Tracker:
         self._late_s = report.arrived_s - was_s
 
     def _take_height(self, report: TargetReport, was_s: float) -> None:
-        """Believe the height of a report whose place is believed."""
+        """Believe the height of a report with a place that is believed."""
         if not isfinite(report.height_m):
             return
         deviation_m = report.height_deviation_m

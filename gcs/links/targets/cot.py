@@ -74,7 +74,7 @@ class CotStream:
     """
 
     def __init__(self, track: str, geoid_m: float | None = None, own_uid: str = "") -> None:
-        """Events whose uid begins with `own_uid` do not count; empty: all do."""
+        """Events with a uid that begins with `own_uid` do not count; empty: all do."""
         self.messages = 0
         self.why = ""
         self._own = own_uid.encode()

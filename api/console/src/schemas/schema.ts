@@ -2269,7 +2269,7 @@ export interface components {
             receivers: components["schemas"]["TakReceiverView"][];
             /** @description Events that left, to all receivers. */
             sent: number;
-            /** @description Vehicles of this station whose place is believed. */
+            /** @description Vehicles of this station with a place that is believed. */
             vehicles: number;
         };
         /** @description Position and velocity of the target now, in both frames. */
