@@ -103,72 +103,72 @@ class Evading:
     reach_m: float  # greatest distance from the show's origin
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class _Corridors:
+    """What the k ways of tracks sweep, as r vehicles see it."""
+
+    names: tuple[str, ...]  # (k,)
+    aside: Array  # (k, 2) to the left of each
+    beside_m: Array  # (r, k) to the left of its middle, as the others
+    radius_m: Array  # with what is not known
+    least_m: Array  # without it
+    arrives_s: Array  # the cylinder
+    gone_s: Array
+
+    @property
+    def left_s(self) -> Array:
+        """(r, k) time to be out."""
+        return np.maximum(self.arrives_s - EARLY_S, LEAST_S)
+
+    def seen_by(self, rows: Mask) -> "_Corridors":
+        parts = self.beside_m, self.radius_m, self.least_m, self.arrives_s, self.gone_s
+        return _Corridors(self.names, self.aside, *(part[rows] for part in parts))
+
+
+def _corridors(near_traffic: NearTraffic, place_m: Array, extra_m: Array) -> tuple[_Corridors, Array]:
+    """Those that vehicles at (r, 3) see, which keep (r, 1) farther away; and (r, k) half their heights."""
+    speed_m_s = np.maximum(np.hypot(*near_traffic.velocity_m_s[:, :2].T), TINY)
+    along = near_traffic.velocity_m_s[:, :2] / speed_m_s[:, None]
+    aside = np.stack([-along[:, 1], along[:, 0]], axis=1)
+    off_m = place_m[:, None, :2] - near_traffic.position_m[:, :2]
+    ahead_m, beside_m = (off_m * along).sum(axis=2), (off_m * aside).sum(axis=2)
+    radius_m, half_m = near_traffic.widened_m(np.maximum(ahead_m / speed_m_s, 0.0))
+    radius_m, half_m = radius_m + extra_m, half_m + extra_m
+    least_m = np.broadcast_to(near_traffic.radius_m + extra_m, beside_m.shape)
+    arrives_s, gone_s = (ahead_m - radius_m) / speed_m_s, (ahead_m + radius_m) / speed_m_s
+    return _Corridors(near_traffic.names, aside, beside_m, radius_m, least_m, arrives_s, gone_s), half_m
+
+
 def track_constraints(evading: Evading, near_traffic: NearTraffic | None) -> Constraints:
     """Have every vehicle leave the corridors of tracks in time, and enter none."""
     if near_traffic is None or not len(near_traffic) or not evading.commanded.any():
         return Constraints.none()
     rows = np.flatnonzero(evading.commanded & np.isfinite(evading.position_m).all(axis=1))
     place_m = evading.position_m[rows]
-    speed_m_s = np.maximum(np.hypot(*near_traffic.velocity_m_s[:, :2].T), TINY)
-    along = near_traffic.velocity_m_s[:, :2] / speed_m_s[:, None]
-    aside = np.stack([-along[:, 1], along[:, 0]], axis=1)
-    off_m = place_m[:, None, :2] - near_traffic.position_m[:, :2]
-    ahead_m, beside_m = (off_m * along).sum(axis=2), (off_m * aside).sum(axis=2)  # (r, k)
-    extra_m = evading.extra_m[rows][:, None]
-    least_m = np.broadcast_to(near_traffic.radius_m + extra_m, beside_m.shape)
-    radius_m, half_m = near_traffic.widened_m(np.maximum(ahead_m / speed_m_s, 0.0))
-    radius_m, half_m = radius_m + extra_m, half_m + extra_m
-    arrives_s, gone_s = (ahead_m - radius_m) / speed_m_s, (ahead_m + radius_m) / speed_m_s
+    ways, half_m = _corridors(near_traffic, place_m, evading.extra_m[rows][:, None])
     fastest_m_s = np.maximum(evading.speed_max_m_s[rows][:, None], TINY)
-    near = (gone_s > 0.0) & (arrives_s < AHEAD_S + 2.0 * radius_m / fastest_m_s)
+    near = (ways.gone_s > 0.0) & (ways.arrives_s < AHEAD_S + 2.0 * ways.radius_m / fastest_m_s)
     if near_traffic.counts_s is not None:
         from_s, until_s = near_traffic.counts_s
-        near &= (gone_s > from_s) & (arrives_s < until_s)
-    level_m = np.abs(beside_m) - radius_m
-    upright_m, upward = _above_or_below(place_m, near_traffic, half_m, arrives_s, gone_s)
+        near &= (ways.gone_s > from_s) & (ways.arrives_s < until_s)
+    level_m = np.abs(ways.beside_m) - ways.radius_m
+    upright_m, upward = _above_or_below(place_m, near_traffic, half_m, ways.arrives_s, ways.gone_s)
     near &= np.maximum(level_m, upright_m) < FAR_M
-    near &= np.where(near, arrives_s, np.inf).argsort(axis=1).argsort(axis=1) < SOONEST
+    near &= np.where(near, ways.arrives_s, np.inf).argsort(axis=1).argsort(axis=1) < SOONEST
     kept = np.flatnonzero(near.ravel())
     if not len(kept):
         return Constraints.none()
     which, track = np.divmod(kept, len(near_traffic))
-    level_m, upright_m, upward = level_m.ravel()[kept], upright_m.ravel()[kept], upward.ravel()[kept]
-    each, row = evading.each[:, rows[which]], rows[which]
-    side, needed_m_s = _way_out(
-        evading,
-        row,
-        aside[track],
-        beside_m.ravel()[kept],
-        radius_m.ravel()[kept],
-        least_m.ravel()[kept],
-        _led_m(evading.desired_m_s[rows, :2] @ aside.T, beside_m, arrives_s, radius_m).ravel()[kept],
-        arrives_s.ravel()[kept],
-    )
-    upright = (upright_m > 0.0) & (upright_m >= level_m)
-    counts = np.zeros(beside_m.shape, np.bool_)
-    counts.ravel()[kept] = ~upright
-    left_s = np.maximum(arrives_s - EARLY_S, LEAST_S)
-    way_m = (side * needed_m_s * left_s.ravel()[kept])[:, None] * aside[track]
-    several = _in_several(near_traffic.names, counts, beside_m, radius_m, aside, which, track, way_m)
-    if several.any():
-        ways = _Ways(
-            evading.position_m[rows, :2][several],
-            evading.desired_m_s[rows, :2][several],
-            fastest_m_s[several, 0],
-            aside,
-            near_traffic.names,
-            beside_m[several],
-            radius_m[several],
-            least_m[several],
-            left_s[several],
-            counts[several],
-        )
-        sides, most_m_s = ways.chosen(evading.reach_m)
-        both, at = several[which], np.cumsum(several) - 1
-        side = np.where(both, sides[at[which], track], side)
-        needed_m_s = np.where(both, np.minimum(needed_m_s, most_m_s[at[which], track]), needed_m_s)
-    normal = np.zeros((len(kept), 3))
-    normal[~upright, :2] = (side[:, None] * aside[track])[~upright]
+    row = rows[which]
+    led_m = _led_m(evading.desired_m_s[rows, :2] @ ways.aside.T, ways.beside_m, ways.arrives_s, ways.radius_m)
+    parts = (ways.beside_m, ways.radius_m, ways.least_m, led_m, ways.arrives_s)
+    side, needed_m_s = _way_out(evading, row, ways.aside[track], *(part.ravel()[kept] for part in parts))
+    by_height = (upright_m > 0.0) & (upright_m >= level_m)
+    counts, upright = near & ~by_height, by_height.ravel()[kept]
+    side, needed_m_s = _out_of_several(evading, rows, ways, counts, which, track, side, needed_m_s)
+    level_m, upright_m, upward = (part.ravel()[kept] for part in (level_m, upright_m, upward))
+    each, normal = evading.each[:, row], np.zeros((len(kept), 3))
+    normal[~upright, :2] = (side[:, None] * ways.aside[track])[~upright]
     normal[upright, 2] = -upward[upright]
     bound_m_s = np.where(level_m < 0.0, needed_m_s, -stopping_speed_m_s(level_m, each))
     bound_m_s[upright] = -stopping_speed_m_s(upright_m, each)[upright]
@@ -176,23 +176,46 @@ def track_constraints(evading: Evading, near_traffic: NearTraffic | None) -> Con
     return Constraints(row, np.full(len(row), NO_ROW), normal, bound_m_s, reasons[track])
 
 
-def _in_several(
-    names: tuple[str, ...],
+def _out_of_several(
+    evading: Evading,
+    rows: Rows,
+    ways: _Corridors,
     counts: Mask,
-    beside_m: Array,
-    radius_m: Array,
-    aside: Array,
     which: Rows,
     track: Rows,
-    way_m: Array,
-) -> Mask:
+    side: Array,
+    needed_m_s: Array,
+) -> tuple[Array, Array]:
+    """Sides (c,) and speeds with which a vehicle in several corridors leaves all of them by one velocity."""
+    way_m = (side * needed_m_s * ways.left_s[which, track])[:, None] * ways.aside[track]
+    several = _in_several(ways, counts, which, track, way_m)
+    if not several.any():
+        return side, needed_m_s
+    own = rows[several]
+    fastest_m_s = np.maximum(evading.speed_max_m_s[own], TINY)
+    leaving = _Leaving(
+        evading.position_m[own, :2],
+        evading.desired_m_s[own, :2],
+        fastest_m_s,
+        ways.seen_by(several),
+        counts[several],
+    )
+    sides, most_m_s = leaving.chosen(evading.reach_m)
+    both, at = several[which], np.cumsum(several) - 1
+    return (
+        np.where(both, sides[at[which], track], side),
+        np.where(both, np.minimum(needed_m_s, most_m_s[at[which], track]), needed_m_s),
+    )
+
+
+def _in_several(ways: _Corridors, counts: Mask, which: Rows, track: Rows, way_m: Array) -> Mask:
     """(r,) which are in the corridors of two tracks, or leave one by a way (c, 2) into another."""
-    inside = counts & (np.abs(beside_m) < radius_m)
-    several: Mask = ((inside @ _of_tracks(names)) > 0).sum(axis=1) > 1
+    inside = counts & (np.abs(ways.beside_m) < ways.radius_m)
+    several: Mask = ((inside @ _of_tracks(ways.names)) > 0).sum(axis=1) > 1
     alone = np.flatnonzero(inside[which, track] & ~several[which])
-    of, number = which[alone], np.unique(np.array(names), return_inverse=True)[1]
-    then_m = np.sign(beside_m[of]) * (beside_m[of] + way_m[alone] @ aside.T)
-    enters = counts[of] & (then_m < radius_m[of]) & (number != number[track[alone]][:, None])
+    of, number = which[alone], np.unique(np.array(ways.names), return_inverse=True)[1]
+    then_m = np.sign(ways.beside_m[of]) * (ways.beside_m[of] + way_m[alone] @ ways.aside.T)
+    enters = counts[of] & (then_m < ways.radius_m[of]) & (number != number[track[alone]][:, None])
     several[of[enters.any(axis=1)]] = True
     return several
 
@@ -204,19 +227,14 @@ def _of_tracks(names: tuple[str, ...]) -> Array:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Ways:
+class _Leaving:
     """Vehicles (r,) in several corridors (k,): one velocity of each is to lead out of all of them."""
 
     position_m: Array  # (r, 2)
     desired_m_s: Array  # (r, 2)
     fastest_m_s: Array  # (r,)
-    aside: Array  # (k, 2)
-    names: tuple[str, ...]  # (k,)
-    beside_m: Array  # (r, k), as the others
-    radius_m: Array
-    least_m: Array
-    left_s: Array
-    counts: Mask
+    ways: _Corridors
+    counts: Mask  # (r, k)
 
     def chosen(self, reach_m: float) -> tuple[Array, Array]:
         """(r, k) sides to which the best ways lead, and how fast.
@@ -228,17 +246,17 @@ class _Ways:
         slower = np.minimum(1.0, fastest_m_s[:, 0] / np.maximum(np.hypot(*self.desired_m_s.T), TINY)[:, None])
         desired_m_s = (self.desired_m_s * slower)[:, None]
         ways_m_s = np.concatenate([desired_m_s, fastest_m_s * HEADINGS], axis=1)  # (r, w, 2)
-        aside_m_s = ways_m_s @ self.aside.T  # (r, w, k)
-        then_m = self.beside_m[:, None] + aside_m_s * self.left_s[:, None]
-        outside = (np.abs(self.beside_m) >= self.radius_m)[:, None]
-        side = np.where(outside, np.sign(self.beside_m)[:, None], np.where(then_m >= 0.0, 1.0, -1.0))
+        aside_m_s = ways_m_s @ self.ways.aside.T  # (r, w, k)
+        then_m = self.ways.beside_m[:, None] + aside_m_s * self.ways.left_s[:, None]
+        outside = (np.abs(self.ways.beside_m) >= self.ways.radius_m)[:, None]
+        side = np.where(outside, np.sign(self.ways.beside_m)[:, None], np.where(then_m >= 0.0, 1.0, -1.0))
         lacks, less = (
             np.where(self.counts[:, None], np.maximum(1.0 - side * then_m / kept_m[:, None], 0.0), 0.0)
-            for kept_m in (self.least_m, self.radius_m)
+            for kept_m in (self.ways.least_m, self.ways.radius_m)
         )
         ends_m = (
             self.position_m[:, None]
-            + ways_m_s * np.where(self.counts, self.left_s, 0.0).max(axis=1)[:, None, None]
+            + ways_m_s * np.where(self.counts, self.ways.left_s, 0.0).max(axis=1)[:, None, None]
         )
         fenced = np.hypot(ends_m[..., 0], ends_m[..., 1]) > reach_m - FENCED_M
         turned = np.hypot(*np.moveaxis(ways_m_s - desired_m_s, 2, 0)) / self.fastest_m_s[:, None]
@@ -249,7 +267,7 @@ class _Ways:
 
     def _weights(self) -> Array:
         """(r, k, 1) weights of the ways that count: those of one track weigh as much as those of another."""
-        of = _of_tracks(self.names)
+        of = _of_tracks(self.ways.names)
         shares = self.counts / np.maximum((self.counts @ of) @ of.T, 1.0)
         weights: Array = (shares / shares.sum(axis=1, keepdims=True))[..., None]
         return weights
