@@ -1,5 +1,6 @@
 """What a kind of fix, a reported accuracy and a jump say about the error of a position."""
 
+from functools import lru_cache
 from itertools import combinations
 from typing import Final, TypeAlias
 
@@ -73,13 +74,7 @@ class Positioning(Settings):
 
         Types above RTK fixed (a base station, precise point positioning) count as RTK float.
         """
-        keys, configured, least_m = list(LEAST_M), self._configured, []
-        for at, (key, usual_m) in enumerate(LEAST_M.items()):
-            better_m = max((configured[name] for name in keys[:at] if name in configured), default=0.0)
-            worse_m = min((configured[name] for name in keys[at:] if name in configured), default=np.inf)
-            least_m.append(configured.get(key, min(max(usual_m, better_m), worse_m)))
-        fixed_m, float_m, dgps_m, fix_3d_m = least_m
-        return np.array([np.inf, np.inf, np.inf, fix_3d_m, dgps_m, float_m, fixed_m, float_m, float_m])
+        return _least_by_type_m(self.rtk_fixed_m, self.rtk_float_m, self.dgps_m, self.fix_3d_m)
 
     def own_share(self, fix_type: Array) -> float:
         """Share of the reported accuracies that counts between neighbours.
@@ -120,6 +115,18 @@ class Positioning(Settings):
         """
         most_m = self.uncertainty_max_m
         return min(most_m, 0.5 * (most_m + self.poor_m)) / self.own_share(fix_type)
+
+
+@lru_cache(maxsize=64)  # asked for each tick
+def _least_by_type_m(*configured_m: float | None) -> Array:
+    """See `Positioning.least_by_type_m`; `configured_m` are the values of `LEAST_M`'s keys, or None."""
+    least_m = []
+    for at, (given_m, usual_m) in enumerate(zip(configured_m, LEAST_M.values(), strict=True)):
+        better_m = max((each for each in configured_m[:at] if each is not None), default=0.0)
+        worse_m = min((each for each in configured_m[at:] if each is not None), default=np.inf)
+        least_m.append(min(max(usual_m, better_m), worse_m) if given_m is None else given_m)
+    fixed_m, float_m, dgps_m, fix_3d_m = least_m
+    return np.array([np.inf, np.inf, np.inf, fix_3d_m, dgps_m, float_m, fixed_m, float_m, float_m])
 
 
 def uncertainty_m(

@@ -30,6 +30,8 @@ LED_CONTROL_ID = 186
 SETPOINT = common.MAVLink_set_position_target_local_ned_message
 SETPOINT_PAYLOAD = 53
 SETPOINT_FRAME = HEADER_LENGTH + SETPOINT_PAYLOAD + CHECKSUM_LENGTH
+SETPOINT_BEGINS = bytes((MAGIC, SETPOINT_PAYLOAD, 0))  # no incompatible flag: not signed
+SETPOINT_ID = SETPOINT.id.to_bytes(3, "little")
 
 
 class Codec:
@@ -124,16 +126,15 @@ def setpoints(raw: bytes) -> tuple[NDArray[np.void], Bytes, Mask] | None:
     if rest or not count:
         return None
     frames = np.frombuffer(raw, dtype=np.uint8).reshape(count, SETPOINT_FRAME)
-    heads = (MAGIC, SETPOINT_PAYLOAD, 0, *SETPOINT.id.to_bytes(3, "little"))
-    if (frames[:, (0, 1, 2, 7, 8, 9)] != np.array(heads, dtype=np.uint8)).any():
-        return None
+    extra, good = bytes([SETPOINT.crc_extra]), []
+    for start in range(0, len(raw), SETPOINT_FRAME):
+        end = start + SETPOINT_FRAME - CHECKSUM_LENGTH
+        if raw[start : start + 3] != SETPOINT_BEGINS or raw[start + 7 : start + HEADER_LENGTH] != SETPOINT_ID:
+            return None
+        checksum = common.x25crc(raw[start + 1 : end] + extra).crc  # without the magic byte
+        good.append(checksum == raw[end] | raw[end + 1] << 8)
     body = np.ascontiguousarray(frames[:, HEADER_LENGTH:-CHECKSUM_LENGTH])
-    extra = bytes([SETPOINT.crc_extra])
-    ends = range(SETPOINT_FRAME - CHECKSUM_LENGTH, len(raw), SETPOINT_FRAME)
-    length = SETPOINT_FRAME - CHECKSUM_LENGTH - 1  # the checksum excludes the magic byte
-    sums = np.array([common.x25crc(raw[end - length : end] + extra).crc for end in ends])
-    reported = frames[:, -2].astype(np.uint16) | frames[:, -1].astype(np.uint16) << 8
-    return body.view(layout(SETPOINT)).reshape(count), frames[:, 5:7], sums == reported
+    return body.view(layout(SETPOINT)).reshape(count), frames[:, 5:7], np.array(good)
 
 
 def record(message: Message) -> NDArray[np.void]:

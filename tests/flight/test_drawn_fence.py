@@ -6,6 +6,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from gcs.planning.landing_sites import distinct_sites_m
 from gcs.planning.return_paths.within_areas import cross_edges, keep_off, way_within
@@ -54,6 +55,7 @@ def test_a_show_that_goes_out_and_back_within_its_fence_is_good(tmp_path: Path) 
     assert most_beyond_m(flown) < 0.0
 
 
+@pytest.mark.soak
 def test_a_return_is_led_round_a_corner_of_the_fence(tmp_path: Path) -> None:
     """The straight way home leaves the L: the vehicle slides along the edge, and comes home."""
     there = [(0, [0, 0, 0]), (8, [0, 0, 12]), (18, [20, 0, 12]), (28, [20, 20, 12]), (30, [20, 20, 12])]
@@ -62,6 +64,7 @@ def test_a_return_is_led_round_a_corner_of_the_fence(tmp_path: Path) -> None:
     assert most_beyond_m(flown) < 0.0
 
 
+@pytest.mark.soak
 def test_a_return_is_planned_round_the_gap_of_a_u(tmp_path: Path) -> None:
     """It ends in the other leg of the U, with its home straight across the gap."""
     first = [(0, [0, 40, 0]), (8, [0, 40, 12]), (22, [0, 0, 12])]

@@ -180,6 +180,7 @@ def test_an_obstacle_on_a_vehicle_is_reported(rings: LoadedShow) -> None:
     assert any("unknown box 1" in flaw.text for flaw in flight.flaws)
 
 
+@pytest.mark.soak
 def test_a_pair_drawn_too_close_is_named_where_it_leads_far_off(tmp_path: Path) -> None:
     """Three layers, closer one above the other than the filter keeps, right below the fence."""
     write_drawing(drawn_show(9, 25.0, 2.5, ("cube",), 183), tmp_path / "cube.skyc")

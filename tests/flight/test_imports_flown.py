@@ -26,6 +26,7 @@ def judge(outcome: Outcome) -> None:
     assert outcome.rms_m <= 0.3, outcome
 
 
+@pytest.mark.keeps("blender.skyc", "cf3.csv", "show5.skyc")
 @pytest.mark.parametrize("name", CHOSEN)
 def test_an_import_is_flown_or_refused(name: str) -> None:
     outcome = flown(next(drawing for drawing in made() if drawing.name == name))

@@ -106,6 +106,7 @@ async def box_on_a_pad_of_one_under_way(show: VirtualShow) -> Landed:
     return await all_down(show, record)
 
 
+@pytest.mark.soak
 def test_vehicles_land_beside_an_obstacle_on_their_places() -> None:
     stories = (
         box_on_a_landing_place,

@@ -101,6 +101,7 @@ def test_after_a_reboot_it_stands_where_it_is_reported() -> None:
     fly(story, show_config(3), after=stood)
 
 
+@pytest.mark.soak
 def test_a_slow_drift_beyond_the_accuracy_is_named_as_well() -> None:
     async def story(show: VirtualShow) -> None:
         jump(show, east_m=0.05)
@@ -113,6 +114,7 @@ def test_a_slow_drift_beyond_the_accuracy_is_named_as_well() -> None:
     fly(story, show_config(3), after=stood, ideal=True)
 
 
+@pytest.mark.soak
 def test_what_jumps_while_it_starts_is_held_against_none() -> None:
     async def story(show: VirtualShow) -> None:
         for vehicle in show.config.ids:

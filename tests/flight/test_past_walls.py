@@ -188,6 +188,7 @@ def cases() -> list[object]:
     ]
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(("story", "kind", "seed"), cases())
 def test_vehicles_find_their_way_past_walls(story: str, kind: str, seed: int) -> None:
     count = (4, 8, 20)[seed % 3]

@@ -268,6 +268,7 @@ COMPLAINTS: dict[str, tuple[tuple[str, str], str]] = {
 }
 
 
+@pytest.mark.keeps("px4")
 @pytest.mark.parametrize("name", COMPLAINTS)
 def test_complaints_of_an_autopilot_show_until_they_are_over(name: str) -> None:
     kinds, says = COMPLAINTS[name]

@@ -131,6 +131,7 @@ def described(found: PreflightReport) -> list[str]:
     ]
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("count", [6, pytest.param(TRIPLES, marks=pytest.mark.soak)])
 def test_whoever_follows_the_actions_gets_ready(count: int) -> None:
     config = show_config(COUNT, formation={"radius_m": RADIUS_M, "height_m": HEIGHT_M}).model_copy(

@@ -2,6 +2,8 @@
 
 import asyncio
 
+import pytest
+
 from gcs.cli.service.serve import left_behind, say_failures
 from gcs.model.errors import LinkError
 from gcs.model.lifecycle import Phase, ShowPhase
@@ -11,6 +13,7 @@ from gcs.testing.virtual_show import VirtualShow, fly, show_config
 from tests.support.show_phases import running
 
 
+@pytest.mark.soak
 def test_vehicles_left_in_the_air_are_named_at_the_end() -> None:
     async def story(show: VirtualShow) -> None:
         four = "d1 (formation), d2 (formation), d3 (formation), d4 (formation)"

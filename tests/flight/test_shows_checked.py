@@ -101,6 +101,7 @@ def test_a_show_with_a_broken_rule_is_not_flown(capsys: pytest.CaptureFixture[st
     assert "too-small.yaml: line 19: cue 'change'" in capsys.readouterr().err
 
 
+@pytest.mark.soak
 def test_the_table_names_every_cue(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["show", "check", str(BROKEN / "battery-too-small.yaml")]) == 1
     reported = capsys.readouterr().out

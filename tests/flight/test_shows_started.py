@@ -243,6 +243,7 @@ def test_called_off_countdown_fails_its_command_no_takeoff(tmp_path: Path) -> No
     fly(story, config(tmp_path))
 
 
+@pytest.mark.keeps("changed")
 @pytest.mark.parametrize("what", ["silent", "changed", "clock"])
 def test_change_before_the_clock_time_calls_the_start_off(tmp_path: Path, what: str) -> None:
     async def story(show: VirtualShow) -> None:

@@ -94,7 +94,7 @@ def test_fifty_close_together_over_late_links_come_to_rest() -> None:
     assert not broken(report(record), record.scenario.judged.must)
 
 
-@pytest.mark.keeps("mixed-article")
+@pytest.mark.soak
 @pytest.mark.parametrize("name", ["mixed-article", "mixed-neighbours"])
 def test_slow_ramps_beside_px4_do_not_swing_through_the_sphere(name: str) -> None:
     """ArduPilot vehicles with 1 m/s^2 swung by 0.5 and 0.7 m as they arrived."""

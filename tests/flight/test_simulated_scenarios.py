@@ -130,6 +130,7 @@ def test_bad_seeds_are_refused(seeds: str, capsys: pytest.CaptureFixture[str]) -
     assert "A:B" in capsys.readouterr().err
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", [6000, pytest.param(6001, marks=pytest.mark.soak)])
 def test_both_autopilots_fly_the_story_as_one(seed: int, capsys: pytest.CaptureFixture[str]) -> None:
     seeds = f"{seed}:{seed + 1}"
@@ -140,7 +141,7 @@ def test_both_autopilots_fly_the_story_as_one(seed: int, capsys: pytest.CaptureF
     assert figures["obstacles"]["penetrations"] == 0
 
 
-@pytest.mark.keeps("target-held")
+@pytest.mark.soak
 @pytest.mark.parametrize("scenario", ["target-in-hall", "target-held"])
 def test_target_that_cannot_be_had_is_followed_from_beside_it(
     scenario: str, capsys: pytest.CaptureFixture[str]

@@ -109,6 +109,7 @@ def test_stations_begin_a_show_of_the_law_together(tmp_path: Path, off_s: float)
     assert all(-0.001 <= one <= ALLOWED_S for one in after_s), after_s
 
 
+@pytest.mark.soak
 def test_stations_begin_a_drawing_together(tmp_path: Path) -> None:
     write_show(tmp_path)
 

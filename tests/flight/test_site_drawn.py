@@ -220,6 +220,7 @@ def test_a_start_names_the_station_without_the_drawing(tmp_path: Path) -> None:
     fly_on_pads(story, config(tmp_path, 4), on_pads(tmp_path), **BUS)
 
 
+@pytest.mark.soak
 def test_a_lead_without_the_drawing_refuses_it_by_name(tmp_path: Path) -> None:
     write_show(tmp_path)
     own_folders(tmp_path, "north", "south")
@@ -237,6 +238,7 @@ def test_a_lead_without_the_drawing_refuses_it_by_name(tmp_path: Path) -> None:
     fly_on_pads(story, config(tmp_path, 2), on_pads(tmp_path), **BUS)
 
 
+@pytest.mark.soak
 def test_spares_are_refused_at_a_site(folder: Path) -> None:
     async def story(show: SiteShow) -> None:
         await show.wait(2.0)

@@ -166,6 +166,7 @@ def test_all_hold_for_each_of_two_stations_that_are_cut_off() -> None:
     fly_assembled(story, site_config(4, 4), **BUS)
 
 
+@pytest.mark.soak
 def test_manned_aircraft_near_one_station_lowers_all() -> None:
     """Only one receives it: the lead lowers the formation, or it is said why it does not."""
     traffic = {"sources": [{"kind": "mavlink", "at": "udp://127.0.0.1:14999"}]}

@@ -29,6 +29,7 @@ def record_of(station: VirtualStation, folder: Path) -> Record:
     return Record(folder, config.model_dump_json(), links, flight=False, interruption=found)
 
 
+@pytest.mark.soak
 def test_any_station_brings_home_what_another_was_flying(tmp_path: Path) -> None:
     async def story(show: SiteShow) -> None:
         with pytest.raises(RefusedError, match="no flight was cut off"):

@@ -38,6 +38,7 @@ def selected(show: SiteShow, station: str) -> SelectedShow:
     return found
 
 
+@pytest.mark.soak
 def test_any_station_selects_seeks_and_deselects_for_all(tmp_path: Path) -> None:
     async def story(show: SiteShow) -> None:
         await show.wait(4.0)
@@ -104,6 +105,7 @@ def test_next_lead_goes_on_with_the_show(tmp_path: Path) -> None:
     fly_site(story, config(tmp_path, 4, 1), **BUS)
 
 
+@pytest.mark.soak
 def test_named_vehicles_of_all_stations_have_parts_of_their_own(tmp_path: Path) -> None:
     """Every station has the same parts: the lead gives them, whichever station is asked."""
 

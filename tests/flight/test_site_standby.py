@@ -152,7 +152,7 @@ def flies_on(show: SiteShow, name: str) -> bool:
     return show[name].view.show is ShowPhase.RUNNING and show.in_phase(name, Phase.FORMATION) == 4
 
 
-@pytest.mark.keeps("0.4")
+@pytest.mark.soak
 @pytest.mark.parametrize("cut_s", [0.0, 0.4, 1.5])
 def test_owner_that_stood_still_sends_nothing_once_taken_over(cut_s: float) -> None:
     """It wakes when the standby flies its vehicles, and the bus connects the two at once or later."""

@@ -134,6 +134,7 @@ def test_timecode_at_a_follower_alone_is_an_alarm(tmp_path: Path) -> None:
     fly_site(story, config(tmp_path), **BUS)
 
 
+@pytest.mark.soak
 def test_no_timecode_is_followed_where_the_lead_has_none(tmp_path: Path) -> None:
     async def story(show: SiteShow) -> None:
         await ready(show)

@@ -141,6 +141,7 @@ async def landed_by_one_stop(show: VirtualShow, pads_m: Array) -> Landed:
     return Landed(record.outcome, reasons, show.view.counts, float(off_pads_m), show.floor_violations())
 
 
+@pytest.mark.keeps("0-running-4.0")
 @pytest.mark.parametrize(("turn", "into", "stalled_s"), CASES)
 def test_stall_state_is_true_and_one_command_returns_all(turn: int, into: Into, stalled_s: float) -> None:
     """Within a second of a stall the shown state is true; one command brings all home."""
@@ -194,7 +195,7 @@ def test_stop_before_modes_are_known_returns_all(
     fly(story, show_config(COUNT, operation=HOLDS_WHEN_LOST), after=begins(into))
 
 
-@pytest.mark.keeps("descend")
+@pytest.mark.soak
 @pytest.mark.parametrize("action", ["descend", "land", "return"])
 def test_stall_explains_the_mode_of_the_configured_failsafe(action: str) -> None:
     async def story(show: VirtualShow) -> None:

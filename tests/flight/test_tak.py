@@ -89,6 +89,7 @@ def test_no_centre_on_the_ground_and_no_height_without_a_geoid() -> None:
     fly(story, show_config(2, tak={name: value for name, value in TAK.items() if name != "geoid_m"}))
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("required", [True, False])
 def test_without_a_clock_tracks_are_sent_only_if_allowed(required: bool) -> None:
     async def story(show: VirtualShow) -> None:
@@ -117,6 +118,7 @@ def test_fleet_beyond_the_share_of_a_tick_is_spread_over_several() -> None:
     fly(story, FOUR, after=running)
 
 
+@pytest.mark.soak
 def test_each_station_sends_its_own_and_the_lead_the_centre() -> None:
     site: Config = site_config(2, 2, formation={"radius_m": 8.0, "height_m": 14.0}, tak=TAK)
 

@@ -46,6 +46,7 @@ def test_formation_flies_clear_of_a_person() -> None:
     assert off < 1.0
 
 
+@pytest.mark.soak
 def test_person_under_a_low_fence_is_kept_clear_of_and_said() -> None:
     """The fence leaves no room for the sphere above them: the filter keeps the distance, not the shape."""
     low = {"control": {"safety": {"fence": {"height_max_m": 24.0}}}}
@@ -83,6 +84,7 @@ def test_vehicle_that_a_person_walks_under_is_an_alarm() -> None:
     assert AlarmCause.TARGET_NEAR in fly(story, config, after=running)
 
 
+@pytest.mark.soak
 def test_person_who_is_not_followed_is_kept_clear_of_too() -> None:
     """The formation is sent over them, to a place behind; also after they are lost."""
     people = {"targets": [PERSON["targets"][0] | {"coast_s": 3.0}]}
@@ -118,6 +120,7 @@ async def walks_with(show: VirtualShow, seconds: float, place_m: Array) -> tuple
     return nearest_m, phases
 
 
+@pytest.mark.keeps("abort")
 @pytest.mark.parametrize("action", [ShowAction.ABORT, ShowAction.STOP])
 def test_all_land_clear_of_a_person(action: ShowAction) -> None:
     """An abort over the person who is followed, and a return to pads at which the person stands by now."""
@@ -155,6 +158,7 @@ def test_person_counts_beside_as_many_obstacles_as_there_may_be() -> None:
     fly(story, show_config(4, **PERSON))
 
 
+@pytest.mark.soak
 def test_target_can_be_held_where_the_fence_leaves_no_room() -> None:
     low = {"control": {"safety": {"fence": {"height_max_m": 24.0}}}}
 
@@ -172,6 +176,7 @@ def test_target_can_be_held_where_the_fence_leaves_no_room() -> None:
     assert fly(story, show_config(4, **PERSON, **low), after=running) < 0.1
 
 
+@pytest.mark.soak
 def test_person_who_is_lost_is_forgotten_by_a_command() -> None:
     """Selected again, and held: the start is no longer refused."""
 

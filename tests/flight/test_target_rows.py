@@ -16,7 +16,7 @@ UNFORESEEN = {"hairpin", "corners", "walker"}
 """What these do in 10 s without reports is not known: a formation at its limits needs longer to get there."""
 
 
-@pytest.mark.keeps("hairpin", "straight")
+@pytest.mark.keeps("hairpin")
 @pytest.mark.parametrize("name", MOVING)
 def test_centre_is_back_after_drop_outs(name: str) -> None:
     """Of 1, 3 and 10 s, within 5 s."""

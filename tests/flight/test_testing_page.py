@@ -3,9 +3,12 @@
 from pathlib import Path
 from typing import Any
 
+import pytest
+
 PAGE = Path(__file__).parents[2] / "docs" / "how-to" / "test-in-virtual-time.md"
 
 
+@pytest.mark.soak
 def test_printed_test_passes() -> None:
     _, _, rest = PAGE.read_text(encoding="utf-8").partition("```python\n")
     code, closed, _ = rest.partition("```\n")

@@ -111,6 +111,7 @@ def test_target_that_jumps_is_not_followed_there() -> None:
     assert there_m < 1.0
 
 
+@pytest.mark.soak
 def test_record_has_the_target_and_the_report_how_near(tmp_path: Path) -> None:
     """The plan is recorded where it changes, not at each tick that a target moves it."""
     config = show_config(4, **TARGETS)
@@ -164,6 +165,7 @@ def test_operator_holds_and_takes_the_target_back() -> None:
     assert fly(story, show_config(4, **TARGETS), after=running) < 3.0
 
 
+@pytest.mark.soak
 def test_target_beyond_the_fence_is_followed_along_it() -> None:
     async def story(show: VirtualShow) -> tuple[float, float]:
         show.service.plan.set_orbit(Orbit(0.0, 4.0))
@@ -206,6 +208,7 @@ def test_start_needs_the_selected_target() -> None:
     fly(story, show_config(4, **TARGETS))
 
 
+@pytest.mark.soak
 def test_show_that_follows_no_target_ignores_the_selected_one(tmp_path: Path) -> None:
     """Neither the start nor an alarm asks for it; a show that follows one later needs it."""
 
@@ -243,6 +246,7 @@ def test_two_targets_need_two_names() -> None:
         show_config(4, targets=[TARGETS["targets"][0]] * 2)
 
 
+@pytest.mark.soak
 def test_fast_formation_brakes_where_an_obstacle_becomes_known() -> None:
     """It follows at more than the 4 m/s with which ways past obstacles are planned."""
 
@@ -279,6 +283,7 @@ def test_formation_comes_home_when_its_target_stays_lost() -> None:
     assert fly(story, show_config(4, **TARGETS, **lost), after=running) == ["running", "running", "returning"]
 
 
+@pytest.mark.keeps("configured")
 @pytest.mark.parametrize("is_configured", [True, False], ids=["configured", "configured no more"])
 def test_restarted_service_follows_the_target_again(tmp_path: Path, *, is_configured: bool) -> None:
     """On its last motion until it is reported; one that is not configured any more is not followed."""
@@ -352,6 +357,7 @@ def test_target_that_is_too_fast_is_said_before_it_is_lost() -> None:
     assert alarm_s <= 3.0 * follows_m_s / 9.0 + 3.0  # it is as fast as they are then, and 3 s later
 
 
+@pytest.mark.soak
 def test_formation_keeps_inside_the_circle_of_a_faster_target() -> None:
     """From its second round on, and the alarm says so; behind it, with 7.6 m/s, it would be 21 m away."""
     radius_m, speed_m_s = 40.0, 9.0
@@ -373,6 +379,7 @@ def test_formation_keeps_inside_the_circle_of_a_faster_target() -> None:
     assert "keeps inside its circle" in text
 
 
+@pytest.mark.soak
 def test_target_that_is_not_tracked_is_held_after_a_while() -> None:
     """The formation does not fly on for ever on the motion of the one before."""
 

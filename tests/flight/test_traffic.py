@@ -112,6 +112,7 @@ def test_manned_aircraft_has_the_formation_descend() -> None:
     fly(story, FOUR, after=running)
 
 
+@pytest.mark.soak
 def test_manned_aircraft_that_has_passed_is_near_no_more() -> None:
     """It says so first; one that turns, or goes away slowly, stays an emergency."""
 
@@ -164,6 +165,7 @@ def test_manned_aircraft_brings_a_written_show_home(tmp_path: Path) -> None:
     written_show.fly(story, written_show.config(tmp_path, **TRAFFIC))
 
 
+@pytest.mark.soak
 def test_vehicles_of_a_written_show_evade_a_drone(tmp_path: Path) -> None:
     async def story(show: VirtualShow) -> None:
         show_hash = written_show.select(show)
@@ -184,6 +186,7 @@ def test_vehicles_of_a_written_show_evade_a_drone(tmp_path: Path) -> None:
     written_show.fly(story, written_show.config(tmp_path, **TRAFFIC))
 
 
+@pytest.mark.keeps("abort")
 @pytest.mark.parametrize("action", [ShowAction.ABORT, ShowAction.STOP])
 def test_slow_track_does_not_stop_a_landing(action: ShowAction) -> None:
     """It is at the pads: vehicles land beside them."""

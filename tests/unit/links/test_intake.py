@@ -207,6 +207,7 @@ FLOODS = {
 }
 
 
+@pytest.mark.alternates(0)
 @pytest.mark.parametrize(("bound", "piece", "made"), FLOODS.values(), ids=list(FLOODS))
 def test_ten_times_the_bound_is_little_work_in_every_tick(
     bound: Bound, piece: bytes, made: Callable[[], Take]
