@@ -3,6 +3,7 @@
 import json
 import re
 import tomllib
+from importlib import import_module
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -73,3 +74,16 @@ def test_the_tutorial_includes_every_example() -> None:
     tutorial = (ROOT / "docs" / "tutorial" / "first-program.md").read_text(encoding="utf-8")
     included = re.findall(r'^--8<-- "examples/(.+)"$', tutorial, re.MULTILINE)
     assert sorted(included) == sorted(path.name for path in (ROOT / "docs" / "examples").glob("*.py"))
+
+
+def test_the_page_of_the_article_names_what_is_there() -> None:
+    """Every function on it can be imported, and every test exists."""
+    page = (ROOT / "docs" / "the-article.md").read_text(encoding="utf-8")
+    functions = re.findall(r"`((?:gcs|tests)\.[\w.]+)`", page)
+    tests = re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", page)
+    assert len(functions) > 15
+    assert len(tests) > 15
+    for module, _, name in (each.rpartition(".") for each in functions):
+        assert hasattr(import_module(module), name), f"{module}.{name}"
+    for path, name in tests:
+        assert f"def {name}(" in (ROOT / path).read_text(encoding="utf-8"), f"{path}::{name}"
