@@ -191,7 +191,7 @@ def add_simulate_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seeds", type=_seeds, metavar="A:B", help="from A up to, without, B")
     parser.add_argument("--vehicles", type=int, metavar="N", help="the first number it is judged with")
     parser.add_argument("--workers", type=int, metavar="W", help="runs at a time; as many as there are cores")
-    parser.add_argument("--plot", metavar="FILE.png", help="draw the flight; one scenario, one seed")
+    parser.add_argument("--plot", metavar="FILE.png", help="draw one flight; as it moves: FILE.gif")
 
 
 def add_replay_arguments(parser: argparse.ArgumentParser) -> None:

@@ -219,6 +219,7 @@ def aligned(rows: Iterable[Sequence[str]]) -> Iterator[str]:
 
 
 PICTURES: Final = (".png", ".svg", ".pdf")
+MOVING: Final = ".gif"
 
 
 def output_file(name: str, suffixes: Sequence[str], option: str = "-o ") -> Path:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from gcs.cli.output import PICTURES, answer, note, output_file, print_json, require_matplotlib
+from gcs.cli.output import MOVING, PICTURES, answer, note, output_file, print_json, require_matplotlib
 from gcs.cli.progress import share_of, working
 from gcs.config.setting_errors import explained
 from gcs.model.errors import ConfigError, ShowError
@@ -93,14 +93,16 @@ def _runs(path: Path, arguments: argparse.Namespace) -> list[Run]:
 
 def _plot_scenario(paths: list[Path], arguments: argparse.Namespace) -> int:
     require_matplotlib("--plot")
-    from gcs.simulation.plot import draw  # noqa: PLC0415  (takes a second, only for plots)
+    from gcs.simulation.animation import animate  # noqa: PLC0415  (takes a second, only for plots)
+    from gcs.simulation.plot import draw  # noqa: PLC0415
 
     runs = [run for path in paths for run in _runs(path, arguments)]
     if len(runs) != 1:
         raise ConfigError(f"--plot draws one flight: one scenario and one seed, not {len(runs)}")
-    file = output_file(arguments.plot, PICTURES, "--plot ")
+    file = output_file(arguments.plot, (*PICTURES, MOVING), "--plot ")
     _note_compilation(arguments)
-    figures = draw(fly(scenarios.load(paths[0]), runs[0].vehicles, runs[0].seed, divide=runs[0].divide), file)
+    record = fly(scenarios.load(paths[0]), runs[0].vehicles, runs[0].seed, divide=runs[0].divide)
+    figures = (animate if file.suffix.lower() == MOVING else draw)(record, file)
     answer(arguments, figures, summary([figures | {"failed": [], "missed": []}]), indent=None)
     return 0
 

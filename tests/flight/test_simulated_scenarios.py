@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from PIL import Image, ImageSequence
 
 from gcs.cli import main
 
@@ -98,6 +99,13 @@ def test_a_plot_is_drawn(trial: Path, tmp_path: Path, capsys: pytest.CaptureFixt
     assert main(["simulate", str(trial), "--plot", str(file)]) == 0
     assert file.read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
     assert "closest" in capsys.readouterr().out
+
+
+def test_a_flight_is_drawn_as_it_moves(tmp_path: Path) -> None:
+    file = tmp_path / "flight.gif"
+    assert main(["simulate", str(written(tmp_path, "assembly", 1, 3, UNGATED)), "--plot", str(file)]) == 0
+    with Image.open(file) as picture:
+        assert sum(1 for _ in ImageSequence.Iterator(picture)) == 10  # of 20 ticks
 
 
 @pytest.mark.parametrize(
