@@ -60,7 +60,7 @@ PANELS = [
 ]
 
 
-@pytest.mark.keeps("preflight-fleet")
+@pytest.mark.soak
 @pytest.mark.parametrize(("left", "right"), PANELS)
 def test_keyboard_reaches_every_control(chrome: Browser, ground: Station, left: str, right: str) -> None:
     with console(chrome, ground.url) as ui:
@@ -104,6 +104,7 @@ def touch(ui: Console, *places: tuple[float, float]) -> None:
     finger.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
 
 
+@pytest.mark.soak
 def test_the_target_is_moved_by_touch(chrome: Browser, ground: Station) -> None:
     with console(chrome, ground.url, touch=True) as ui:
         ui.says("connection", "Live")
@@ -159,6 +160,7 @@ BIG = ("start", "pause", "resume", "stop", "abort", "kill")
 Guarded = tuple[Station, dict[Role, str]]
 
 
+@pytest.mark.soak
 def test_wrong_token_is_reported_and_a_viewer_sees_all(chrome: Browser, guarded: Guarded) -> None:
     ground, tokens = guarded
     with console(chrome, ground.url) as ui:

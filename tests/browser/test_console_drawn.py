@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import pytest
 from playwright.sync_api import Browser, expect
 
 from gcs.config.yaml_files import shipped_folder
@@ -11,6 +12,7 @@ from tests.support.console_bench import FLIGHT_MS, console, station
 DRAWING = shipped_folder() / "shows" / "drawn-30.skyc"
 
 
+@pytest.mark.soak
 def test_a_drawing_is_uploaded_played_and_scrubbed(chrome: Browser, tmp_path: Path) -> None:
     with station(tmp_path, 2) as running, console(chrome, running.url) as ui:
         ui.press("tab-shows")

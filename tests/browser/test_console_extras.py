@@ -15,6 +15,7 @@ from tests.support.rtcm import base_message, rtcm
 WHITE: Final = "#ffffff"
 
 
+@pytest.mark.soak
 def test_a_vehicle_is_found_by_its_lights(chrome: Browser, tmp_path: Path) -> None:
     lights = {"driver": "led-control", "find_s": 60.0}
     with (

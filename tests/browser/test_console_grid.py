@@ -41,6 +41,7 @@ def box(ui: Console, first: str, last: str, *keys: str) -> None:
         ui.page.keyboard.up(key)
 
 
+@pytest.mark.soak
 def test_pills_are_selected_by_box_typing_and_keys(chrome: Browser, url: str) -> None:
     with console(chrome, url, width=1440, height=900) as ui:
         ui.says("connection", "Live")

@@ -106,6 +106,7 @@ def from_above(ui: Console) -> None:
         ui.page.keyboard.press("-")
 
 
+@pytest.mark.soak
 def test_map_file_lies_under_the_show_by_compass(chrome: Browser, tmp_path: Path) -> None:
     rows = {(z, x, 2**z - 1 - y): tile for (z, x, y), tile in TILES.items()}
     reported = {"format": "png", "minzoom": ZOOMS[0], "maxzoom": ZOOMS[-1], "attribution": "&copy; Crew"}

@@ -65,6 +65,7 @@ def becomes(ui: Console, name: str, good: Callable[[float], bool]) -> float:
     raise AssertionError(f"{name}: {number(ui, name)}")
 
 
+@pytest.mark.soak
 def test_pads_are_dragged_turned_fitted_and_applied(chrome: Browser, tmp_path: Path, drawing: Path) -> None:
     with (
         station(tmp_path, COUNT, noise=0.0) as running,  # a fit is as good as the positions

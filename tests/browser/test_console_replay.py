@@ -58,6 +58,7 @@ def replayed(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         yield address
 
 
+@pytest.mark.soak
 def test_record_is_played_stopped_searched_and_reported(replayed: str, chrome: Browser) -> None:
     with Client(replayed, timeout_s=30.0) as client, console(chrome, replayed) as ui:
         ui.says("connection", "Replay")

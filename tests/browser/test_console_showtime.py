@@ -85,6 +85,7 @@ def order_with_the_start(ui: Console, client: Client) -> None:
     ui.says("begins-in", re.compile(r"in 1[45]:\d\d"))
 
 
+@pytest.mark.soak
 def test_a_show_is_ordered_to_begin_counted_down_and_cancelled(chrome: Browser, tmp_path: Path) -> None:
     with (
         station(tmp_path, 3, takeoff_m=4.0) as ground,

@@ -16,15 +16,7 @@ DESK: Final = (1280, 800)
 OTHERS: Final = ((768, 1024), (1920, 1080), (2560, 1440))
 """From the smallest: a panel that a small window has open stays open in a larger one."""
 
-KEPT: Final = (
-    "login-refused",
-    "not-ready",
-    "start-at",
-    "alarms-all",
-    "placing",
-    "kill-armed",
-    "report",
-)
+KEPT: Final = ("not-ready", "alarms-all", "kill-armed")
 """States with most of what others have: `make test` looks at these."""
 
 LAID_OUT_MS: Final = 300

@@ -23,6 +23,7 @@ def site(count: int) -> Iterator[tuple[FakeService, str]]:
         yield service, f"http://127.0.0.1:{port}"
 
 
+@pytest.mark.soak
 def test_stations_panel_shows_a_lost_one_and_takes_the_lead(chrome: Browser) -> None:
     with site(16) as (service, url), console(chrome, url, width=1440, height=900) as ui:
         ui.says("connection", "Live")

@@ -6,6 +6,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Final
 
+import pytest
 from playwright.sync_api import Browser, expect
 
 from gcs.client import Client
@@ -57,6 +58,7 @@ def click_on(ui: Console, name: str) -> None:
     ui.page.mouse.click(x, y + ABOVE_PX)
 
 
+@pytest.mark.soak
 def test_a_target_is_followed_coasts_and_is_lost(chrome: Browser, tmp_path: Path) -> None:
     with (
         station(tmp_path, 3, sections={"targets": TARGETS}) as ground,

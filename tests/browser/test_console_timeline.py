@@ -88,6 +88,7 @@ def seek(ui: Console, client: Client) -> None:
     assert ui.findings() == []
 
 
+@pytest.mark.soak
 def test_timeline_follows_a_show_and_seeks_in_its_replay(chrome: Browser, tmp_path: Path) -> None:
     control = free_ports()
     with station(tmp_path, 3, takeoff_m=4.0, control=control) as ground:

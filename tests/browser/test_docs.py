@@ -50,6 +50,7 @@ def described(url: str) -> dict[tuple[str, str], Any]:
     return {(method, path): each[method] for path, each in paths.items() for method in METHODS & set(each)}
 
 
+@pytest.mark.soak
 def test_every_operation_is_shown_without_another_origin(docs: Docs, ground: Station) -> None:
     operations = described(ground.url)
     assert len(operations) > 50

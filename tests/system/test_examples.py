@@ -15,6 +15,7 @@ EXAMPLES = Path(__file__).parents[2] / "docs" / "examples"
 COUNT = 3
 
 
+@pytest.mark.soak
 def test_the_examples_run_against_one_station(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

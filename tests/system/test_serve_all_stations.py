@@ -85,6 +85,7 @@ def running(folder: Path, *options: str) -> Iterator[Site]:
         vehicles.end()
 
 
+@pytest.mark.soak
 def test_one_signal_ends_every_station(tmp_path: Path) -> None:
     with running(tmp_path) as site:
         wait_until("serving", SOON_S, lambda: site.serving() == set(STATIONS))
