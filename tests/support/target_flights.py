@@ -215,14 +215,15 @@ DROP_OUTS_S: Final = ((25.0, 26.0), (41.0, 44.0), (59.0, 69.0))
 LASTS_S: Final = 95.0
 
 
-def drop_outs(name: str, seed: int = 0) -> DroppedOut:
-    """Fly over a target with drop-outs."""
+def drop_outs(name: str, seed: int = 0, later_s: float = 0.0) -> DroppedOut:
+    """Fly over a target with drop-outs, which begin so much later than usual."""
     moving = MOVING[name]
-    sender = Sender(moving.errors, silent(*DROP_OUTS_S), seed)
-    flown = follow(moving, [sender], LASTS_S, seed)
+    spans_s = [(begins_s + later_s, ends_s + later_s) for begins_s, ends_s in DROP_OUTS_S]
+    sender = Sender(moving.errors, silent(*spans_s), seed)
+    flown = follow(moving, [sender], LASTS_S + later_s, seed)
     near, stays = flown.off_m <= moving.p95_m, round(1.0 / TICK_S)
     back_s = []
-    for _, ends_s in DROP_OUTS_S:
+    for _, ends_s in spans_s:
         begin = flown.at(ends_s + moving.errors.delay_s)
         there = [at for at in range(begin, flown.at(ends_s + 25.0)) if near[at : at + stays].all()]
         back_s.append(round(float(flown.time_s[there[0]] - flown.time_s[begin]), 2) if there else inf)

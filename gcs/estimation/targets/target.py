@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from gcs.estimation.targets.height import HeightBelief
-from gcs.estimation.targets.motion import TargetMotion
+from gcs.estimation.targets.motion import TargetMotion, all_foreseen
 from gcs.estimation.targets.tracker import Tracker, TrackState
 from gcs.model.state import Array
 
@@ -48,19 +48,7 @@ class TargetEstimate:
 
     def motion(self, now_s: float) -> TargetMotion | None:
         """How the target moves at `now_s`; None: nothing was received. Call it once a tick."""
-        best = self._best(now_s)
-        motion = self.trackers[best].motion(now_s)
-        if best != self.active:
-            before = self.tracker.motion(now_s)
-            if before is not None and motion is not None:
-                self._bridge_m = before.position_m + self._bridge(now_s) - motion.position_m
-                self._bridged_s = now_s
-                self.changes += 1
-            self.active = best
-        if motion is None:
-            return None
-        height = self._kept_height(now_s)
-        return replace(motion, position_m=motion.position_m + self._bridge(now_s), height=height)
+        return motions((self,), now_s)[0]
 
     def state(self, now_s: float) -> TrackState:
         return self.tracker.state(now_s)
@@ -85,6 +73,28 @@ class TargetEstimate:
             if off_m > DISAGREE * float(np.hypot(other.deviation_m, motion.deviation_m)):
                 apart_m = max(apart_m, off_m)
         return apart_m
+
+    def chosen(self, now_s: float) -> Tracker:
+        """That of the best source, from now on the one in use."""
+        if self.active == 0 and self.trackers[0].is_fresh(now_s):
+            return self.trackers[0]
+        best = self._best(now_s)
+        if best != self.active:
+            before, after = self.tracker.motion(now_s), self.trackers[best].motion(now_s)
+            if before is not None and after is not None:
+                self._bridge_m = before.position_m + self._bridge(now_s) - after.position_m
+                self._bridged_s = now_s
+                self.changes += 1
+            self.active = best
+        return self.trackers[best]
+
+    def bridged(self, motion: TargetMotion, now_s: float) -> TargetMotion:
+        """The motion by the source in use with what is left of the one before, and with its height."""
+        if self.changes:
+            motion = motion.at(motion.position_m + self._bridge(now_s))
+        if self._height is self.tracker.height is None:
+            return motion
+        return motion._replace(height=self._kept_height(now_s))
 
     def _kept_height(self, now_s: float) -> HeightBelief | None:
         """How high it is; what was not reported for a while stays where it was, whatever source is used."""
@@ -116,3 +126,13 @@ class TargetEstimate:
     def _bridge(self, now_s: float) -> Array:
         bridge_m: Array = self._bridge_m * exp(-max(now_s - self._bridged_s, 0.0) / BRIDGED_S)
         return bridge_m
+
+
+def motions(targets: Sequence[TargetEstimate], now_s: float) -> list[TargetMotion | None]:
+    """`TargetEstimate.motion` of many targets, at once."""
+    beliefs = [target.chosen(now_s).belief for target in targets]
+    foreseen = iter(all_foreseen([belief for belief in beliefs if belief is not None], now_s))
+    return [
+        None if belief is None else target.bridged(next(foreseen), now_s)
+        for target, belief in zip(targets, beliefs, strict=True)
+    ]

@@ -1,7 +1,7 @@
 """One target as one source reports it: what is believed, and which reports are not. Pure."""
 
 from collections import deque
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import StrEnum
 from functools import partial
 from math import hypot, inf, isfinite, nan
@@ -16,7 +16,7 @@ from gcs.estimation.targets.motion import (
     begun,
     corrected,
     foreseen,
-    off_deviations,
+    off,
 )
 from gcs.estimation.targets.source_clock import STEP_S, SourceClock
 from gcs.model.state import Array
@@ -136,9 +136,7 @@ class Tracker:
         default_factory=lambda: deque(maxlen=KEPT), init=False
     )
     _arrived_s: float = field(default=-inf, init=False)
-    _reported: deque[tuple[float, tuple[float, float]]] = field(
-        default_factory=lambda: deque(maxlen=NOT_AGAIN), init=False
-    )
+    _reported: dict[tuple[float, tuple[float, float]], None] = field(default_factory=dict, init=False)
     _place_m: tuple[float, float] = field(default=(nan, nan), init=False)
     _since_s: float = field(default=nan, init=False)  # when the source began to say this place
     _refused_s: float = field(default=nan, init=False)  # when it began to be refused
@@ -155,11 +153,13 @@ class Tracker:
             return
         if isfinite(report.source_s) and (report.source_s, report.position_m) in self._reported:
             self.doubled += 1
-            is_old = self._reported[-1][0] - report.source_s > STEP_S
+            is_old = next(reversed(self._reported))[0] - report.source_s > STEP_S
             if is_old or report.arrived_s - self._arrived_s > self._silent_s:
                 self.why = "its source repeats old reports"
             return
-        self._reported.append((report.source_s, report.position_m))
+        self._reported[report.source_s, report.position_m] = None
+        if len(self._reported) > NOT_AGAIN:
+            del self._reported[next(iter(self._reported))]
         if self._stands(report):
             self.standing += 1
             stands_s = report.arrived_s - self._since_s
@@ -177,27 +177,24 @@ class Tracker:
         """How well the target is known at `now_s`."""
         if self.belief is None:
             return TrackState.NONE
-        silent_s = now_s - self.newest_s
-        if silent_s - self._late_s <= self._silent_s and not self.why:
+        late_s = now_s - self.newest_s - self._late_s
+        if late_s <= self._silent_s and not self.why:
             return TrackState.TRACKED
         goes_on_s = 0.0 if self.why else min(self.belief.lasted_s, self.steady_s)
-        coasts = silent_s - self._late_s <= max(self.coast_s, goes_on_s)
-        return TrackState.COASTING if coasts else TrackState.LOST
+        return TrackState.COASTING if late_s <= max(self.coast_s, goes_on_s) else TrackState.LOST
 
     def is_fresh(self, now_s: float) -> bool:
         """Whether it is tracked, and the next report is not late."""
-        late_s = now_s - self.newest_s - self._late_s
-        return (
-            late_s <= max(FRESH_S, FRESH_PERIODS * self.period_s) and self.state(now_s) is TrackState.TRACKED
-        )
+        if self.belief is None or self.why:
+            return False
+        return now_s - self.newest_s - self._late_s <= max(FRESH_S, FRESH_PERIODS * self.period_s)
 
     def motion(self, now_s: float) -> TargetMotion | None:
         """How the target moves at `now_s`; None: nothing was received."""
         if self.belief is None:
             return None
-        return replace(
-            foreseen(self.belief, now_s), height=None if self.height is None else self.height.foreseen(now_s)
-        )
+        motion = foreseen(self.belief, now_s)
+        return motion if self.height is None else motion._replace(height=self.height.foreseen(now_s))
 
     @property
     def _silent_s(self) -> float:
@@ -238,7 +235,7 @@ class Tracker:
                 self._take_height(report, was_s)
                 self._late_s = report.arrived_s - was_s
             return  # older than all that are kept
-        off_m = self._off_m(before, was_s, reported, variance)
+        off_m = self._off_m(before, was_s, report.position_m, variance[0])
         if off_m > 0.0:
             if self._is_found_again(before, was_s, reported, variance):
                 self._believed.clear()
@@ -266,18 +263,16 @@ class Tracker:
         believed = HeightBelief.begun if self.height is None else self.height.corrected
         self.height = believed(was_s, report.height_m, deviation_m)
 
-    def _off_m(self, before: TargetBelief, was_s: float, reported: Array, variance: Array) -> float:
+    def _off_m(
+        self, before: TargetBelief, was_s: float, position_m: tuple[float, float], variance_m2: float
+    ) -> float:
         """How far a report is from where it is expected, if that is too far; else 0.
 
         While reports are refused the gate stops growing: what says another place stays refused.
         """
-        expected = foreseen(before, was_s)
-        if isfinite(self._refused_s):
-            ends_s = min(was_s, self._refused_s + REFUSED_S)
-            expected = replace(expected, covariance=foreseen(before, ends_s).covariance)
-        off_m = float(np.hypot(*(reported[:2] - expected.position_m)))
-        near = off_m <= GATE_LEAST_M or off_deviations(expected, reported[:2], variance[0]) <= GATE
-        return 0.0 if near else off_m
+        known_s = min(was_s, self._refused_s + REFUSED_S) if isfinite(self._refused_s) else was_s
+        off_m, deviations = off(before, was_s, known_s, position_m, variance_m2)
+        return off_m if off_m > GATE_LEAST_M and deviations > GATE else 0.0
 
     def _is_found_again(self, before: TargetBelief, was_s: float, reported: Array, variance: Array) -> bool:
         """Whether after a drop-out this report and the refused one before agree on a place within reach.
@@ -304,13 +299,12 @@ class Tracker:
     def _values(self, report: TargetReport) -> tuple[Array, Array]:
         deviation_m = max(report.deviation_m if isfinite(report.deviation_m) else self.deviation_m, LEAST)
         if not all(map(isfinite, report.velocity_m_s)):
-            return np.array(report.position_m), np.full(2, deviation_m**2)
+            return np.array(report.position_m), np.array([deviation_m**2] * 2)
         deviation_m_s = report.velocity_deviation_m_s
         if not isfinite(deviation_m_s):
             deviation_m_s = VELOCITY_DEVIATION_M_S
-        deviation_m_s = max(deviation_m_s, LEAST)
-        variance = np.array([deviation_m, deviation_m, deviation_m_s, deviation_m_s]) ** 2
-        return np.array([*report.position_m, *report.velocity_m_s]), variance
+        variance = [deviation_m**2] * 2 + [max(deviation_m_s, LEAST) ** 2] * 2
+        return np.array([*report.position_m, *report.velocity_m_s]), np.array(variance)
 
     def _insert(self, was_s: float, reported: Array, variance: Array, belief: TargetBelief | None) -> None:
         """Believe a report after `belief`; later ones that arrived before it are believed again."""

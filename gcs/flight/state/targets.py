@@ -11,7 +11,7 @@ import numpy as np
 
 from gcs.estimation.targets.motion import TargetMotion
 from gcs.estimation.targets.source_clock import SourceClock
-from gcs.estimation.targets.target import TargetEstimate
+from gcs.estimation.targets.target import TargetEstimate, motions
 from gcs.estimation.targets.tracker import TargetReport, Tracker, TrackState
 from gcs.flight.state.feature import Feature, Instant
 from gcs.flight.state.newest import InForce, Newest
@@ -338,9 +338,13 @@ class Targets(Feature):
     def view(self, at: Instant) -> TargetsView | None:
         if not self._targets:
             return None
+        now = motions([each.estimate for each in self._targets.values()], at.time_s)
         return TargetsView(
             selected=self.selected,
-            targets=tuple(self._view(name, each, at.time_s) for name, each in self._targets.items()),
+            targets=tuple(
+                self._view(name, each, motion, at.time_s)
+                for (name, each), motion in zip(self._targets.items(), now, strict=True)
+            ),
             follows_m_s=self._follows_m_s,
             reach_m=self._reach_m,
             off_m=self._off_m(at.time_s),
@@ -357,9 +361,10 @@ class Targets(Feature):
         away_m = float(np.hypot(*(motion.position_m - center.position_m[:2])))
         return abs(away_m - self._in_force.plan.orbit.radius_m)
 
-    def _view(self, name: str, target: ConfiguredTarget, now_s: float) -> TargetView:
+    def _view(
+        self, name: str, target: ConfiguredTarget, motion: TargetMotion | None, now_s: float
+    ) -> TargetView:
         estimate, tracker = target.estimate, target.estimate.tracker
-        motion = tracker.motion(now_s)
         x_m, y_m, x_m_s, y_m_s, deviation_m = (nan,) * 5
         if motion is not None:
             (x_m, y_m), (x_m_s, y_m_s) = motion.position_m.tolist(), motion.velocity_m_s.tolist()
