@@ -31,7 +31,7 @@ from gcs.safety.authority import Authority, measured, yielding
 from gcs.safety.filter import Surroundings, filter_velocities
 from gcs.safety.filter import warm_up as safety_warm_up
 from gcs.safety.floor import Floor, minimum_separation
-from gcs.safety.traffic import give_way, keep_right
+from gcs.safety.traffic import cubes_aside, give_way, keep_right, turn_early
 
 
 @dataclass(frozen=True, eq=False)
@@ -259,7 +259,7 @@ def _answers(now: TickInputs, memory: Memory, authority: Authority) -> Answers:
 
 
 def _in_traffic(now: TickInputs, aim_m: Array, desired_m_s: Array) -> Array:
-    """(n, 3) desired velocities; vehicles on the way to a goal keep right of their aims, and give way."""
+    """(n, 3) desired velocities; vehicles on the way to a goal turn early, keep right, and give way."""
     if len(now.goers) == 0:
         return desired_m_s
     safety, goal_m = now.settings.safety, now.tasks.goal_m
@@ -268,9 +268,12 @@ def _in_traffic(now: TickInputs, aim_m: Array, desired_m_s: Array) -> Array:
         under_way &= ~now.tasks.follows_planned_path
         if not under_way.any():
             return desired_m_s
-    flatness = safety.floor.horizontal_m / safety.floor.vertical_m
+    flatness, traffic = safety.floor.horizontal_m / safety.floor.vertical_m, safety.traffic
+    early_m_s = turn_early(
+        desired_m_s, now.position_m, aim_m, to_goal=under_way, flatness=flatness, settings=traffic
+    )
     kept_m_s = keep_right(
-        desired_m_s,
+        early_m_s,
         now.position_m,
         now.velocity_m_s,
         aim_m,
@@ -278,11 +281,9 @@ def _in_traffic(now: TickInputs, aim_m: Array, desired_m_s: Array) -> Array:
         commanded=now.commanded,
         airborne=now.tasks.airborne,
         flatness=flatness,
-        settings=safety.traffic,
+        settings=traffic,
     )
-    return give_way(
-        kept_m_s, now.position_m, goal_m, to_goal=under_way, flatness=flatness, settings=safety.traffic
-    )
+    return give_way(kept_m_s, now.position_m, goal_m, to_goal=under_way, flatness=flatness, settings=traffic)
 
 
 def _authority(now: TickInputs, memory: Memory) -> Authority:
@@ -388,6 +389,7 @@ def warm_up() -> None:
     safety_warm_up()
     routes_warm_up()
     obstacles_warm_up()
+    cubes_aside(np.zeros((2, 3)), np.zeros((2, 3)), np.zeros(2))
     n, tower = 5, Obstacle("tower", 10.0, 0.0, 5.0, 5.0, 30.0)
     place_m = np.array(
         [[0.0, 0.0, -20.0], [4.0, 0.0, -20.0], [0.0, 4.0, -20.0], [8.0, 8.0, -9.0], [9.0, 0.0, -9.0]]

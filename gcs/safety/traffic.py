@@ -1,6 +1,6 @@
-"""Rules of the road for vehicles with goals of their own: keep right; the one nearer its goal goes first."""
+"""Rules of the road for vehicles with goals: turn early, keep right; the one nearer its goal goes first."""
 
-from math import radians
+from math import radians, tan
 from typing import Annotated, Self
 
 import numpy as np
@@ -21,12 +21,28 @@ STRAIGHT_UP_M = 1e-6
 MUCH_NEARER = 0.5
 """A vehicle with less than this share of another's time left has right of way; else the filter decides."""
 
+SOON_S, FAR_S = 16.0, 20.0
+"""Vehicles keep right of a meeting that is sooner than the first, and turn early for one later than the
+second; between both they do either in part.
+"""
+
+CLEAR_M, CLEAR_S = 3.6, 1.0
+"""Two vehicles that meet far ahead are to pass at the first distance, and at so many m more for each m/s of
+their relative speed.
+"""
+
+FURTHER = 2.0
+"""A vehicle turns this many times as far as the miss lacks: the rest of its way leads back to its goal."""
+
+ASIDE_M = 3.0
+"""Two whose ways miss by much less than this turn to their right, by much more to the side they pass on."""
+
 
 class Traffic(Settings):
     """How far vehicles keep to the right of their straight path, and from which distance they give way."""
 
     angle_max_deg: Annotated[float, Field(ge=0.0, le=60.0)] = 45.0
-    """Most that a vehicle turns to the right of its path, in degrees; 0: always straight on."""
+    """Most that a vehicle turns from its path by either rule, in degrees; 0: always straight on."""
     passing_m: Positive = 8.0
     """A closer approach, sideways, is a meeting, in m."""
     crowd: Positive = 4.0
@@ -48,6 +64,43 @@ class Traffic(Settings):
         return self
 
 
+def turn_early(
+    desired_m_s: Array, position_m: Array, goal_m: Array, *, to_goal: Mask, flatness: float, settings: Traffic
+) -> Array:
+    """Turn vehicles on long ways to their goals, so that those that meet far ahead pass each other clear.
+
+    A small angle suffices while a meeting is far, and each turns to the side on which it passes already.
+    Where many would meet in one place the angle grows with the cube root of their number, as does the room
+    that they take up. It needs no memory.
+
+    Args:
+        desired_m_s: (n, 3), show frame.
+        position_m: (n, 3), show frame; NaN rows take no part.
+        goal_m: (n, 3); only rows of `to_goal` count.
+        to_goal: (n,) vehicles that are turned, and met.
+        flatness: weight of a metre up and down, relative to one sideways.
+        settings: the greatest angle.
+
+    Returns: (n, 3) in m/s, each row as fast as before.
+    """
+    way_m, speed_m_s = goal_m - position_m, np.linalg.norm(desired_m_s, axis=1)
+    left_m = np.linalg.norm(way_m, axis=1)
+    lasts_s = left_m / np.maximum(speed_m_s, STANDING_M_S)
+    rows = np.flatnonzero(to_goal & (lasts_s > SOON_S) & (speed_m_s > STANDING_M_S))
+    if len(rows) < 2 or settings.angle_max_deg == 0.0:
+        return desired_m_s
+    scale, speed_m_s = np.array([1.0, 1.0, flatness]), speed_m_s[rows]
+    along = way_m[rows] / left_m[rows, None]
+    aside = scale * cubes_aside(position_m[rows] * scale, desired_m_s[rows] * scale, lasts_s[rows])
+    aside -= (aside * along).sum(axis=1, keepdims=True) * along
+    size = np.linalg.norm(aside, axis=1)
+    aside_m_s = np.minimum(FURTHER * np.cbrt(size), tan(radians(settings.angle_max_deg)) * speed_m_s)
+    turned_m_s = desired_m_s[rows] + (aside_m_s / np.maximum(size, TINY))[:, None] * aside
+    early_m_s = desired_m_s.copy()
+    early_m_s[rows] = (speed_m_s / np.linalg.norm(turned_m_s, axis=1))[:, None] * turned_m_s
+    return early_m_s
+
+
 def keep_right(
     desired_m_s: Array,
     position_m: Array,
@@ -60,11 +113,10 @@ def keep_right(
     flatness: float,
     settings: Traffic,
 ) -> Array:
-    """Turn vehicles on their way to a goal to the right, the more vehicles they would meet.
+    """Turn vehicles on their way to a goal to the right, the more vehicles they would meet soon.
 
-    It looks along the straight paths to their ends, so that a crowd is seen before it forms. It needs no
-    memory:
-    where the path is free again, it is flown straight.
+    It looks along the straight paths, so that a crowd is seen before it forms. It needs no memory: where the
+    path is free again, it is flown straight.
 
     Args:
         desired_m_s: (n, 3), show frame: straight to the goal, or another desired velocity.
@@ -147,8 +199,9 @@ def _to_the_right(velocity_m_s: Array, way_m: Array, angle_rad: Array) -> Array:
     return turned
 
 
-SLOW_M2_S2 = 1e-6
-"""Squared relative speed below which two vehicles do not meet."""
+SLOW_M_S = 1e-3
+SLOW_M2_S2 = SLOW_M_S**2
+"""Relative speed below which two vehicles do not meet, and its square."""
 
 
 @kernel_in_any_order
@@ -156,6 +209,8 @@ def count_meetings(
     members: Rows, turned: Mask, position_m: Array, course_m_s: Array, lasts_s: Array, passing_m: float
 ) -> Array:
     """(n,) meetings of each vehicle, all going straight on: each counts 1 head-on, 0 at `passing_m`.
+
+    It counts less from `SOON_S` on, and 0 from `FAR_S`.
 
     Args:
         members: (k,) rows that take part.
@@ -185,6 +240,7 @@ def count_meetings(
             when_s = min(closing_m2_s / max(speed_m2_s2, SLOW_M2_S2), own_s, left_of_s[b])
             passed_m2 = dx * dx + dy * dy + dz * dz + when_s * (when_s * speed_m2_s2 - 2.0 * closing_m2_s)
             weight = max(1.0 - passed_m2 / (passing_m * passing_m), 0.0)
+            weight *= min(max((FAR_S - when_s) / (FAR_S - SOON_S), 0.0), 1.0)
             if closing_m2_s <= 0.0 or speed_m2_s2 < SLOW_M2_S2:
                 weight = 0.0
             own += weight
@@ -193,6 +249,62 @@ def count_meetings(
     meetings = np.zeros(len(position_m))
     meetings[order] = met
     return meetings
+
+
+@kernel_in_any_order
+def cubes_aside(position_m: Array, course_m_s: Array, lasts_s: Array) -> Array:
+    """(n, 3) sums of the directions away from meetings far ahead, each times the cube of a speed.
+
+    It is half of the speed, in m/s, at which both would have to part from now on to pass each other clear.
+    Computed in single precision, and several pairs at a time.
+
+    Args:
+        position_m: (n, 3), in a metric in which the floor is a sphere.
+        course_m_s: (n, 3), in the same metric.
+        lasts_s: (n,) how long each goes on.
+    """
+    single, n = np.float32, len(lasts_s)
+    place_m, moves_m_s = np.empty((3, n), single), np.empty((3, n), single)
+    left_s, aside = np.empty(n, single), np.zeros((3, n), single)
+    for i in range(n):
+        left_s[i] = lasts_s[i]
+        for axis in range(3):
+            place_m[axis, i], moves_m_s[axis, i] = position_m[i, axis], course_m_s[i, axis]
+    none, half, whole, tiny = single(0.0), single(0.5), single(1.0), single(TINY)
+    slow_m_s, slow_m2_s2 = single(SLOW_M_S), single(SLOW_M2_S2)
+    clear_m, clear_s, right_m = single(CLEAR_M), single(CLEAR_S), single(ASIDE_M)
+    soon_s, per_s = single(SOON_S), single(1.0 / (FAR_S - SOON_S))
+    for i in range(n):
+        x_m, y_m, z_m = place_m[0, i + 1 :], place_m[1, i + 1 :], place_m[2, i + 1 :]
+        x_m_s, y_m_s, z_m_s = moves_m_s[0, i + 1 :], moves_m_s[1, i + 1 :], moves_m_s[2, i + 1 :]
+        x_of, y_of, z_of, left_of_s = aside[0, i + 1 :], aside[1, i + 1 :], aside[2, i + 1 :], left_s[i + 1 :]
+        own_x_m, own_y_m, own_z_m, own_s = place_m[0, i], place_m[1, i], place_m[2, i], left_s[i]
+        own_x_m_s, own_y_m_s, own_z_m_s = moves_m_s[0, i], moves_m_s[1, i], moves_m_s[2, i]
+        own_x, own_y, own_z = none, none, none
+        for j in range(len(left_of_s)):
+            dx, dy, dz = x_m[j] - own_x_m, y_m[j] - own_y_m, z_m[j] - own_z_m
+            vx, vy, vz = x_m_s[j] - own_x_m_s, y_m_s[j] - own_y_m_s, z_m_s[j] - own_z_m_s
+            level_m_s = np.sqrt(vx * vx + vy * vy)
+            speed_m2_s2 = max(level_m_s * level_m_s + vz * vz, slow_m2_s2)
+            when_s = max(min(-(dx * vx + dy * vy + dz * vz) / speed_m2_s2, own_s, left_of_s[j]), tiny)
+            dx, dy, dz = dx + when_s * vx, dy + when_s * vy, dz + when_s * vz
+            lack_m = clear_m + clear_s * np.sqrt(speed_m2_s2) - np.sqrt(dx * dx + dy * dy + dz * dz)
+            share = min(max(when_s - soon_s, none) * per_s, whole)
+            lack_m_s = half * share * max(lack_m, none) / when_s
+            right_s = right_m / max(level_m_s, slow_m_s)
+            away_x, away_y, away_z = right_s * vy - dx, -right_s * vx - dy, -dz
+            if level_m_s <= slow_m_s:  # straight up and down: to the right of the one that climbs
+                away_y += right_m if vz > none else -right_m
+            away_m = np.sqrt(away_x * away_x + away_y * away_y + away_z * away_z)
+            cube = lack_m_s * lack_m_s * lack_m_s / max(away_m, tiny)
+            own_x, own_y, own_z = own_x + cube * away_x, own_y + cube * away_y, own_z + cube * away_z
+            x_of[j] -= cube * away_x
+            y_of[j] -= cube * away_y
+            z_of[j] -= cube * away_z
+        aside[0, i] += own_x
+        aside[1, i] += own_y
+        aside[2, i] += own_z
+    return np.ascontiguousarray(aside.T).astype(np.float64)
 
 
 @kernel

@@ -8,7 +8,7 @@ from hypothesis import event, given
 from hypothesis import strategies as st
 
 from gcs.model.state import Array, Mask
-from gcs.safety.traffic import count_meetings, give_way, keep_right
+from gcs.safety.traffic import FAR_S, SOON_S, count_meetings, give_way, keep_right, turn_early
 from tests.support.law_fleets import masks, places, vectors, within
 from tests.support.safety_fleets import CALM, SAFETY
 
@@ -20,12 +20,13 @@ def durations(count: int) -> st.SearchStrategy[Array]:
     return st.lists(within(0.0, 20.0), min_size=count, max_size=count).map(np.array)
 
 
-def nearest_m(place_m: Array, course_m_s: Array, i: int, j: int, lasts_s: float) -> float:
-    """How near they come to each other on their ways; infinite where they part from the beginning."""
+def nearest(place_m: Array, course_m_s: Array, i: int, j: int, lasts_s: float) -> tuple[float, float]:
+    """How near they come to each other on their ways, and when; infinite where they part at once."""
     away_m, relative_m_s = place_m[j] - place_m[i], course_m_s[j] - course_m_s[i]
     if away_m @ relative_m_s >= 0.0:
-        return np.inf
-    return float(np.linalg.norm(away_m + SHARES * lasts_s * relative_m_s, axis=1).min())
+        return np.inf, 0.0
+    distance_m = np.linalg.norm(away_m + SHARES * lasts_s * relative_m_s, axis=1)
+    return float(distance_m.min()), float(SHARES[distance_m.argmin(), 0] * lasts_s)
 
 
 def meetings(position: Array, course: Array, lasts: Array, turned: Mask, takes_part: Mask) -> Array:
@@ -33,8 +34,9 @@ def meetings(position: Array, course: Array, lasts: Array, turned: Mask, takes_p
     expected = np.zeros(len(position))
     for i, j in permutations(range(len(position)), 2):
         if takes_part[i] and takes_part[j] and (turned[i] or turned[j]):
-            near_m = nearest_m(position, course, i, j, min(lasts[i], lasts[j]))
-            expected[i] += max(0.0, 1.0 - (near_m / PASSING_M) ** 2)
+            near_m, when_s = nearest(position, course, i, j, min(lasts[i], lasts[j]))
+            soon = np.clip((FAR_S - when_s) / (FAR_S - SOON_S), 0.0, 1.0)
+            expected[i] += soon * max(0.0, 1.0 - (near_m / PASSING_M) ** 2)
     return expected
 
 
@@ -88,6 +90,31 @@ def test_keeping_right_turns_within_its_angle_and_never_left(
     sideways, ahead = (turned[:, :2] * right).sum(axis=1), (turned * desired).sum(axis=1)
     assert (sideways >= -1e-9).all()
     assert (ahead >= 9.0 * np.cos(np.radians(SAFETY.traffic.angle_max_deg)) * (way.any(axis=1)) - 1e-9).all()
+
+
+@CALM
+@given(places(5), places(5), masks(5), st.permutations(range(5)))
+def test_turning_early_keeps_speed_and_angle_and_ignores_order(
+    position: Array, goal: Array, to_goal: Mask, order: list[int]
+) -> None:
+    flatness, traffic = 2.0 / 3.0, SAFETY.traffic
+    way = goal - position
+    desired = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-9) * 0.5
+    turned = turn_early(desired, position, goal, to_goal=to_goal, flatness=flatness, settings=traffic)
+    event(f"turned: {(turned != desired).any()}")
+    assert turned[~to_goal].tolist() == desired[~to_goal].tolist()
+    assert np.allclose(np.linalg.norm(turned, axis=1), np.linalg.norm(desired, axis=1))
+    least = 0.25 * np.cos(np.radians(traffic.angle_max_deg)) * way.any(axis=1)
+    assert ((turned * desired).sum(axis=1) >= least - 1e-9).all()
+    other = turn_early(
+        desired[order],
+        position[order],
+        goal[order],
+        to_goal=to_goal[order],
+        flatness=flatness,
+        settings=traffic,
+    )
+    assert np.allclose(other, turned[order], atol=1e-3)  # the root of what single precision leaves
 
 
 @CALM

@@ -68,6 +68,8 @@ def fly(count: int, *, towers: tuple[Obstacle, ...], yaw: YawPolicy, delay_s: fl
         none, ids = np.zeros(count), tuple(f"d{i}" for i in range(count))
         fleet = FleetState(0.05 * index, ids, position_m, velocity_m_s, none, none.copy())
         tasks = tasks_of(count, segments_m=ROAD if index % 2 else np.zeros((0, 2, 3)))
+        if index == 6:
+            tasks = replace(tasks, goal_m=20.0 * tasks.goal_m)  # far enough to turn early
         if index > 7:
             tasks = replace(tasks, task=np.full(count, Task.FORMATION, dtype=np.int8))
         memory = tick(fleet, tasks, plan, Traits.alike(count, 0.1), memory, settings).memory

@@ -8,7 +8,20 @@ import pytest
 from pydantic import ValidationError
 
 from gcs.model.state import Array
-from gcs.safety.traffic import Traffic, count_meetings, give_way, keep_right
+from gcs.safety.traffic import (
+    ASIDE_M,
+    CLEAR_M,
+    CLEAR_S,
+    FAR_S,
+    FURTHER,
+    SOON_S,
+    Traffic,
+    count_meetings,
+    cubes_aside,
+    give_way,
+    keep_right,
+    turn_early,
+)
 
 
 def to_goals(
@@ -167,6 +180,117 @@ def test_encounter_is_found_after_a_vehicle_that_is_none(first_m_s: float) -> No
     desired = np.array([[3.0, 0.0, 0.0], [first_m_s, 0.0, 0.0], [-3.0, 0.0, 0.0]])
     turned = to_goals(position, goal, desired, turned=[False, first_m_s < 0.0, True])
     assert turned[2] == pytest.approx([-3.0 * np.cos(angle_rad(1.0)), -3.0 * np.sin(angle_rad(1.0)), 0.0])
+
+
+def test_meeting_far_ahead_turns_none_to_the_right() -> None:
+    for ahead_s, share in ((SOON_S, 1.0), (0.5 * (SOON_S + FAR_S), 0.5), (FAR_S, 0.0), (50.0, 0.0)):
+        position = np.array([[-3.0 * ahead_s, 0.0, -20.0], [3.0 * ahead_s, 0.0, -20.0]])
+        turned = to_goals(position, position[::-1], np.array([[3.0, 0.0, 0.0], [-3.0, 0.0, 0.0]]))
+        assert turned[0, 1] == pytest.approx(3.0 * np.sin(angle_rad(share)))
+
+
+def turned_early(
+    position: Array, goal: Array, desired: Array, *, to_goal: list[bool] | None = None, angle: float = 45.0
+) -> Array:
+    return turn_early(
+        desired,
+        position,
+        goal,
+        to_goal=np.ones(len(position), dtype=bool) if to_goal is None else np.array(to_goal),
+        flatness=2.0 / 3.0,
+        settings=Traffic(angle_max_deg=angle),
+    )
+
+
+def far_head_on(ahead_s: float = 40.0, miss_m: float = 0.0) -> tuple[Array, Array, Array]:
+    """Two at 2 m/s that meet after so long; the second passes to the left of the first."""
+    position = np.array([[-2.0 * ahead_s, 0.0, -20.0], [2.0 * ahead_s, -miss_m, -20.0]])
+    goal = position * (-1.0, 1.0, 1.0)
+    return position, goal, np.array([[2.0, 0.0, 0.0], [-2.0, 0.0, 0.0]])
+
+
+@pytest.mark.parametrize(("ahead_s", "share"), [(15.9, 0.0), (18.0, 0.5), (20.0, 1.0), (40.0, 1.0)])
+def test_far_head_on_pair_turns_right_as_far_as_it_must(ahead_s: float, share: float) -> None:
+    position, goal, desired = far_head_on(ahead_s)
+    turned = turned_early(position, goal, desired)
+    aside_m_s = share * FURTHER * 0.5 * (CLEAR_M + 4.0 * CLEAR_S) / ahead_s
+    assert turned[0, 1] / turned[0, 0] == pytest.approx(aside_m_s / 2.0)
+    assert turned[1] == pytest.approx(-turned[0])
+    assert np.linalg.norm(turned, axis=1) == pytest.approx([2.0, 2.0])
+
+
+@pytest.mark.parametrize(("miss_m", "side"), [(-5.0, -1.0), (-ASIDE_M + 1.0, 1.0), (5.0, 1.0), (8.0, 0.0)])
+def test_far_pair_parts_to_the_side_where_it_passes(miss_m: float, side: float) -> None:
+    turned = turned_early(*far_head_on(miss_m=miss_m))
+    assert np.sign(turned[:, 1].round(9)).tolist() == [side, -side]
+
+
+def test_far_pair_above_each_other_parts_in_height() -> None:
+    position, goal, desired = far_head_on()
+    position[1, 2] = goal[1, 2] = -28.0  # 5.3 m in the floor's metric
+    turned = turned_early(position, goal, desired)
+    assert turned[0, 2] > 0.02 > -0.02 > turned[1, 2]
+
+
+def test_far_vertical_pair_parts_to_different_sides() -> None:
+    column = np.array([[0.0, 0.0, -20.0], [0.0, 0.0, -120.0]])
+    up, down = [0.0, 0.0, -2.0], [0.0, 0.0, 1.5]
+    turned = turned_early(column, column[::-1], np.array([up, down]))
+    assert turned[0, 1] > 0.1 > -0.1 > turned[1, 1]
+    swapped = turned_early(column[::-1].copy(), column, np.array([down, up]))
+    assert swapped[::-1].tolist() == turned.tolist()
+
+
+@pytest.mark.parametrize("far", [[True, False], [False, False]])
+def test_no_vehicle_turns_early_without_another_on_its_way(far: list[bool]) -> None:
+    position, goal, desired = far_head_on()
+    assert turned_early(position, goal, desired, to_goal=far).tolist() == desired.tolist()
+
+
+def test_no_vehicle_turns_early_at_zero_angle_or_unknown_place() -> None:
+    position, goal, desired = far_head_on()
+    assert turned_early(position, goal, desired, angle=0.0).tolist() == desired.tolist()
+    unknown = np.where([[True], [False]], position, np.nan)
+    assert turned_early(unknown, goal, desired).tolist() == desired.tolist()
+    assert turned_early(position, unknown * np.nan, desired).tolist() == desired.tolist()
+
+
+def test_many_that_meet_turn_at_most_by_the_angle() -> None:
+    angle = np.linspace(0.0, 2.0 * np.pi, 300, endpoint=False)
+    position = 44.0 * np.stack([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1) - (0.0, 0.0, 20.0)
+    goal = position * (-1.0, -1.0, 1.0)
+    desired = 2.0 * (goal - position) / 88.0
+    turned = turned_early(position, goal, desired, angle=20.0)
+    assert (turned * desired).sum(axis=1) == pytest.approx(np.full(300, 4.0 * np.cos(np.radians(20.0))))
+    wider = turned_early(position, goal, desired)
+    assert (wider * desired).sum(axis=1).max() < 4.0 * np.cos(np.radians(25.0))
+
+
+def test_sums_of_cubes_are_those_of_every_pair() -> None:
+    """The kernel looks at several pairs at a time."""
+    rng, n = np.random.default_rng(5), 60
+    position_m = rng.uniform(-60.0, 60.0, (n, 3))
+    course_m_s = -position_m / 30.0 + rng.uniform(-0.5, 0.5, (n, 3))
+    course_m_s[:5] = course_m_s[0]  # these do not meet each other
+    lasts_s = rng.uniform(10.0, 60.0, n)
+    expected, pairs = np.zeros((n, 3)), 0
+    for i, j in combinations(range(n), 2):
+        offset_m, relative_m_s = position_m[j] - position_m[i], course_m_s[j] - course_m_s[i]
+        speed_m_s = float(np.linalg.norm(relative_m_s))
+        when_s = min(-float(offset_m @ relative_m_s) / speed_m_s**2, *lasts_s[[i, j]]) if speed_m_s else 0.0
+        miss_m = offset_m + when_s * relative_m_s
+        lack_m = CLEAR_M + CLEAR_S * speed_m_s - float(np.linalg.norm(miss_m))
+        if when_s <= SOON_S or lack_m <= 0.0:
+            continue
+        pairs += 1
+        right = np.array([relative_m_s[1], -relative_m_s[0], 0.0]) / np.hypot(*relative_m_s[:2])
+        away = ASIDE_M * right - miss_m
+        lack_m_s = 0.5 * min(1.0, (when_s - SOON_S) / (FAR_S - SOON_S)) * lack_m / when_s
+        cube = lack_m_s**3 * away / np.linalg.norm(away)
+        expected[i] += cube
+        expected[j] -= cube
+    assert pairs > 20
+    assert cubes_aside(position_m, course_m_s, lasts_s) == pytest.approx(expected, rel=1e-5, abs=1e-7)
 
 
 def after_giving_way(
