@@ -16,7 +16,7 @@ from PIL import Image
 from gcs.simulation import ROWS
 from gcs.simulation import scenario as scenarios
 from gcs.simulation.animation import animate, still
-from gcs.simulation.flight import fly
+from gcs.simulation.flight import prepared
 from gcs.simulation.scenario import Scenario, ShowFlight
 from gcs.site.simulated import SimulatedStations
 
@@ -42,7 +42,7 @@ def drawn(path: Path) -> None:
     fleets = scenario.judged.vehicles
     vehicles = max((count for count in fleets if count <= MOST), default=min(fleets))
     file = FOLDER / f"{scenario.name}.png"
-    still(fly(scenario, vehicles, scenario.judged.first_seed, divide=SimulatedStations), file)
+    still(prepared(scenario, vehicles, scenario.judged.first_seed, SimulatedStations).fly(), file)
     with Image.open(file) as picture:
         picture.convert("P", palette=Image.Palette.ADAPTIVE, colors=COLOURS).save(file, optimize=True)
 
@@ -78,7 +78,7 @@ def main(names: Sequence[str]) -> None:
         list(pool.map(drawn, desired))
     if not names or MOVING[0] in names:
         name, vehicles, seed = MOVING
-        animate(fly(scenarios.load(scenarios.find(name)), vehicles, seed), FOLDER / f"{name}.gif")
+        animate(prepared(Scenario.load(name), vehicles, seed).fly(), FOLDER / f"{name}.gif")
 
 
 if __name__ == "__main__":
