@@ -10,6 +10,7 @@ from math import inf, sqrt
 
 import numpy as np
 
+from gcs.control import Task
 from gcs.formation.article import ArticleParameters
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse, Outlines
 from gcs.formation.orbit import (
@@ -175,6 +176,11 @@ def _keep(record: FlightRecord, time_s: float, formation: VirtualFormation, cour
     record.target_m.append(course.target_m(time_s))
     record.boxes.append(course.boxes)
     record.limited.append(0)
+    if record.details is not None:
+        record.details.velocity_m_s.append(formation.velocity_m_s.astype(np.float32))
+        record.details.setpoint_m_s.append(np.full((record.count, 3), np.nan, np.float32))
+        record.details.limited_by.append(("",) * record.count)
+        record.details.task.append(np.full(record.count, Task.FORMATION, np.int8))
 
 
 def _closest_m(position_m: Array, floor: Floor, record: FlightRecord) -> float:

@@ -11,8 +11,10 @@ from typing import TypeVar
 from rich.console import Console
 from rich.progress import track
 
+from gcs.model.errors import InvalidError
 from gcs.simulation.decide import Divide
-from gcs.simulation.flight import measured, prepared
+from gcs.simulation.flight import fly, measured, prepared
+from gcs.simulation.result import FlightResult
 from gcs.simulation.scenario import FigureGate, Scenario
 
 S = TypeVar("S")
@@ -46,6 +48,10 @@ def run_once(run: Run, on_progress: Callable[[float], None] | None = None) -> di
     return figures | {"failed": broken(figures, judged.must), "missed": broken(figures, judged.mostly)}
 
 
+def flown(run: Run) -> FlightResult:
+    return fly(run.scenario, run.vehicles, run.seed, divide=run.divide)
+
+
 def judged_runs(scenario: Scenario, divide: Divide | None = None) -> list[Run]:
     judged = scenario.judged
     return [
@@ -77,6 +83,39 @@ def _done(do: Callable[[S], T], runs: Sequence[S], workers: int | None) -> Itera
         return
     with ProcessPoolExecutor(workers or os.cpu_count(), mp_context=get_context("spawn")) as pool:
         yield from pool.map(do, runs)
+
+
+def fly_many(
+    scenario: Scenario,
+    vehicles: int | None = None,
+    seeds: Iterable[int] = range(1, 11),
+    *,
+    workers: int | None = None,
+    progress: bool = True,
+    divide: Divide | None = None,
+) -> Iterator[FlightResult]:
+    """Fly a scenario once for each seed, in processes of their own.
+
+    A script that calls this needs `if __name__ == "__main__":`, because each process imports it.
+
+    Args:
+        scenario: as of `fly`, and `vehicles`, `divide` likewise.
+        vehicles: their number.
+        seeds: of the flights.
+        workers: processes; None: as many as there are cores. 1: none, this one flies.
+        progress: shown on a terminal or in a notebook.
+        divide: of several stations.
+
+    Returns: an iterator over the flights, in the order of the seeds; those that were taken are not kept.
+
+    Raises: InvalidError, ConfigError as of `fly`: at once for the first seed, else when its flight is taken.
+    """
+    runs = [Run(scenario, vehicles, seed, divide) for seed in seeds]
+    if workers is not None and workers < 1:
+        raise InvalidError("workers", workers, "at least 1")
+    for run in runs[:1]:
+        prepared(run.scenario, run.vehicles, run.seed, run.divide)
+    return on_all_cores(flown, runs, workers, progress=progress)
 
 
 def passed(reports: Sequence[dict[str, object]]) -> bool:

@@ -1,5 +1,6 @@
 """Flies a scenario in virtual time: a formation, vehicles to goals of their own, a show, or the article."""
 
+from collections.abc import Callable
 from typing import TypeAlias
 
 import numpy as np
@@ -13,7 +14,9 @@ from gcs.simulation.article import ArticleRun
 from gcs.simulation.decide import Divide
 from gcs.simulation.formation_run import FormationRun
 from gcs.simulation.metrics import FlightMetrics, metrics
+from gcs.simulation.record import FlightDetails
 from gcs.simulation.rehearsal import Rehearsal
+from gcs.simulation.result import FlightResult
 from gcs.simulation.scenario import (
     VEHICLES_MAX,
     FormationFlight,
@@ -63,10 +66,7 @@ Prepared: TypeAlias = SimulatedFlight | ArticleRun
 def prepared(
     scenario: Scenario, vehicles: int | None = None, seed: int = 1, divide: Divide | None = None
 ) -> Prepared:
-    """A flight that can be flown once, by `fly`; the first number of the scenario's judged vehicles if None.
-
-    Raises: InvalidError, ConfigError when it is impossible.
-    """
+    """A flight that can be flown once, by `fly`; arguments and errors as of the function `fly`."""
     vehicles = scenario.judged.vehicles[0] if vehicles is None else vehicles
     for name, value, least, most in (("vehicles", vehicles, 1, VEHICLES_MAX), ("seed", seed, 0, SEED_MAX)):
         if not (float(value).is_integer() and least <= value <= most):
@@ -86,3 +86,30 @@ def prepared(
 def measured(scenario: Scenario, flight: Prepared) -> FlightMetrics:
     """The figures of a flight of the scenario that was flown."""
     return show_metrics(scenario, flight) if isinstance(flight, Rehearsal) else metrics(flight.record)
+
+
+def fly(
+    scenario: Scenario,
+    vehicles: int | None = None,
+    seed: int = 1,
+    *,
+    on_progress: Callable[[float], None] | None = None,
+    divide: Divide | None = None,
+) -> FlightResult:
+    """Fly a scenario once, in virtual time, with the code of real flights.
+
+    Args:
+        scenario: what is flown, in which world.
+        vehicles: their number; None: the first with which the scenario is judged. A show has its own.
+        seed: of everything random, and of which of the scenario's `worlds` it is.
+        on_progress: called after every tick with the share that is flown, from 0 to 1.
+        divide: for a scenario whose vehicles several stations divide: `gcs.site.simulated.SimulatedStations`.
+
+    Raises:
+        InvalidError: no such number of vehicles, or no such seed.
+        ConfigError: the start positions, goals or the radius are impossible.
+    """
+    flight = prepared(scenario, vehicles, seed, divide)
+    flight.record.details = FlightDetails()
+    flight.fly(on_progress)
+    return FlightResult.of(flight.record, measured(scenario, flight))

@@ -323,6 +323,11 @@ class SimulatedFlight:
         record.boxes.append(tuple(map(self._placed, self.plan.obstacles)))
         record.held_by.append("" if memory.detour is None else memory.detour.held_by)
         record.limited.append(len(decided.limited_by) - decided.limited_by.count(""))
+        if record.details is not None:
+            record.details.velocity_m_s.append(self.world.velocity_m_s.astype(np.float32))
+            record.details.setpoint_m_s.append(self.world.of_all(decided.setpoints).astype(np.float32))
+            record.details.limited_by.append(decided.limited_by)
+            record.details.task.append(self.task.copy())
 
     def check_box(self, box: Obstacle) -> None:
         """Check, as in flight, that a box can stand where it is now. Raises: RefusedError."""
