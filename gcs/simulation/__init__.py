@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from gcs.simulation.metrics import FlightMetrics
     from gcs.simulation.result import DIMS, FlightResult
     from gcs.simulation.scenario import Scenario
+    from gcs.simulation.stepper import Stepper, StepState
 
 __all__ = [
     "DIMS",
@@ -17,6 +18,8 @@ __all__ = [
     "FlightMetrics",
     "FlightResult",
     "Scenario",
+    "StepState",
+    "Stepper",
     "Task",
     "fly",
     "fly_many",
@@ -34,6 +37,8 @@ _MODULES: Final = {
     "FlightMetrics": "gcs.simulation.metrics",
     "FlightResult": "gcs.simulation.result",
     "Scenario": "gcs.simulation.scenario",
+    "StepState": "gcs.simulation.stepper",
+    "Stepper": "gcs.simulation.stepper",
     "Task": "gcs.control",
     "fly": "gcs.simulation.flight",
     "fly_many": "gcs.simulation.batch",

@@ -8,6 +8,7 @@ import numpy as np
 from gcs.control import Task
 from gcs.model.errors import InvalidError
 from gcs.model.plan import Formation, Plan
+from gcs.model.state import Mask
 from gcs.shows import find, load
 from gcs.simulation import initial_states as layout
 from gcs.simulation.article import ArticleRun
@@ -47,6 +48,10 @@ class GoalRun(SimulatedFlight):
         super().__init__(scenario, start_m, goal_m, plan, seed, divide)
         self.task[:] = Task.GOAL
         self._since_s = np.inf
+
+    @property
+    def steered(self) -> Mask:
+        return np.asarray(self.task == Task.GOAL)
 
     def lost_now(self) -> None:
         kept_m = self.floor.widest_m(self.traits.uncertainty_m) + self.flight.arrived_m

@@ -132,6 +132,10 @@ class Rehearsal(SimulatedFlight):
                 self._exchange_pads()
             self.come_home(self.loaded.show.fleet.takeoff_height_m, begin=begin)
 
+    @property
+    def steered(self) -> Mask:
+        return super().steered & (self.run.goals is None)
+
     def led(self, tasks: Tasks) -> Tasks:
         if self.run.goals is None or self.ended_s is not None:
             return tasks

@@ -114,6 +114,8 @@ class SimulatedFlight:
         self.memory = Memory.fresh(n, 0.0)
         alike = Traits.alike(n, layout.reported_uncertainty_m(scenario))
         self.traits = replace(alike, response=responses(scenario.world, n))
+        self.decided: Decided | None = None  # by the newest tick
+        self.proposed_m_s: Array | None = None  # (n, 3) for those that are `steered`; None: none are
         self._decider: Decider | None = None
         if scenario.divided.count > 1:
             if divide is None:
@@ -188,6 +190,11 @@ class SimulatedFlight:
     def finished(self) -> bool:
         return False
 
+    @property
+    def steered(self) -> Mask:
+        """(n,) vehicles that `proposed_m_s` may steer: none that a failsafe or the return leads."""
+        return np.asarray(self.task == Task.FORMATION)
+
     def led(self, tasks: Tasks) -> Tasks:
         """Return the tasks as a drawn show, if one leads, has them."""
         return tasks
@@ -221,7 +228,7 @@ class SimulatedFlight:
             silent_segments=self.losses.silent_segments,
         )
         decided = self._decide(fleet, self.led(replace(tasks, near_traffic=self.near_traffic())))
-        self.memory = decided.memory
+        self.decided, self.memory = decided, decided.memory
         self._mind_failsafes(fleet)
         self._keep(decided)
         self.world.send(decided.setpoints)
@@ -234,7 +241,19 @@ class SimulatedFlight:
             return self._decider.decide(fleet, tasks, self.plan, self.traits, self.settings)
         sight = self.sight()
         began_s = time.thread_time()
-        result = tick(fleet, tasks, self.plan, self.traits, self.memory, self.settings, sight)
+        proposed_m_s = self.proposed_m_s
+        if proposed_m_s is not None:
+            proposed_m_s = np.where(self.steered[:, None], proposed_m_s, np.nan)
+        result = tick(
+            fleet,
+            tasks,
+            self.plan,
+            self.traits,
+            self.memory,
+            self.settings,
+            sight,
+            proposed_m_s=proposed_m_s,
+        )
         memory = result.memory
         took_s = time.thread_time() - began_s
         return Decided(result.setpoints, memory, result.limited_by, (took_s,))
