@@ -50,8 +50,7 @@ def _note_compilation(arguments: argparse.Namespace) -> None:
 
 def _run_one(run: Run, arguments: argparse.Namespace) -> int:
     """Fly one, and show how far it is. Returns: as `run_simulate`."""
-    text = f"flying {run.vehicles} vehicles in virtual time"
-    with share_of(text, shown=not arguments.json) as report:
+    with share_of(f"flying {run.scenario.name} in virtual time", shown=not arguments.json) as report:
         figures = run_once(run, report)
     answer(arguments, figures, summary([figures]), indent=None)
     return 0 if passed([figures]) else 1
@@ -79,8 +78,7 @@ def _runs(scenario: Scenario, arguments: argparse.Namespace) -> list[Run]:
         desired = None if arguments.seeds is None else set(arguments.seeds)
         return [run for run in judged if desired is None or run.seed in desired]
     seeds: Sequence[int] = arguments.seeds or [1 if arguments.seed is None else arguments.seed]
-    vehicles = scenario.judged.vehicles[0] if arguments.vehicles is None else arguments.vehicles
-    return [Run(scenario, vehicles, seed, SimulatedStations) for seed in seeds]
+    return [Run(scenario, arguments.vehicles, seed, SimulatedStations) for seed in seeds]
 
 
 def _plot_scenario(runs: list[Run], arguments: argparse.Namespace) -> int:

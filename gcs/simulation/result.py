@@ -54,9 +54,7 @@ class FlightResult:
     centre_m: Array  # (k, 3) commanded centre of the sphere; NaN: there is none
     radius_m: Array  # (k,) of the sphere
     target_m: Array  # (k, 2) true place of the target on the ground
-    closest_m: (
-        Array  # (k,) least distance of two vehicles until the next tick, heights counted as the floor does
-    )
+    closest_m: Array  # (k,) least distance of two until the next tick, in the floor's metric; 1e9: no pair
 
     @staticmethod
     def of(record: FlightRecord, metrics: FlightMetrics) -> "FlightResult":

@@ -121,6 +121,10 @@ class SimulatedFlight:
             if divide is None:
                 words = "several flights divide its vehicles: divide=gcs.site.simulated.SimulatedStations"
                 raise ConfigError(f"{scenario.name}: {words}")
+            if n < scenario.divided.count:
+                raise ConfigError(
+                    f"{scenario.name}: vehicles = {n}: at least {scenario.divided.count}, one each"
+                )
             self._decider = divide(scenario.divided, self.world, seed)
 
     @property

@@ -40,7 +40,7 @@ class StepState:
     proposed_m_s: Array  # (n, 3) of the law, or as given, as far as vehicles can change their velocity
     allowed_m_s: Array  # (n, 3) what the safety filter left of it
     limited_by: tuple[str, ...]  # (n,) why the filter changed it
-    closest_m: float  # least distance of two vehicles in the step; NaN: before the first
+    closest_m: float  # least distance of two in the step, as in `FlightResult`; NaN: before the first
 
     @staticmethod
     def of(flight: SimulatedFlight) -> "StepState":

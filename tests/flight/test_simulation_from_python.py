@@ -122,6 +122,8 @@ def test_vehicles_of_several_stations_are_flown_as_rows() -> None:
     assert np.isfinite(apart.setpoint_m_s[5:]).all()
     with pytest.raises(ConfigError, match="SimulatedStations"):
         fly(scenario, 8)
+    with pytest.raises(ConfigError, match="vehicles = 1: at least 2, one each"):
+        fly(scenario, 1, divide=SimulatedStations)
 
 
 @pytest.mark.parametrize(
