@@ -5,9 +5,7 @@
 
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from itertools import groupby
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Final
 
@@ -16,6 +14,7 @@ from PIL import Image
 from gcs.simulation import ROWS
 from gcs.simulation import scenario as scenarios
 from gcs.simulation.animation import animate, still
+from gcs.simulation.batch import on_all_cores
 from gcs.simulation.flight import prepared
 from gcs.simulation.scenario import Scenario, ShowFlight
 from gcs.site.simulated import SimulatedStations
@@ -74,8 +73,7 @@ def main(names: Sequence[str]) -> None:
     paths = [path for path in scenarios.shipped() if not _is_show(path)]
     PAGE.write_text("\n".join(page([scenarios.load(path) for path in paths])) + "\n", encoding="utf-8")
     desired = [path for path in paths if not names or path.stem in names]
-    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
-        list(pool.map(drawn, desired))
+    list(on_all_cores(drawn, desired, progress=True))
     if not names or MOVING[0] in names:
         name, vehicles, seed = MOVING
         animate(prepared(Scenario.load(name), vehicles, seed).fly(), FOLDER / f"{name}.gif")

@@ -68,6 +68,48 @@ def test_velocities_that_would_collide_pass_the_filter(scenario: Scenario) -> No
     assert limited > 400
 
 
+def test_velocities_do_not_keep_vehicles_from_their_return() -> None:
+    away_m_s, done = np.tile([0.0, 0.0, -1.0], (COUNT, 1)), False
+    with Stepper(Scenario.build(90.0, ending="return", ending_s=5.0), COUNT) as sim:
+        state = sim.reset()
+        while not done:
+            state, done = sim.step(away_m_s)
+        pads_m = sim.result().position_m[0] * (1.0, 1.0, 0.0)
+    assert not state.in_air.any()
+    assert state.time_s < 60.0
+    assert np.abs(state.position_m - pads_m).max() < 0.5
+
+
+@pytest.mark.parametrize("kind", ["formation", "goals"])
+def test_velocities_do_not_undo_a_failsafe(kind: str) -> None:
+    """A storm carries vehicles to the fence, and the service brings them home."""
+    layout: dict[str, Any] = {"layout": "cube", "extent_m": 30.0} if kind == "goals" else {}
+    wind = {"mean_x_m_s": 16.0, "rise_s": 10.0}
+    control = {"safety": {"fence": {"distance_max_m": 50.0}}}
+    storm = Scenario.build(40.0, kind, failsafes={}, wind=wind, control=control, **layout)
+    given_m_s, done = np.tile([0.0, 0.3, 0.0], (COUNT, 1)), False
+    with Stepper(storm, COUNT) as sim:
+        sim.reset()
+        while not done:
+            state, done = sim.step(given_m_s)
+        acted = sim.result().metrics.failsafes
+    assert acted is not None
+    assert acted[0].action == "return"
+    led = np.abs(state.proposed_m_s - given_m_s).max(axis=1) > 0.5
+    assert led.any(), "those that are led home"
+
+
+def test_velocities_do_not_lead_past_the_fence() -> None:
+    control = {"safety": {"fence": {"distance_max_m": 30.0}}}
+    with Stepper(Scenario.build(20.0, control=control), COUNT) as sim:
+        state, done = sim.reset(), False
+        while not done:
+            state, done = sim.step(np.tile([4.0, 0.0, 0.0], (COUNT, 1)))
+    out_m = np.hypot(*state.position_m[:, :2].T)
+    assert 28.0 < out_m.max() <= 30.0
+    assert all(state.limited_by), "each is held back"
+
+
 @pytest.mark.parametrize(
     ("velocities_m_s", "error", "words"),
     [
