@@ -14,23 +14,6 @@ Report = Callable[[float], None]
 
 
 @contextmanager
-def working(
-    text: str, total: int | None = None, console: Console | None = None, *, shown: bool = True
-) -> Iterator[Callable[[], None]]:
-    """Show the current work, its duration and, with a `total` of parts, how many are done; call for each."""
-    counted = (
-        ()
-        if total is None or total < 2
-        else (bars.BarColumn(), bars.MofNCompleteColumn(), bars.TaskProgressColumn())
-    )
-    text_column = bars.TextColumn("{task.description}", markup=False)
-    columns = (bars.SpinnerColumn(), text_column, *counted, bars.TimeElapsedColumn())
-    with _bar(columns, console, shown=shown) as progress:
-        task = progress.add_task(text, total=total)
-        yield lambda: progress.advance(task)
-
-
-@contextmanager
 def share_of(text: str, console: Console | None = None, *, shown: bool = True) -> Iterator[Report]:
     """Show the share of one long piece of work; call with it. The display never goes back."""
     text_column = bars.TextColumn("{task.description}", markup=False)

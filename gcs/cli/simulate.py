@@ -3,44 +3,39 @@
 import argparse
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, replace
-from pathlib import Path
+from dataclasses import asdict
 
 from pydantic import ValidationError
 
 from gcs.cli.output import MOVING, PICTURES, answer, note, output_file, print_json, require_matplotlib
-from gcs.cli.progress import share_of, working
+from gcs.cli.progress import share_of
 from gcs.config.setting_errors import explained
 from gcs.model.errors import ConfigError, ShowError
 from gcs.model.jit import is_compiled
 from gcs.shows import LoadedShow, find, load
 from gcs.shows.drawn_checks import examine
 from gcs.simulation import scenario as scenarios
-from gcs.simulation.batch import Run, judged_runs, passed, run_all, run_once, summary
-from gcs.simulation.flight import fly
+from gcs.simulation.batch import Run, judged_runs, on_all_cores, passed, run_once, summary
+from gcs.simulation.flight import prepared
 from gcs.simulation.rehearsal import rehearse
-from gcs.simulation.scenario import Adversity
+from gcs.simulation.scenario import Adversity, Scenario, ShowFlight
 from gcs.simulation.verdict import judge, table
 from gcs.site.simulated import SimulatedStations
 
 
 def run_simulate(arguments: argparse.Namespace) -> int:
     """Fly the scenarios. Returns: 0 when the runs meet their scenarios' limits, 1 otherwise."""
-    paths = _paths(arguments)
+    runs = [run for scenario in _scenarios(arguments) for run in _runs(scenario, arguments)]
     if arguments.plot is not None:
-        return _plot_scenario(paths, arguments)
-    runs = [run for path in paths for run in _runs(path, arguments)]
+        return _plot_scenario(runs, arguments)
     _note_compilation(arguments)
     if len(runs) == 1:
         return _run_one(runs[0], arguments)
     reports = []
-    text = f"flying {len(runs)} in virtual time"
-    with working(text, len(runs), shown=not arguments.json) as one_done:
-        for figures in run_all(runs, arguments.workers):
-            reports.append(figures)
-            one_done()
-            if arguments.json:
-                print_json(figures, indent=None)
+    for figures in on_all_cores(run_once, runs, arguments.workers, progress=not arguments.json):
+        reports.append(figures)
+        if arguments.json:
+            print_json(figures, indent=None)
     if not arguments.json:
         print(summary(reports))
     return 0 if passed(reports) else 1
@@ -55,53 +50,49 @@ def _note_compilation(arguments: argparse.Namespace) -> None:
 
 def _run_one(run: Run, arguments: argparse.Namespace) -> int:
     """Fly one, and show how far it is. Returns: as `run_simulate`."""
-    text = f"flying {run.vehicles} vehicles in virtual time"
-    with share_of(text, shown=not arguments.json) as report:
+    with share_of(f"flying {run.scenario.name} in virtual time", shown=not arguments.json) as report:
         figures = run_once(run, report)
     answer(arguments, figures, summary([figures]), indent=None)
     return 0 if passed([figures]) else 1
 
 
-def _paths(arguments: argparse.Namespace) -> list[Path]:
+def _scenarios(arguments: argparse.Namespace) -> list[Scenario]:
     if sum(map(bool, (arguments.all, arguments.row, arguments.scenario))) > 1:
         raise ConfigError("--all, --row or scenarios by name: one of them")
     if arguments.all:
-        return scenarios.shipped()
+        return list(map(scenarios.load, scenarios.shipped()))
     if arguments.row:
-        return [path for path in scenarios.shipped() if scenarios.load(path).row == arguments.row]
+        return [each for each in map(scenarios.load, scenarios.shipped()) if each.row == arguments.row]
     if not arguments.scenario:
         known = ", ".join(path.stem for path in scenarios.shipped())
         raise ConfigError(f"name a scenario, or --all; there are: {known}")
-    return [scenarios.find(name) for name in arguments.scenario]
+    return [Scenario.load(name) for name in arguments.scenario]
 
 
-def _runs(path: Path, arguments: argparse.Namespace) -> list[Run]:
-    scenario = scenarios.load(path)
+def _runs(scenario: Scenario, arguments: argparse.Namespace) -> list[Run]:
     if arguments.seed is not None and arguments.seeds is not None:
         raise ConfigError("--seed or --seeds, not both")
-    judged = [replace(run, divide=SimulatedStations) for run in judged_runs(path, scenario)]
     if arguments.all or arguments.row or arguments.judged:
+        judged = judged_runs(scenario, SimulatedStations)
         judged = [run for run in judged if arguments.vehicles in (None, run.vehicles)]
         desired = None if arguments.seeds is None else set(arguments.seeds)
         return [run for run in judged if desired is None or run.seed in desired]
     seeds: Sequence[int] = arguments.seeds or [1 if arguments.seed is None else arguments.seed]
-    vehicles = scenario.judged.vehicles[0] if arguments.vehicles is None else arguments.vehicles
-    if vehicles < 1:
-        raise ConfigError(f"--vehicles {vehicles}: at least 1")
-    return [Run(path, vehicles, seed, SimulatedStations) for seed in seeds]
+    return [Run(scenario, arguments.vehicles, seed, SimulatedStations) for seed in seeds]
 
 
-def _plot_scenario(paths: list[Path], arguments: argparse.Namespace) -> int:
+def _plot_scenario(runs: list[Run], arguments: argparse.Namespace) -> int:
     require_matplotlib("--plot")
     from gcs.simulation.animation import animate  # noqa: PLC0415  (takes a second, only for plots)
     from gcs.simulation.plot import draw  # noqa: PLC0415
 
-    runs = [run for path in paths for run in _runs(path, arguments)]
     if len(runs) != 1:
         raise ConfigError(f"--plot draws one flight: one scenario and one seed, not {len(runs)}")
+    if isinstance(runs[0].scenario.flight, ShowFlight):
+        raise ConfigError(f"{runs[0].scenario.name}: it flies a show: gcs show plot draws one")
     file = output_file(arguments.plot, (*PICTURES, MOVING), "--plot ")
     _note_compilation(arguments)
-    record = fly(scenarios.load(paths[0]), runs[0].vehicles, runs[0].seed, divide=runs[0].divide)
+    record = prepared(runs[0].scenario, runs[0].vehicles, runs[0].seed, runs[0].divide).fly()
     figures = (animate if file.suffix.lower() == MOVING else draw)(record, file)
     answer(arguments, figures, summary([figures | {"failed": [], "missed": []}]), indent=None)
     return 0

@@ -7,6 +7,7 @@ booleans as in YAML 1.2: `yes` and `12:30` are text, `1e3` is a number.
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from difflib import get_close_matches
 from importlib import resources
 from pathlib import Path
 from typing import Any, Final, NamedTuple, TypeAlias
@@ -268,8 +269,11 @@ class Kind(NamedTuple):
         if path.is_dir():
             inside_it = next((file.name for file in sorted(path.glob("*.yaml"))), "FILE.yaml")
             raise ConfigError(f"{name}: it is a folder: name the file in it, such as {path / inside_it}")
-        names = ", ".join(file.stem for file in self.shipped())
-        raise ConfigError(f"{name}: there is no such file; {self.plural} that come with the package: {names}")
+        names = [file.stem for file in self.shipped()]
+        near = get_close_matches(path.stem, names, 3)
+        similar = f"; near it: {', '.join(near)}" if near else ""
+        shipped = f"{self.plural} that come with the package: {', '.join(names)}"
+        raise ConfigError(f"{name}: there is no such file{similar}; {shipped}")
 
 
 CONFIGURATIONS = Kind("configurations", "")

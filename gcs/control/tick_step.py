@@ -94,6 +94,7 @@ def tick(
     sight: Sight | None = None,
     others: Others | None = None,
     shared: FormationState | None = None,
+    proposed_m_s: Array | None = None,
 ) -> Tick:
     """Compute every commanded vehicle's setpoint for the instant `fleet.time_s`.
 
@@ -107,6 +108,7 @@ def tick(
         sight: what vehicles with the law `neighbours` received from each other; None: all that is in range.
         others: k vehicles that are flown elsewhere.
         shared: the formation as another flight computes it; None: this one computes it.
+        proposed_m_s: (n, 3) velocities instead of those of law and goals; NaN, and None: these.
     """
     now, mine, memory = _inputs(fleet, tasks, plan, traits, memory, settings, others, shared)
     authority = _authority(mine, memory)
@@ -115,10 +117,12 @@ def tick(
     lead = move_center(now, memory, shared)
     places = spread(now, lead, memory, sight, shared)
     aims = _aims(now, memory, lead, places)
-    desired_m_s = _desired(now, lead, places, aims)
+    desired_m_s, knows_center = _desired(now, lead, places, aims), places.knows_center
+    if proposed_m_s is not None:
+        desired_m_s = np.where(np.isnan(proposed_m_s), desired_m_s, proposed_m_s)
+        knows_center = False
     reached_m_s, yields = _reached(mine, memory, authority, desired_m_s)
     allowed_m_s, limited_by = _allowed(now, authority, aims.routes, reached_m_s, others)
-    knows_center = places.knows_center
     shaped = shape_setpoints(mine, allowed_m_s, lead.center, memory, knows_center=knows_center, yields=yields)
     sent = Velocities(desired_m_s, reached_m_s, allowed_m_s, shaped.setpoint_m_s, yields)
     yaw = _yaw(mine, memory)

@@ -4,12 +4,13 @@ With the article's parameters it is nearly undamped (zeta = 0.025). Real flights
 """
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from math import inf, sqrt
 
 import numpy as np
 
+from gcs.control import Task
 from gcs.formation.article import ArticleParameters
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse, Outlines
 from gcs.formation.orbit import (
@@ -53,28 +54,38 @@ class VirtualFormation:
     sides: dict[str, float] = field(default_factory=dict)
 
 
-def fly_article(scenario: Scenario, flight: ArticleFlight, count: int, seed: int) -> FlightRecord:
-    """Fly once. Raises: ConfigError when the vehicles do not fit into the start volume."""
-    start_m = _start_m(flight, count, np.random.default_rng([seed, 1]))
-    course = Course.of(flight, count)
-    formation = VirtualFormation(
-        start_m, np.zeros_like(start_m), Center.at_rest(np.append(course.target_m(0.0), -flight.height_m))
-    )
-    floor = scenario.control.safety.floor
-    record = FlightRecord(scenario, seed, start_m, np.full_like(start_m, np.nan), floor.horizontal_m)
-    tick_s = 1.0 / scenario.world.tick_rate_hz
-    began_s = time.process_time()
-    for index in range(round(scenario.duration_s * scenario.world.tick_rate_hz)):
-        now_s = index * tick_s
-        _keep(record, now_s, formation, course)
-        tick_began_s, least_m = time.thread_time(), np.inf
-        for substep in range(SUBSTEPS):
-            _step(formation, course, now_s + substep * tick_s / SUBSTEPS, tick_s / SUBSTEPS)
-            least_m = min(least_m, _closest_m(formation.position_m, floor, record))
-        record.tick_s.append((time.thread_time() - tick_began_s) / SUBSTEPS)
-        record.closest_m.append(least_m)
-    record.busy_s = time.process_time() - began_s
-    return record
+class ArticleRun:
+    """A flight of section 5; `record` is filled by `fly`."""
+
+    def __init__(self, scenario: Scenario, flight: ArticleFlight, count: int, seed: int) -> None:
+        """Raises: ConfigError when the vehicles do not fit into the start volume."""
+        start_m = _start_m(flight, count, np.random.default_rng([seed, 1]))
+        self._course = course = Course.of(flight, count)
+        self._formation = VirtualFormation(
+            start_m, np.zeros_like(start_m), Center.at_rest(np.append(course.target_m(0.0), -flight.height_m))
+        )
+        self._floor = floor = scenario.control.safety.floor
+        nowhere_m = np.full_like(start_m, np.nan)
+        self.record = FlightRecord(scenario, seed, start_m, nowhere_m, floor.horizontal_m)
+
+    def fly(self, on_progress: Callable[[float], None] | None = None) -> FlightRecord:
+        """Fly to the end. `on_progress` is called with the share that is flown."""
+        record, scenario, formation = self.record, self.record.scenario, self._formation
+        tick_s, ticks = 1.0 / scenario.world.tick_rate_hz, scenario.duration_s * scenario.world.tick_rate_hz
+        began_s = time.process_time()
+        for index in range(round(ticks)):
+            now_s = index * tick_s
+            _keep(record, now_s, formation, self._course)
+            tick_began_s, least_m = time.thread_time(), np.inf
+            for substep in range(SUBSTEPS):
+                _step(formation, self._course, now_s + substep * tick_s / SUBSTEPS, tick_s / SUBSTEPS)
+                least_m = min(least_m, _closest_m(formation.position_m, self._floor, record))
+            record.tick_s.append((time.thread_time() - tick_began_s) / SUBSTEPS)
+            record.closest_m.append(least_m)
+            if on_progress is not None:
+                on_progress(index / ticks)
+        record.busy_s = time.process_time() - began_s
+        return record
 
 
 def _start_m(flight: ArticleFlight, count: int, random: np.random.Generator) -> Array:
@@ -165,6 +176,11 @@ def _keep(record: FlightRecord, time_s: float, formation: VirtualFormation, cour
     record.target_m.append(course.target_m(time_s))
     record.boxes.append(course.boxes)
     record.limited.append(0)
+    if record.details is not None:
+        record.details.velocity_m_s.append(formation.velocity_m_s.astype(np.float32))
+        record.details.setpoint_m_s.append(np.full((record.count, 3), np.nan, np.float32))
+        record.details.limited_by.append(("",) * record.count)
+        record.details.task.append(np.full(record.count, Task.FORMATION, np.int8))
 
 
 def _closest_m(position_m: Array, floor: Floor, record: FlightRecord) -> float:
@@ -175,17 +191,20 @@ def _closest_m(position_m: Array, floor: Floor, record: FlightRecord) -> float:
     return float(distance_m.min(initial=np.inf))
 
 
-def article_figures(record: FlightRecord) -> dict[str, object]:
-    """Figures of the claims in section 5, from the true states at the end of a flight of four vehicles.
+@dataclass(frozen=True, slots=True)
+class ArticleFigures:
+    """Figures of the claims in section 5, from the true states at the end of a flight of four vehicles."""
 
-    `edge_error` is the largest error of any edge, as a share of 1.633 r_d. `orbit_radius_error_m` is the
-    largest distance of the centroid from the orbit. `inside_ellipse` counts the vehicles that ever were in
-    the article's own ellipse (half-axes sqrt(2) times the half-lengths), at any height.
-    """
-    nothing = dict.fromkeys(("edge_error", "orbit_radius_error_m", "inside_ellipse"))
+    edge_error: float | None = None  # largest error of any edge, as a share of 1.633 r_d
+    orbit_radius_error_m: float | None = None  # largest distance of the centroid from the orbit
+    inside_ellipse: int | None = None  # vehicles that ever were in the article's own ellipse, at any height
+
+
+def article_figures(record: FlightRecord) -> ArticleFigures:
+    """The article's ellipse has half-axes of sqrt(2) times the half-lengths."""
     flight = record.scenario.flight
     if not isinstance(flight, ArticleFlight):
-        return nothing
+        return ArticleFigures()
     judged = round(JUDGED_S * record.scenario.world.tick_rate_hz)
     path_m = record.path_m
     first, second = np.triu_indices(record.count, 1)
@@ -193,18 +212,16 @@ def article_figures(record: FlightRecord) -> dict[str, object]:
     edge_error = np.abs(edge_m / (TETRAHEDRON_EDGE * flight.parameters.radius_m) - 1.0).max(initial=0.0)
     from_target_m = path_m[-judged:, :, :2].mean(axis=1) - np.array(record.target_m[-judged:])
     rho_m = np.hypot(from_target_m[:, 0], from_target_m[:, 1])
-    figures = nothing | {
-        "edge_error": round(float(edge_error), 5) if record.count == VERTICES else None,
-        "orbit_radius_error_m": round(float(np.abs(rho_m - flight.orbit.radius_m).max()), 4),
-    }
-    if not flight.boxes:
-        return figures
     inside = np.zeros(record.count, dtype=bool)
     for box in record.boxes[-1]:
         ellipse = Ellipse.around(box, margin_m=0.0, headroom_m=0.0)
         for position_m in path_m:
             inside |= ellipse.contains(position_m)
-    return figures | {"inside_ellipse": int(inside.sum())}
+    return ArticleFigures(
+        edge_error=round(float(edge_error), 5) if record.count == VERTICES else None,
+        orbit_radius_error_m=round(float(np.abs(rho_m - flight.orbit.radius_m).max()), 4),
+        inside_ellipse=int(inside.sum()) if flight.boxes else None,
+    )
 
 
 def step_center(center: Center, desired_m_s: Array, dt_s: float, acceleration_max_m_s2: float) -> Center:

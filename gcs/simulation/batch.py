@@ -1,19 +1,24 @@
 """Runs many flights on all cores, judges each by its scenario's limits, and formats them as a table."""
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
-from pathlib import Path
 from statistics import median
+from typing import TypeVar
 
-from gcs.simulation import scenario as scenarios
+from rich.console import Console
+from rich.progress import track
+
+from gcs.model.errors import InvalidError
 from gcs.simulation.decide import Divide
-from gcs.simulation.flight import fly
-from gcs.simulation.metrics import report
-from gcs.simulation.scenario import FigureGate, Scenario, ShowFlight
-from gcs.simulation.show_runs import flown_show
+from gcs.simulation.flight import fly, measured, prepared
+from gcs.simulation.result import FlightResult
+from gcs.simulation.scenario import FigureGate, Scenario
+
+S = TypeVar("S")
+T = TypeVar("T")
 
 MISSES_ALLOWED = 0.05
 """Share of a scenario's runs of one fleet that may be outside the gates in `mostly`."""
@@ -26,8 +31,8 @@ SHAPE_FACTOR, SHAPE_SPARE_S = 2.0, 5.0
 class Run:
     """One flight to simulate."""
 
-    path: Path
-    vehicles: int
+    scenario: Scenario
+    vehicles: int | None
     seed: int
     divide: Divide | None = None  # makes the flights of a scenario with several
 
@@ -37,31 +42,80 @@ def run_once(run: Run, on_progress: Callable[[float], None] | None = None) -> di
 
     `on_progress` is called with the share of the longest duration that is flown.
     """
-    scenario = scenarios.load(run.path)
-    if isinstance(scenario.flight, ShowFlight):
-        figures = flown_show(scenario, scenario.flight, run.seed)
-    else:
-        figures = report(fly(scenario, run.vehicles, run.seed, on_progress, run.divide))
-    judged = scenario.judged
+    flight = prepared(run.scenario, run.vehicles, run.seed, run.divide)
+    flight.fly(on_progress)
+    figures, judged = measured(run.scenario, flight).figures(), run.scenario.judged
     return figures | {"failed": broken(figures, judged.must), "missed": broken(figures, judged.mostly)}
 
 
-def judged_runs(path: Path, scenario: Scenario) -> list[Run]:
+def flown(run: Run) -> FlightResult:
+    return fly(run.scenario, run.vehicles, run.seed, divide=run.divide)
+
+
+def judged_runs(scenario: Scenario, divide: Divide | None = None) -> list[Run]:
     judged = scenario.judged
     return [
-        Run(path, vehicles, judged.first_seed + offset)
+        Run(scenario, vehicles, judged.first_seed + offset, divide)
         for vehicles in judged.vehicles
         for offset in range(judged.seeds)
     ]
 
 
-def run_all(runs: Sequence[Run], workers: int | None = None) -> Iterator[dict[str, object]]:
-    """Yield the figures in the order of the runs, which use all cores."""
+def on_all_cores(
+    do: Callable[[S], T],
+    runs: Sequence[S],
+    workers: int | None = None,
+    *,
+    progress: bool = False,
+    console: Console | None = None,
+) -> Iterator[T]:
+    """Yield what `do` returns, in the order of the runs; `progress`: on a terminal or in a notebook."""
+    console = console or Console(stderr=True)
+    shown = progress and (console.is_terminal or console.is_jupyter)
+    text = f"flying {len(runs)} in virtual time"
+    done = _done(do, runs, workers)
+    yield from track(done, text, len(runs), console=console, transient=True, disable=not shown)
+
+
+def _done(do: Callable[[S], T], runs: Sequence[S], workers: int | None) -> Iterable[T]:
     if len(runs) == 1 or workers == 1:
-        yield from map(run_once, runs)
+        yield from map(do, runs)
         return
     with ProcessPoolExecutor(workers or os.cpu_count(), mp_context=get_context("spawn")) as pool:
-        yield from pool.map(run_once, runs)
+        yield from pool.map(do, runs)
+
+
+def fly_many(
+    scenario: Scenario,
+    vehicles: int | None = None,
+    seeds: Iterable[int] = range(1, 11),
+    *,
+    workers: int | None = None,
+    progress: bool = True,
+    divide: Divide | None = None,
+) -> Iterator[FlightResult]:
+    """Fly a scenario once for each seed, in processes of their own.
+
+    A script that calls this needs `if __name__ == "__main__":`, because each process imports it.
+
+    Args:
+        scenario: as of `fly`, and `vehicles`, `divide` likewise.
+        vehicles: their number.
+        seeds: of the flights.
+        workers: processes; None: as many as there are cores. 1: none, this one flies.
+        progress: shown on a terminal or in a notebook.
+        divide: of several stations.
+
+    Returns: an iterator over the flights, in the order of the seeds; those that were taken are not kept.
+
+    Raises: InvalidError, ConfigError as of `fly`: at once for the first seed, else when its flight is taken.
+    """
+    runs = [Run(scenario, vehicles, seed, divide) for seed in seeds]
+    if workers is not None and workers < 1:
+        raise InvalidError("workers", workers, "at least 1")
+    for run in runs[:1]:
+        prepared(run.scenario, run.vehicles, run.seed, run.divide)
+    return on_all_cores(flown, runs, workers, progress=progress)
 
 
 def passed(reports: Sequence[dict[str, object]]) -> bool:

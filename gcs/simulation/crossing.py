@@ -233,13 +233,23 @@ def _legs(kind: str, speed_m_s: float, random: np.random.Generator) -> tuple[flo
     return speed_m_s, (), 0.0
 
 
-def figures(passages: list[Passage]) -> dict[str, object]:
-    """Tracks, those announced, entries of a cylinder, and those of them that could have been avoided."""
+@dataclass(frozen=True, slots=True)
+class TrafficFigures:
+    """Tracks that crossed the formation."""
+
+    crossings: int
+    announced: int
+    entries: int  # of vehicles into a track's cylinder
+    avoidable: int  # of these, the ones that could have been avoided
+    closest_m: float | None  # to the cylinder
+
+
+def figures(passages: list[Passage]) -> TrafficFigures:
     closest_m = min((passage.closest_m for passage in passages), default=inf)
-    return {
-        "crossings": len(passages),
-        "announced": int(np.isfinite([passage.announced_s for passage in passages]).sum()),
-        "entries": sum(len(passage.entered) for passage in passages),
-        "avoidable": sum(len(passage.entered.keys() - passage.unavoidable) for passage in passages),
-        "closest_m": round(closest_m, 3) if np.isfinite(closest_m) else None,
-    }
+    return TrafficFigures(
+        crossings=len(passages),
+        announced=int(np.isfinite([passage.announced_s for passage in passages]).sum()),
+        entries=sum(len(passage.entered) for passage in passages),
+        avoidable=sum(len(passage.entered.keys() - passage.unavoidable) for passage in passages),
+        closest_m=round(closest_m, 3) if np.isfinite(closest_m) else None,
+    )

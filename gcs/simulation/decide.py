@@ -17,7 +17,7 @@ class Decided:
 
     setpoints: Setpoints
     memory: Memory  # of all vehicles: each row is its own flight's
-    limited: int  # number of vehicles that the safety filter limited
+    limited_by: tuple[str, ...]  # (n,) why the safety filter limited a vehicle, "" when it did not
     took_s: tuple[float, ...]  # processor time of each flight: what it receives, its tick, what it sends
 
 

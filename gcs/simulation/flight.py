@@ -1,24 +1,34 @@
-"""Flies a scenario in virtual time: a formation, or vehicles to goals of their own."""
+"""Flies a scenario in virtual time: a formation, vehicles to goals of their own, a show, or the article."""
 
 from collections.abc import Callable
+from typing import TypeAlias
 
 import numpy as np
 
 from gcs.control import Task
-from gcs.model.errors import ConfigError
+from gcs.model.errors import InvalidError
 from gcs.model.plan import Formation, Plan
+from gcs.model.state import Mask
+from gcs.shows import find, load
 from gcs.simulation import initial_states as layout
-from gcs.simulation.article import fly_article
+from gcs.simulation.article import ArticleRun
 from gcs.simulation.decide import Divide
 from gcs.simulation.formation_run import FormationRun
-from gcs.simulation.record import FlightRecord
+from gcs.simulation.metrics import FlightMetrics, metrics
+from gcs.simulation.record import FlightDetails
+from gcs.simulation.rehearsal import Rehearsal
+from gcs.simulation.result import FlightResult
 from gcs.simulation.scenario import (
+    VEHICLES_MAX,
     FormationFlight,
     GoalFlight,
     Scenario,
     ShowFlight,
 )
+from gcs.simulation.show_runs import show_metrics
 from gcs.simulation.simulated_flight import SimulatedFlight
+
+SEED_MAX = 2**63 - 1
 
 LINGER_S = 5.0
 """Duration of a flight to goals after the last arrival."""
@@ -39,6 +49,11 @@ class GoalRun(SimulatedFlight):
         self.task[:] = Task.GOAL
         self._since_s = np.inf
 
+    @property
+    def steered(self) -> Mask:
+        own = (self.goal_m == self.record.goal_m).all(axis=1)  # a failsafe gives another
+        return np.asarray((self.task == Task.GOAL) & own)
+
     def lost_now(self) -> None:
         kept_m = self.floor.widest_m(self.traits.uncertainty_m) + self.flight.arrived_m
         clear = self.losses.apart_m(self.record.goal_m, self.floor) > kept_m
@@ -51,22 +66,56 @@ class GoalRun(SimulatedFlight):
         return self.time_s - self._since_s > LINGER_S
 
 
+Prepared: TypeAlias = SimulatedFlight | ArticleRun
+
+
+def prepared(
+    scenario: Scenario, vehicles: int | None = None, seed: int = 1, divide: Divide | None = None
+) -> Prepared:
+    """A flight that can be flown once, by `fly`; arguments and errors as of the function `fly`."""
+    vehicles = scenario.judged.vehicles[0] if vehicles is None else vehicles
+    for name, value, least, most in (("vehicles", vehicles, 1, VEHICLES_MAX), ("seed", seed, 0, SEED_MAX)):
+        if not (float(value).is_integer() and least <= value <= most):
+            raise InvalidError(name, value, f"a whole number, at least {least}, at most {most}")
+    vehicles, seed = int(vehicles), int(seed)
+    scenario = scenario.in_world_of(seed)
+    flight = scenario.flight
+    if isinstance(flight, FormationFlight):
+        return FormationRun(scenario, flight, vehicles, seed, divide)
+    if isinstance(flight, GoalFlight):
+        return GoalRun(scenario, flight, vehicles, seed, divide)
+    if isinstance(flight, ShowFlight):
+        return Rehearsal(load(find(flight.show)), scenario.world, seed, flight)
+    return ArticleRun(scenario, flight, vehicles, seed)
+
+
+def measured(scenario: Scenario, flight: Prepared) -> FlightMetrics:
+    """The figures of a flight of the scenario that was flown."""
+    return show_metrics(scenario, flight) if isinstance(flight, Rehearsal) else metrics(flight.record)
+
+
 def fly(
     scenario: Scenario,
-    count: int,
-    seed: int,
+    vehicles: int | None = None,
+    seed: int = 1,
+    *,
     on_progress: Callable[[float], None] | None = None,
     divide: Divide | None = None,
-) -> FlightRecord:
-    """Fly a scenario once; `on_progress` as of `SimulatedFlight.fly`; `divide` makes several flights.
+) -> FlightResult:
+    """Fly a scenario once, in virtual time, with the code of real flights.
 
-    Raises: ConfigError when its start positions or goals are impossible.
+    Args:
+        scenario: what is flown, in which world.
+        vehicles: their number; None: the first with which the scenario is judged. A show has its own.
+        seed: of everything random, and of which of the scenario's `worlds` it is.
+        on_progress: called after every tick with the share that is flown, from 0 to 1.
+        divide: for a scenario whose vehicles several stations divide: `gcs.site.simulated.SimulatedStations`.
+
+    Raises:
+        InvalidError: no such number of vehicles, or no such seed.
+        ConfigError: the start positions, goals or the radius are impossible.
     """
-    scenario = scenario.in_world_of(seed)
-    if isinstance(scenario.flight, FormationFlight):
-        return FormationRun(scenario, scenario.flight, count, seed, divide).fly(on_progress)
-    if isinstance(scenario.flight, GoalFlight):
-        return GoalRun(scenario, scenario.flight, count, seed, divide).fly(on_progress)
-    if isinstance(scenario.flight, ShowFlight):
-        raise ConfigError(f"{scenario.name}: it flies a show: gcs show plot draws one")
-    return fly_article(scenario, scenario.flight, count, seed)
+    flight = prepared(scenario, vehicles, seed, divide)
+    flight.record.details = FlightDetails()
+    flight.fly(on_progress)
+    return FlightResult.of(flight.record, measured(scenario, flight))

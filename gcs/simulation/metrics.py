@@ -1,8 +1,8 @@
 """Figures of a simulated flight, computed from the true states in its record."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import scipy
@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from gcs.config.sections import OperationSettings
 from gcs.model.state import Array, Mask
 from gcs.safety.filter import Limits
-from gcs.simulation.article import article_figures
+from gcs.simulation.article import ArticleFigures, article_figures
+from gcs.simulation.crossing import TrafficFigures
 from gcs.simulation.crossing import figures as crossing_figures
 from gcs.simulation.record import (
     THROUGH_M,
@@ -192,36 +193,44 @@ def _matched(points: Array, target: Array, charge: Array) -> NDArray[np.intp]:
     return best
 
 
-def separation(record: FlightRecord) -> dict[str, object]:
-    """The floor, the smallest distance in its metric, and the number of pairs below it.
+@dataclass(frozen=True, slots=True)
+class SeparationFigures:
+    """How near vehicles came to each other, in the floor's metric."""
 
-    Pairs of two lost vehicles, which no station can part, are `lost_pairs` instead of `violations`.
-    """
+    floor_m: float
+    minimum_m: float | None
+    violations: int  # pairs of vehicles below the floor
+    lost_pairs: int  # of two lost vehicles, which no station can part: they are no violations
+
+
+def separation(record: FlightRecord) -> SeparationFigures:
     lost_pairs = len([pair for pair in record.violating if record.lost_rows.issuperset(pair)])
-    return {
-        "floor_m": record.floor_m,
-        "minimum_m": rounded(min(record.closest_m)),
-        "violations": len(record.violating) - lost_pairs,
-        "lost_pairs": lost_pairs,
-    }
+    return SeparationFigures(
+        record.floor_m, rounded(min(record.closest_m)), len(record.violating) - lost_pairs, lost_pairs
+    )
 
 
-FORMATION = (
-    *("settled", "settle_time_s", "straight_line_time_s", "radius_error_m", "radius_share"),
-    *("energy_ratio", "nearest_ratio", "shape_error_m", "rest_m_s", "spread_again_s"),
-)
-OBSTACLES = (
-    *("penetrations", "minimum_clearance_m", "reformed_time_s", "same_side", "through"),
-    *("away_m", "path_ratio", "rest_m_s", "noticed_s"),
-)
-"""The figures of a section; all are None where they do not apply."""
+@dataclass(frozen=True, slots=True)
+class FormationFigures:
+    """The shape at the end, and how long it took. None: it does not apply, or never was."""
+
+    settled: bool | None = None
+    settle_time_s: float | None = None  # from the last change until it lastingly stands
+    straight_line_time_s: float | None = None  # the least possible, straight to the final places
+    radius_error_m: float | None = None  # of the worst vehicle
+    radius_share: float | None = None  # the same over the radius
+    energy_ratio: float | None = None  # of the charges, over that of the best known shape
+    nearest_ratio: float | None = None  # likewise the least distance
+    shape_error_m: float | None = None  # rms distance from the best known shape
+    rest_m_s: float | None = None  # rms speed relative to the centre
+    spread_again_s: float | None = None  # after a vehicle was carried and let go
 
 
-def formation(record: FlightRecord, shape: Shape) -> dict[str, object]:
+def formation(record: FlightRecord, shape: Shape) -> FormationFigures:
     flight = record.scenario.flight
     ticks = steady_ticks(record)
     if isinstance(flight, GoalFlight | ShowFlight) or len(ticks) == 0:
-        return dict.fromkeys(FORMATION)
+        return FormationFigures()
     stays = isinstance(flight, ArticleFlight) or flight.ending == "none"
     settle_s = settle_time_s(record, shape) if stays else _settled_once_s(record, shape)
     rows = record.formed[ticks[-1]]
@@ -244,18 +253,18 @@ def formation(record: FlightRecord, shape: Shape) -> dict[str, object]:
         for t, each_m in zip(whole, offset_m, strict=True)
     ]
     radius_error_m = float(np.mean(off_m, axis=0).max())
-    return {
-        "settled": settle_s is not None,
-        "settle_time_s": rounded(settle_s),
-        "straight_line_time_s": None if isinstance(flight, ArticleFlight) else rounded(straight_s),
-        "radius_error_m": rounded(radius_error_m),
-        "radius_share": rounded(radius_error_m / record.radius_m[ticks[-1]], 5),
-        "energy_ratio": rounded(float(shape.energy_ratio[ticks].mean()), 6),
-        "nearest_ratio": rounded(float(shape.nearest_ratio[ticks].mean()), 4),
-        "shape_error_m": rounded(shape_m),
-        "rest_m_s": rounded(_moving_m_s(record, ticks)),
-        "spread_again_s": rounded(_spread_again_s(record, shape)),
-    }
+    return FormationFigures(
+        settled=settle_s is not None,
+        settle_time_s=rounded(settle_s),
+        straight_line_time_s=None if isinstance(flight, ArticleFlight) else rounded(straight_s),
+        radius_error_m=rounded(radius_error_m),
+        radius_share=rounded(radius_error_m / record.radius_m[ticks[-1]], 5),
+        energy_ratio=rounded(float(shape.energy_ratio[ticks].mean()), 6),
+        nearest_ratio=rounded(float(shape.nearest_ratio[ticks].mean()), 4),
+        shape_error_m=rounded(shape_m),
+        rest_m_s=rounded(_moving_m_s(record, ticks)),
+        spread_again_s=rounded(_spread_again_s(record, shape)),
+    )
 
 
 def _centered(record: FlightRecord, tick: int) -> Array:
@@ -292,16 +301,25 @@ def _settled_once_s(record: FlightRecord, shape: Shape) -> float | None:
     return record.time_s[int(settled[0])] if len(settled) else None
 
 
-def tracking(record: FlightRecord, shape: Shape) -> dict[str, object]:
-    """Errors of the true centroid on its orbit after the first settling, and of a spinning sphere."""
+@dataclass(frozen=True, slots=True)
+class TrackingFigures:
+    """Errors of the vehicles' centroid on its orbit, of a spinning sphere, and behind an estimated target."""
+
+    orbit_radius_error_m: float | None = None  # rms, after the first settling
+    center_speed_m_s: float | None = None  # mean, likewise
+    spin_radius_error_m: float | None = None  # of the worst vehicle, from the first change of the spin on
+    target_median_m: float | None = None  # distance from the place at the true target: half are less,
+    target_p95_m: float | None = None  # 95 % are less
+    target_worst_m: float | None = None
+    target_nearest_m: float | None = None  # least distance of a vehicle from the target on the ground
+    center_rms_m_s2: float | None = None  # acceleration of the centre
+
+
+def tracking(record: FlightRecord, shape: Shape) -> TrackingFigures:
     flight = record.scenario.flight
-    figures: dict[str, object] = {
-        "orbit_radius_error_m": None,
-        "center_speed_m_s": None,
-        "spin_radius_error_m": _spin_radius_error_m(record, shape),
-    }
+    figures = TrackingFigures(spin_radius_error_m=_spin_radius_error_m(record, shape))
     if isinstance(flight, FormationFlight) and flight.tracked is not None:
-        figures |= _behind_target(record, flight, flight.tracked.from_s)
+        figures = _behind_target(figures, record, flight, flight.tracked.from_s)
     if isinstance(flight, GoalFlight | ShowFlight) or not flight.orbit.radius_m:
         return figures
     settle_s = _on_orbit_s(record, flight)
@@ -314,13 +332,17 @@ def tracking(record: FlightRecord, shape: Shape) -> dict[str, object]:
     )
     rho_m = np.linalg.norm(centroid_m - np.array([record.target_m[t] for t in ticks]), axis=1)
     speed_m_s = np.linalg.norm(np.diff(centroid_m, axis=0), axis=1) * record.scenario.world.tick_rate_hz
-    figures["orbit_radius_error_m"] = rounded(float(np.sqrt(((rho_m - flight.orbit.radius_m) ** 2).mean())))
-    figures["center_speed_m_s"] = rounded(float(speed_m_s.mean()))
-    return figures
+    return replace(
+        figures,
+        orbit_radius_error_m=rounded(float(np.sqrt(((rho_m - flight.orbit.radius_m) ** 2).mean()))),
+        center_speed_m_s=rounded(float(speed_m_s.mean())),
+    )
 
 
-def _behind_target(record: FlightRecord, flight: FormationFlight, from_s: float) -> dict[str, object]:
-    """Errors of the true centroid from its place at the true target, and how hard the centre turns."""
+def _behind_target(
+    figures: TrackingFigures, record: FlightRecord, flight: FormationFlight, from_s: float
+) -> TrackingFigures:
+    """Add errors of the true centroid from its place at the true target, and how hard the centre turns."""
     ticks = np.flatnonzero(np.array(record.time_s) >= from_s)
     path_m, center_m = np.array(record.position_m)[ticks], np.array(record.center_m)[ticks, :2]
     target_m = np.array(record.target_m)[ticks]
@@ -330,13 +352,14 @@ def _behind_target(record: FlightRecord, flight: FormationFlight, from_s: float)
     off_m = np.abs(off_m - flight.orbit.radius_m)
     center_m_s2 = np.linalg.norm(np.diff(center_m, 2, axis=0), axis=1) * record.scenario.world.tick_rate_hz**2
     median_m, p95_m = np.percentile(off_m, [50, 95]).tolist()
-    return {
-        "target_median_m": rounded(median_m),
-        "target_p95_m": rounded(p95_m),
-        "target_worst_m": rounded(float(off_m.max())),
-        "target_nearest_m": rounded(float(nearest_m)),
-        "center_rms_m_s2": rounded(float(np.sqrt((center_m_s2**2).mean()))),
-    }
+    return replace(
+        figures,
+        target_median_m=rounded(median_m),
+        target_p95_m=rounded(p95_m),
+        target_worst_m=rounded(float(off_m.max())),
+        target_nearest_m=rounded(float(nearest_m)),
+        center_rms_m_s2=rounded(float(np.sqrt((center_m_s2**2).mean()))),
+    )
 
 
 def _spin_radius_error_m(record: FlightRecord, shape: Shape) -> float | None:
@@ -361,27 +384,37 @@ TOTAL_SHARE, TOTAL_SPARE_S, SPARE_OF_MANY_S, MANY = 1.5, 10.0, 30.0, 200
 """`arrival.late_s` is the last arrival minus share times the longest straight-line time minus reserve."""
 
 
-ARRIVAL = ("arrived", "median_ratio", "worst_ratio", "total_s", "late_s")
-
 AT_PAD_M: Final[float] = OperationSettings.model_fields["landing_site_spacing_m"].default
 """Farther than this from its pad, over the ground, a vehicle has not landed there: other pads are as near."""
 
 
-def arrival(record: FlightRecord) -> dict[str, object]:
-    """Number of arrivals, their delay relative to straight flight at the limits, and planning of the return.
+@dataclass(frozen=True, slots=True)
+class ArrivalFigures:
+    """Arrivals, and their delay relative to straight flight at the limits.
 
     Of a flight that ends with a return landings at pads count, of other formations slots: with lost vehicles,
     or where the sphere stands.
     """
-    return _arrivals(record) | {"planning_s": rounded(record.planning_s)}
+
+    arrived: int | None = None  # vehicles
+    median_ratio: float | None = None  # time over that of straight flight
+    worst_ratio: float | None = None
+    total_s: float | None = None  # until the last arrival
+    late_s: float | None = None  # of the last arrival; negative: early enough
+    expected: int | None = None  # vehicles
+    planning_s: float | None = None  # processor time of the collective return's plan
 
 
-def _arrivals(record: FlightRecord) -> dict[str, object]:
+def arrival(record: FlightRecord) -> ArrivalFigures:
+    return replace(_arrivals(record), planning_s=rounded(record.planning_s))
+
+
+def _arrivals(record: FlightRecord) -> ArrivalFigures:
     flight, has_goals = record.scenario.flight, bool(np.isfinite(record.goal_m).all())
     if record.off_slot_m and not has_goals:
         return _in_slots(record)
     if not has_goals:
-        return dict.fromkeys(ARRIVAL)
+        return ArrivalFigures()
     begin = int(np.searchsorted(record.time_s, record.changed_s - 1e-9))
     path_m = record.path_m[begin:]
     if isinstance(flight, GoalFlight):
@@ -391,14 +424,14 @@ def _arrivals(record: FlightRecord) -> dict[str, object]:
         there = ~np.array(record.in_air[begin:]) & (off_pad_m < AT_PAD_M)
     ratio, took_s, straight_s = _ratios(record, path_m[0], record.goal_m, there)
     spare_s = TOTAL_SPARE_S if record.count <= MANY else SPARE_OF_MANY_S
-    return {
-        "arrived": int(np.isfinite(took_s).sum()),
-        "expected": int(record.expected.sum()),
-        "median_ratio": rounded(float(np.median(ratio))),
-        "worst_ratio": rounded(float(ratio.max())),
-        "total_s": rounded(float(took_s.max())),
-        "late_s": rounded(float(took_s.max() - (TOTAL_SHARE * straight_s.max() + spare_s))),
-    }
+    return ArrivalFigures(
+        arrived=int(np.isfinite(took_s).sum()),
+        expected=int(record.expected.sum()),
+        median_ratio=rounded(float(np.median(ratio))),
+        worst_ratio=rounded(float(ratio.max())),
+        total_s=rounded(float(took_s.max())),
+        late_s=rounded(float(took_s.max() - (TOTAL_SHARE * straight_s.max() + spare_s))),
+    )
 
 
 def _ratios(record: FlightRecord, start_m: Array, place_m: Array, there: Mask) -> tuple[Array, Array, Array]:
@@ -413,7 +446,7 @@ def _ratios(record: FlightRecord, start_m: Array, place_m: Array, there: Mask) -
     return took_s / np.maximum(straight_s, 1e-9), took_s, straight_s
 
 
-def _in_slots(record: FlightRecord) -> dict[str, object]:
+def _in_slots(record: FlightRecord) -> ArrivalFigures:
     """Vehicles in formation, and the most of them at their slots at one moment of the last seconds.
 
     A formation that stands: not those off slots in closed space. On an orbit the last lap counts; in part of
@@ -425,43 +458,58 @@ def _in_slots(record: FlightRecord) -> dict[str, object]:
     off_m = np.array(record.off_slot_m[-round(lasts_s * record.scenario.world.tick_rate_hz) :])
     record.expected = np.asarray(np.isfinite(off_m).all(axis=0))
     at_once = (off_m < THROUGH_M)[:, record.expected].sum(axis=1)
-    counts = {"arrived": int(at_once.max()), "expected": int(record.expected.sum())}
-    return dict.fromkeys(ARRIVAL) | counts | _assembled(record)
+    counts = ArrivalFigures(arrived=int(at_once.max()), expected=int(record.expected.sum()))
+    return _assembled(counts, record)
 
 
-def _assembled(record: FlightRecord) -> dict[str, object]:
-    """How long the vehicles took to come within `THROUGH_M` of the slots that they have at the end.
+def _assembled(figures: ArrivalFigures, record: FlightRecord) -> ArrivalFigures:
+    """Add how long the vehicles took to come within `THROUGH_M` of the slots that they have at the end.
 
     Slots move while vehicles assemble; the straight line leads to where a vehicle's slot comes to rest.
     """
     if record.lost_rows or record.orbit_radius_m or record.changed_s:
-        return {}
+        return figures
     place_m = record.slot_m
     there = np.linalg.norm(record.path_m - place_m, axis=2) < THROUGH_M
     ratio, took_s, _ = _ratios(record, record.path_m[0], place_m, there)
-    return {
-        "median_ratio": rounded(float(np.median(ratio))),
-        "worst_ratio": rounded(float(ratio.max())),
-        "total_s": rounded(float(took_s.max())),
-    }
+    return replace(
+        figures,
+        median_ratio=rounded(float(np.median(ratio))),
+        worst_ratio=rounded(float(ratio.max())),
+        total_s=rounded(float(took_s.max())),
+    )
 
 
-def obstacles(record: FlightRecord, shape: Shape) -> dict[str, object]:
-    """Penetrations of boxes, least distance, time until the shape was whole again, and sides of passing."""
+@dataclass(frozen=True, slots=True)
+class ObstacleFigures:
+    """How the vehicles passed boxes. None: there are none, or it does not apply."""
+
+    penetrations: int | None = None  # vehicles that were inside a box grown by 1 m
+    minimum_clearance_m: float | None = None
+    reformed_time_s: float | None = None  # from the last passing until the shape was whole again
+    same_side: bool | None = None  # whether all passed a single box on one side
+    through: bool | None = None  # whether the formation is where it was to go
+    away_m: float | None = None  # greatest distance of the centre from the target
+    path_ratio: float | None = None  # way of the centre over the shortest
+    rest_m_s: float | None = None  # greatest speed of the centre at the end
+    noticed_s: float | None = None  # when an obstacle was named that keeps the centre from its target
+
+
+def obstacles(record: FlightRecord, shape: Shape) -> ObstacleFigures:
     if not any(record.boxes):
-        return dict.fromkeys(OBSTACLES)
+        return ObstacleFigures()
     penetrations, clearance_m = penetrations_and_clearance_m(record)
-    return {
-        "penetrations": penetrations,
-        "minimum_clearance_m": rounded(clearance_m),
-        "reformed_time_s": rounded(_reformed_s(record, shape)),
-        "same_side": same_side(record) if _single_box(record) else None,
-        "through": through(record),
-        "away_m": rounded(float(np.max(_away_m(record)))),
-        "path_ratio": rounded(_path_ratio(record)),
-        "rest_m_s": rounded(_rest_m_s(record)),
-        "noticed_s": rounded(_noticed_s(record)),
-    }
+    return ObstacleFigures(
+        penetrations=penetrations,
+        minimum_clearance_m=rounded(clearance_m),
+        reformed_time_s=rounded(_reformed_s(record, shape)),
+        same_side=same_side(record) if _single_box(record) else None,
+        through=through(record),
+        away_m=rounded(float(np.max(_away_m(record)))),
+        path_ratio=rounded(_path_ratio(record)),
+        rest_m_s=rounded(_rest_m_s(record)),
+        noticed_s=rounded(_noticed_s(record)),
+    )
 
 
 def _away_m(record: FlightRecord) -> Array:
@@ -509,13 +557,17 @@ def _reformed_s(record: FlightRecord, shape: Shape) -> float | None:
     return record.time_s[first] - record.time_s[last] if first < len(record.time_s) else None
 
 
-def ticks_ms(record: FlightRecord) -> dict[str, object]:
+@dataclass(frozen=True, slots=True)
+class TickFigures:
     """Durations of ticks in processor time, which parallel runs do not affect."""
+
+    p50_ms: float | None
+    p99_ms: float | None
+
+
+def ticks_ms(record: FlightRecord) -> TickFigures:
     took_ms = np.array(record.tick_s) * 1e3
-    return {
-        "p50_ms": rounded(float(np.median(took_ms))),
-        "p99_ms": rounded(float(np.percentile(took_ms, 99))),
-    }
+    return TickFigures(rounded(float(np.median(took_ms))), rounded(float(np.percentile(took_ms, 99))))
 
 
 def rounded(value: float | None, digits: int = 3) -> float | None:
@@ -523,30 +575,91 @@ def rounded(value: float | None, digits: int = 3) -> float | None:
     return None if value is None or not np.isfinite(value) else round(value, digits)
 
 
-def report(record: FlightRecord) -> dict[str, object]:
-    """All figures of one flight, as one JSON object."""
+@dataclass(frozen=True, slots=True)
+class Lag:
+    """How far one vehicle was from its trajectory while drawn parts ran."""
+
+    vehicle: int  # of the show, from 1
+    trajectory: str  # name of the file
+    rms_m: float
+    max_m: float
+    at_s: float  # time of the show, of the largest
+    cue: str
+
+
+@dataclass(frozen=True, slots=True)
+class TrackFigures:
+    """How far the vehicles of a show were from their trajectories while drawn parts ran."""
+
+    rms_m: float | None  # of all
+    worst_rms_m: float | None  # of the worst vehicle
+    max_m: float | None
+    lags: tuple[Lag, ...]  # of each vehicle that was far off
+
+
+@dataclass(frozen=True, slots=True)
+class ActedFailsafe:
+    """A failsafe of the service that acted."""
+
+    time_s: float | None
+    cause: str
+    action: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightMetrics:
+    """All figures of one flight. None: a flight of this kind has no such section."""
+
+    scenario: str
+    vehicles: int
+    seed: int
+    duration_s: float | None
+    realtime_factor: float | None  # duration over processor time
+    separation: SeparationFigures
+    formation: FormationFigures | None = None
+    tracking: TrackingFigures | None = None
+    obstacles: ObstacleFigures | None = None
+    arrival: ArrivalFigures
+    article: ArticleFigures | None = None
+    track: TrackFigures | None = None
+    tick: TickFigures
+    traffic: TrafficFigures | None = None
+    failsafes: tuple[ActedFailsafe, ...] | None = None
+
+    def figures(self) -> dict[str, object]:
+        """The same as one JSON object, as `gcs simulate --json` prints it, without absent sections."""
+        return {name: section for name, section in asdict(self).items() if section is not None}
+
+
+def metrics(record: FlightRecord) -> FlightMetrics:
+    """All figures of a flight that is not a show."""
     shape = shape_over_time(record)
+    return FlightMetrics(
+        **common(record, record.scenario.name),
+        formation=formation(record, shape),
+        tracking=tracking(record, shape),
+        obstacles=obstacles(record, shape),
+        arrival=arrival(record),
+        article=article_figures(record),
+        traffic=None if record.passages is None else crossing_figures(record.passages),
+        failsafes=tuple(ActedFailsafe(rounded(when_s), why, what) for when_s, why, what in record.failsafes)
+        or None,
+    )
+
+
+def common(record: FlightRecord, name: str) -> dict[str, Any]:
+    """What every kind of flight has."""
     duration_s = record.time_s[-1] + 1.0 / record.scenario.world.tick_rate_hz
-    figures = {
-        "scenario": record.scenario.name,
+    return {
+        "scenario": name,
         "vehicles": record.count,
         "seed": record.seed,
         "duration_s": rounded(duration_s),
         "realtime_factor": rounded(duration_s / max(record.busy_s, 1e-9), 1),
         "separation": separation(record),
-        "formation": formation(record, shape),
-        "tracking": tracking(record, shape),
-        "obstacles": obstacles(record, shape),
-        "arrival": arrival(record),
-        "article": article_figures(record),
         "tick": ticks_ms(record),
     }
-    if record.passages is not None:
-        figures["traffic"] = crossing_figures(record.passages)
-    if record.failsafes:
-        acted = [
-            {"time_s": rounded(when_s), "cause": why, "action": what}
-            for when_s, why, what in record.failsafes
-        ]
-        figures["failsafes"] = acted
-    return figures
+
+
+def report(record: FlightRecord) -> dict[str, object]:
+    return metrics(record).figures()

@@ -24,6 +24,16 @@ NOWHERE = np.full(3, np.nan)
 
 
 @dataclass(slots=True, eq=False)
+class FlightDetails:
+    """What no figure needs, with one entry per tick: kept only where it is asked for."""
+
+    velocity_m_s: list[NDArray[np.float32]] = field(default_factory=list)  # (n, 3) true
+    setpoint_m_s: list[NDArray[np.float32]] = field(default_factory=list)  # (n, 3) sent then, NaN: none
+    limited_by: list[tuple[str, ...]] = field(default_factory=list)  # (n,) as in `gcs.control.Tick`
+    task: list[NDArray[np.int8]] = field(default_factory=list)  # (n,) of `gcs.control.Task`
+
+
+@dataclass(slots=True, eq=False)
 class FlightRecord:
     """A flight of n vehicles, with one entry per tick. The flight fills it, and the metrics read it."""
 
@@ -60,6 +70,7 @@ class FlightRecord:
     carried_s: tuple[float, ...] = ()  # when a carried vehicle was held, let go, and the flight ends
     changed_s: float = 0.0  # start of settling: engagement, or the last event
     planning_s: float | None = None  # processor time of the collective return's plan; None: none was made
+    details: FlightDetails | None = None
 
     def __post_init__(self) -> None:
         self.expected = np.ones(len(self.start_m), dtype=np.bool_)

@@ -32,9 +32,6 @@ ASSEMBLED_IN_S = 10.0
 HOME_IN_S = 30.0
 """Typical duration of the return in the shipped shows, for the estimate of progress."""
 
-REPORT_S = 1.0
-"""Virtual time between two reports of progress."""
-
 TAKEOFF_M_S = 1.5
 """MPC_TKO_SPEED."""
 
@@ -59,7 +56,6 @@ class Rehearsal(SimulatedFlight):
         loaded: LoadedShow,
         world: World,
         seed: int,
-        on_progress: Callable[[float], None] | None = None,
         adversity: Adversity | None = None,
     ) -> None:
         """Hover above the pads.
@@ -68,11 +64,9 @@ class Rehearsal(SimulatedFlight):
             loaded: the show.
             world: vehicles and links.
             seed: of the vehicles' errors, and of which are lost.
-            on_progress: called with the share that is flown.
             adversity: what the show does not know of; None: nothing.
         """
         adversity = adversity or Adversity()
-        self._on_progress, self._report_at_s = on_progress, 0.0
         show, timeline = loaded.show, loaded.timeline
         self.loaded, self.timeline = loaded, timeline
         count = show.fleet.vehicles
@@ -115,9 +109,6 @@ class Rehearsal(SimulatedFlight):
         self.plan = replace(self.plan, obstacles=(*self.plan.obstacles, *self._unknown))
 
     def before_tick(self) -> None:
-        if self._on_progress is not None and self.time_s >= self._report_at_s:
-            self._report_at_s = self.time_s + REPORT_S
-            self._on_progress(self.share_flown())
         for when_s, cause, action in self.record.failsafes[self._named :]:
             if (cause, action) == (Cause.VEHICLE_LOST, Action.RE_FORM):
                 continue  # which the loss asks for
@@ -140,6 +131,10 @@ class Rehearsal(SimulatedFlight):
             if begin:
                 self._exchange_pads()
             self.come_home(self.loaded.show.fleet.takeoff_height_m, begin=begin)
+
+    @property
+    def steered(self) -> Mask:
+        return super().steered & (self.run.goals is None)
 
     def led(self, tasks: Tasks) -> Tasks:
         if self.run.goals is None or self.ended_s is not None:
@@ -318,10 +313,8 @@ def rehearse(
     speed_m_s = hypot(*wind_m_s)
     wind = Wind(mean_x_m_s=wind_m_s[0], mean_y_m_s=wind_m_s[1], gust_m_s=GUSTS * speed_m_s)
     drag_per_s = WIND_DRAG_PER_S if speed_m_s else World().drag_per_s
-    flight = Rehearsal(
-        loaded, World(noise=1.0, wind=wind, drag_per_s=drag_per_s), seed, on_progress, adversity
-    )
-    flight.fly()
+    flight = Rehearsal(loaded, World(noise=1.0, wind=wind, drag_per_s=drag_per_s), seed, adversity)
+    flight.fly(on_progress)
     return flight
 
 

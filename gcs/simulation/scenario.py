@@ -1,10 +1,11 @@
 """Scenario files: the flight, its simulated world, and the required results."""
 
 from collections.abc import Mapping
+from difflib import get_close_matches
 from pathlib import Path
-from typing import Annotated, Final, Literal, TypeAlias
+from typing import Annotated, Any, Final, Literal, TypeAlias
 
-from pydantic import Field, StrictStr, ValidationError, field_validator, model_validator
+from pydantic import BaseModel, Field, StrictStr, ValidationError, field_validator, model_validator
 
 from gcs.config import yaml_files as documents
 from gcs.config.sections import InitialTarget, OrbitSettings
@@ -23,8 +24,10 @@ from gcs.shows.format import StandingBox
 from gcs.sim.targets.motions import KINDS
 from gcs.simulation import ROWS
 
+VEHICLES_MAX: Final = 20_000
+
 Share: TypeAlias = Annotated[float, Field(ge=0.0, lt=1.0)]
-VehicleCount: TypeAlias = Annotated[int, Field(ge=1, le=20_000)]
+VehicleCount: TypeAlias = Annotated[int, Field(ge=1, le=VEHICLES_MAX)]
 
 MOST_PARENTS = 3
 """Longest chain of `like`; a longer one is a loop, or too hard to follow."""
@@ -304,6 +307,13 @@ Flight: TypeAlias = Annotated[
     FormationFlight | GoalFlight | ArticleFlight | ShowFlight, Field(discriminator="kind")
 ]
 
+KINDS_OF_FLIGHT: Final[dict[str, type[Settings]]] = {
+    "formation": FormationFlight,
+    "goals": GoalFlight,
+    "article": ArticleFlight,
+    "show": ShowFlight,
+}
+
 
 class FigureGate(Settings):
     """Limits of a figure."""
@@ -326,7 +336,7 @@ class Judged(Settings):
 
 
 class Scenario(Settings):
-    """One scenario file."""
+    """One scenario: the flight, its simulated world, and the required results. Immutable."""
 
     name: str
     about: str
@@ -339,6 +349,35 @@ class Scenario(Settings):
     control: ControlSettings = ControlSettings()
     failsafes: FailsafePolicy | None = None  # of the service, for a formation; None: they are off
     divided: Divided = Divided()
+
+    @classmethod
+    def load(cls, name: str | Path) -> "Scenario":
+        """Read a scenario that is shipped, by its name, or a file by its path.
+
+        Raises: ConfigError when there is none, with the names near it, or when it cannot be flown.
+        """
+        return load(find(str(name)))
+
+    @classmethod
+    def build(
+        cls, duration_s: float, kind: str = "formation", *, name: str = "built", **keys: Any
+    ) -> "Scenario":
+        """A scenario without a file: its kind of flight, and keys as of `with_`; all others have defaults.
+
+        Raises: ConfigError as of `with_`.
+        """
+        raw = {"name": name, "about": "", "duration_s": duration_s, "judged": {"vehicles": [20]}}
+        return _checked(_changed(raw | {"flight": {"kind": kind}}, keys, name), name)
+
+    def with_(self, **keys: Any) -> "Scenario":
+        """The same scenario with other values: keys of a scenario, of its `flight` or of its `world`.
+
+        A section (a dict, or the settings themselves) changes what it has, as `like` does in a file, and None
+        gives a key its default. What changes the world changes each of `worlds`.
+
+        Raises: ConfigError that names a key that is not known, or its value and what is allowed.
+        """
+        return _checked(_changed(self.model_dump(exclude_unset=True), keys, self.name), self.name)
 
     def in_world_of(self, seed: int) -> "Scenario":
         worlds = self.worlds
@@ -375,10 +414,36 @@ def load(path: Path) -> Scenario:
     world, worlds = raw.get("world", {}), raw.get("worlds")
     if isinstance(world, dict) and isinstance(worlds, list):
         raw["worlds"] = [_over(world, own) if isinstance(own, dict) else own for own in worlds]
+    return _checked(raw, str(path), source if alone else None)
+
+
+def _checked(raw: dict[str, Any], file: str, source: Source | None = None) -> Scenario:
     try:
         return Scenario.model_validate(raw)
     except ValidationError as error:
-        raise explained(error, str(path), Scenario, source if alone else None) from None
+        raise explained(error, file, Scenario, source) from None
+
+
+def _changed(raw: Mapping[str, Any], keys: Mapping[str, Any], name: str) -> dict[str, Any]:
+    """Merge keys of a scenario, of its flight and of its world. Raises: ConfigError for one not known."""
+    flight = KINDS_OF_FLIGHT.get(raw["flight"]["kind"], FormationFlight)
+    sections: dict[str, type[Settings]] = {"": Scenario, "flight": flight, "world": World}
+    merged = dict(raw)
+    for key, value in keys.items():
+        places = [section for section, settings in sections.items() if key in settings.model_fields]
+        if not places:
+            names = [each for settings in sections.values() for each in settings.model_fields]
+            near = " or ".join(get_close_matches(key, names, 3)) or "a key of Scenario, its flight or World"
+            raise ConfigError(f"{name}: {key}: unknown keyword; did you mean {near}?")
+        if len(places) > 1:
+            ways = " or ".join(f"{place}={{'{key}': ...}}" for place in places)
+            raise ConfigError(f"{name}: {key}: there are several; say {ways}")
+        plain = value.model_dump(exclude_unset=True) if isinstance(value, BaseModel) else value
+        change = {places[0]: {key: plain}} if places[0] else {key: plain}
+        merged = _over(merged, change)
+        if "world" in change:
+            merged["worlds"] = [_over(world, change["world"]) for world in merged.get("worlds", ())]
+    return merged
 
 
 def _merged(path: Path, parents: int) -> dict[str, object]:
@@ -394,7 +459,7 @@ def _merged(path: Path, parents: int) -> dict[str, object]:
     return _over(_merged(beside if beside.is_file() else find(like), parents - 1), raw)
 
 
-def _over(below: Mapping[str, object], above: Mapping[str, object]) -> dict[str, object]:
+def _over(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
     """Merge `above` over `below` recursively; an empty value removes the key."""
     merged = dict(below)
     for key, value in above.items():

@@ -114,10 +114,17 @@ class SimulatedFlight:
         self.memory = Memory.fresh(n, 0.0)
         alike = Traits.alike(n, layout.reported_uncertainty_m(scenario))
         self.traits = replace(alike, response=responses(scenario.world, n))
+        self.decided: Decided | None = None  # by the newest tick
+        self.proposed_m_s: Array | None = None  # (n, 3) for those that are `steered`; None: none are
         self._decider: Decider | None = None
         if scenario.divided.count > 1:
             if divide is None:
-                raise ConfigError(f"{scenario.name}: several flights divide its vehicles")
+                words = "several flights divide its vehicles: divide=gcs.site.simulated.SimulatedStations"
+                raise ConfigError(f"{scenario.name}: {words}")
+            if n < scenario.divided.count:
+                raise ConfigError(
+                    f"{scenario.name}: vehicles = {n}: at least {scenario.divided.count}, one each"
+                )
             self._decider = divide(scenario.divided, self.world, seed)
 
     @property
@@ -131,18 +138,33 @@ class SimulatedFlight:
 
     def fly(self, on_progress: Callable[[float], None] | None = None) -> FlightRecord:
         """Fly to the end. `on_progress` is called with the share of the longest duration that is flown."""
-        warm_up()
-        self._closest_m([self.world.position_m])  # compiles or loads its kernel
+        self.get_ready()
         began_s = time.process_time()
         with garbage_between_ticks() as collect_garbage:
-            while self.time_s < self.scenario.duration_s - 1e-9 and not self.finished():
-                self.before_tick()
-                self._tick()
+            while not self.is_over:
+                self.step()
                 collect_garbage(self.time_s)
                 if on_progress is not None:
-                    on_progress(self.time_s / self.scenario.duration_s)
+                    on_progress(self.share_flown())
         self.record.busy_s = time.process_time() - began_s
         return self.record
+
+    def get_ready(self) -> None:
+        """Compile or load the kernels."""
+        warm_up()
+        self._closest_m([self.world.position_m])
+
+    @property
+    def is_over(self) -> bool:
+        return self.time_s >= self.scenario.duration_s - 1e-9 or self.finished()
+
+    def step(self) -> None:
+        """Fly one tick."""
+        self.before_tick()
+        self._tick()
+
+    def share_flown(self) -> float:
+        return self.time_s / self.scenario.duration_s
 
     def true_target_m(self) -> Array:
         """(2,) where the target is."""
@@ -171,6 +193,11 @@ class SimulatedFlight:
 
     def finished(self) -> bool:
         return False
+
+    @property
+    def steered(self) -> Mask:
+        """(n,) vehicles that `proposed_m_s` may steer: none that a failsafe or the return leads."""
+        return np.asarray(self.task == Task.FORMATION)
 
     def led(self, tasks: Tasks) -> Tasks:
         """Return the tasks as a drawn show, if one leads, has them."""
@@ -205,7 +232,7 @@ class SimulatedFlight:
             silent_segments=self.losses.silent_segments,
         )
         decided = self._decide(fleet, self.led(replace(tasks, near_traffic=self.near_traffic())))
-        self.memory = decided.memory
+        self.decided, self.memory = decided, decided.memory
         self._mind_failsafes(fleet)
         self._keep(decided)
         self.world.send(decided.setpoints)
@@ -218,11 +245,22 @@ class SimulatedFlight:
             return self._decider.decide(fleet, tasks, self.plan, self.traits, self.settings)
         sight = self.sight()
         began_s = time.thread_time()
-        result = tick(fleet, tasks, self.plan, self.traits, self.memory, self.settings, sight)
+        proposed_m_s = self.proposed_m_s
+        if proposed_m_s is not None:
+            proposed_m_s = np.where(self.steered[:, None], proposed_m_s, np.nan)
+        result = tick(
+            fleet,
+            tasks,
+            self.plan,
+            self.traits,
+            self.memory,
+            self.settings,
+            sight,
+            proposed_m_s=proposed_m_s,
+        )
         memory = result.memory
         took_s = time.thread_time() - began_s
-        limited = len(result.limited_by) - result.limited_by.count("")
-        return Decided(result.setpoints, memory, limited, (took_s,))
+        return Decided(result.setpoints, memory, result.limited_by, (took_s,))
 
     def _mind_failsafes(self, fleet: FleetState) -> None:
         """Execute what the service's failsafes request, as the commander does."""
@@ -307,7 +345,12 @@ class SimulatedFlight:
         record.target_m.append(self.true_target_m())
         record.boxes.append(tuple(map(self._placed, self.plan.obstacles)))
         record.held_by.append("" if memory.detour is None else memory.detour.held_by)
-        record.limited.append(decided.limited)
+        record.limited.append(len(decided.limited_by) - decided.limited_by.count(""))
+        if record.details is not None:
+            record.details.velocity_m_s.append(self.world.velocity_m_s.astype(np.float32))
+            record.details.setpoint_m_s.append(self.world.of_all(decided.setpoints).astype(np.float32))
+            record.details.limited_by.append(decided.limited_by)
+            record.details.task.append(self.task.copy())
 
     def check_box(self, box: Obstacle) -> None:
         """Check, as in flight, that a box can stand where it is now. Raises: RefusedError."""

@@ -18,7 +18,7 @@ from gcs.service.snapshots import CueFigures, ShowFigures, VerticalOverlap
 from gcs.shows import Flaw, Played
 from gcs.shows.drawn_checks import DrawnFigures, drawn_within, examine
 from gcs.simulation.control_loss import ControlLoss, control_loss, described, sampled
-from gcs.simulation.metrics import rounded
+from gcs.simulation.metrics import Lag, rounded
 from gcs.simulation.record import penetrations_and_clearance_m
 from gcs.simulation.rehearsal import TAKEOFF_M_S, Rehearsal, Replacement
 
@@ -43,24 +43,12 @@ class Verdict(ShowFigures):
     drawn: DrawnFigures | None = None  # as drawn; None: no drawing
     track_rms_m: float | None = None  # true distances from the trajectories, over time and vehicles
     track_max_m: float | None = None
-    lags: tuple["Lag", ...] = ()  # of every vehicle, the largest first
+    lags: tuple[Lag, ...] = ()  # of every vehicle, the largest first
     lost: tuple[int, ...] = ()  # vehicles of the show, from 1, that the rehearsal lost
     control_loss: tuple[ControlLoss, ...] = ()  # of drawn parts, for each action; a prediction
     replaced: tuple["Replaced", ...] = ()  # by spares
     not_replaced: tuple[int, ...] = ()  # lost, in a show that has spares
     penetrations: int | None = None  # vehicles inside an obstacle grown by 1 m; None: there was none
-
-
-@dataclass(frozen=True, slots=True)
-class Lag:
-    """How far one vehicle was from its trajectory while drawn parts ran."""
-
-    vehicle: int  # of the show, from 1
-    trajectory: str  # name of the file
-    rms_m: float
-    max_m: float
-    at_s: float  # time of the show, of the largest
-    cue: str
 
 
 @dataclass(frozen=True, slots=True)

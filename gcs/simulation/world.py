@@ -164,16 +164,19 @@ class TrueWorld:
         forward_m[self._gone] = np.nan
         return FleetState(self.time_s, self.ids, forward_m, forward_m_s, np.zeros(n), age_s)
 
+    def of_all(self, setpoints: Setpoints) -> Array:
+        """(n, 3) velocities, NaN of vehicles that get no setpoint; a copy."""
+        if setpoints.ids == self.ids:
+            return np.array(setpoints.velocity_m_s)
+        all_m_s = np.full((len(self.ids), 3), np.nan)
+        all_m_s[[self.row_of[name] for name in setpoints.ids]] = setpoints.velocity_m_s
+        return all_m_s
+
     def send(self, setpoints: Setpoints) -> None:
         """Send setpoints; the world delays all and loses some."""
-        n, world = len(self.ids), self._world
-        if setpoints.ids == self.ids:
-            sent_m_s = np.array(setpoints.velocity_m_s)
-        else:
-            sent_m_s = np.full((n, 3), np.nan)
-            sent_m_s[[self.row_of[name] for name in setpoints.ids]] = setpoints.velocity_m_s
+        world, sent_m_s = self._world, self.of_all(setpoints)
         if world.loss:
-            sent_m_s[self._random.random(n) < world.loss] = np.nan
+            sent_m_s[self._random.random(len(sent_m_s)) < world.loss] = np.nan
         sent_m_s[self._silent] = np.nan
         self._setpoints.append((self.time_s + world.setpoint_delay_s, sent_m_s))
 

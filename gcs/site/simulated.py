@@ -93,7 +93,7 @@ class SimulatedStations:
     ) -> Decided:
         """One tick of every station, with what has arrived by then; the arguments are of the whole fleet."""
         now_s = fleet.time_s
-        took_s, limited, decided, sent = [], 0, [], []
+        took_s, limited_by, decided, sent = [], [""] * len(fleet.ids), [], []
         for station in self._stations:
             own = (
                 _rows_of(fleet, station.rows),
@@ -109,13 +109,14 @@ class SimulatedStations:
             station.memory = result.memory
             sent.append(self._messages(station, *own))
             took_s.append(time.thread_time() - began_s)
-            limited += len(result.limited_by) - result.limited_by.count("")
+            for row, why in zip(station.rows.tolist(), result.limited_by, strict=False):
+                limited_by[row] = why
             decided.append(result.setpoints)
         for station, messages in zip(self._stations, sent, strict=True):
             receivers = [other.site.own for other in self._stations if other is not station]
             for topic, payload in messages:
                 self._bus.publish(station.site.own, receivers, topic, payload, now_s)
-        return Decided(_joined(fleet, decided), self._of_all(), limited, tuple(took_s))
+        return Decided(_joined(fleet, decided), self._of_all(), tuple(limited_by), tuple(took_s))
 
     def _messages(
         self, station: _Station, fleet: FleetState, tasks: Tasks, traits: Traits

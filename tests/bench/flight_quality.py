@@ -12,10 +12,10 @@ from collections.abc import Sequence
 from fnmatch import fnmatch
 from pathlib import Path
 
-from gcs.simulation import scenario as scenarios
 from gcs.simulation.batch import Figures, rows
-from gcs.simulation.flight import fly
+from gcs.simulation.flight import prepared
 from gcs.simulation.plot import draw
+from gcs.simulation.scenario import Scenario
 
 TABLE = re.compile(r"(<!-- figures: (?P<names>[^>]*?) -->\n).*?(<!-- end -->)", re.DOTALL)
 PLOT = re.compile(r"<!-- plot: (?P<name>\S+) (?P<vehicles>\d+) (?P<seed>\d+) -->")
@@ -47,9 +47,8 @@ def main(figures: Path, document: Path) -> None:
     folder = document.with_suffix("")
     folder.mkdir(exist_ok=True)
     for plot in PLOT.finditer(text):
-        scenario = scenarios.load(scenarios.find(plot["name"]))
-        record = fly(scenario, int(plot["vehicles"]), int(plot["seed"]))
-        draw(record, folder / f"{plot['name']}-{plot['vehicles']}.png")
+        flight = prepared(Scenario.load(plot["name"]), int(plot["vehicles"]), int(plot["seed"]))
+        draw(flight.fly(), folder / f"{plot['name']}-{plot['vehicles']}.png")
 
 
 if __name__ == "__main__":

@@ -5,9 +5,7 @@
 
 import sys
 from collections.abc import Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from itertools import groupby
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Final
 
@@ -16,7 +14,8 @@ from PIL import Image
 from gcs.simulation import ROWS
 from gcs.simulation import scenario as scenarios
 from gcs.simulation.animation import animate, still
-from gcs.simulation.flight import fly
+from gcs.simulation.batch import on_all_cores
+from gcs.simulation.flight import prepared
 from gcs.simulation.scenario import Scenario, ShowFlight
 from gcs.site.simulated import SimulatedStations
 
@@ -42,7 +41,7 @@ def drawn(path: Path) -> None:
     fleets = scenario.judged.vehicles
     vehicles = max((count for count in fleets if count <= MOST), default=min(fleets))
     file = FOLDER / f"{scenario.name}.png"
-    still(fly(scenario, vehicles, scenario.judged.first_seed, divide=SimulatedStations), file)
+    still(prepared(scenario, vehicles, scenario.judged.first_seed, SimulatedStations).fly(), file)
     with Image.open(file) as picture:
         picture.convert("P", palette=Image.Palette.ADAPTIVE, colors=COLOURS).save(file, optimize=True)
 
@@ -74,11 +73,10 @@ def main(names: Sequence[str]) -> None:
     paths = [path for path in scenarios.shipped() if not _is_show(path)]
     PAGE.write_text("\n".join(page([scenarios.load(path) for path in paths])) + "\n", encoding="utf-8")
     desired = [path for path in paths if not names or path.stem in names]
-    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
-        list(pool.map(drawn, desired))
+    list(on_all_cores(drawn, desired, progress=True))
     if not names or MOVING[0] in names:
         name, vehicles, seed = MOVING
-        animate(fly(scenarios.load(scenarios.find(name)), vehicles, seed), FOLDER / f"{name}.gif")
+        animate(prepared(Scenario.load(name), vehicles, seed).fly(), FOLDER / f"{name}.gif")
 
 
 if __name__ == "__main__":

@@ -29,10 +29,10 @@ from gcs.safety.fenced_areas import AREAS_MAX, CORNERS_MAX, FencedArea
 from gcs.safety.filter import SafetySettings, Surroundings, filter_velocities
 from gcs.safety.walls import Fence
 from gcs.sim.vehicle.dynamics import PointMasses, Response
-from gcs.simulation import scenario as scenarios
 from gcs.simulation.article import step_virtual
 from gcs.simulation.article_forces import formation_force
-from gcs.simulation.flight import fly
+from gcs.simulation.flight import prepared
+from gcs.simulation.scenario import Scenario
 
 WARM_UPS = 3
 LONGEST_S = 6.0
@@ -267,7 +267,7 @@ def simulated_assembly(
     count: int, seconds: float = 30.0
 ) -> tuple[Callable[[], object], Callable[[], object]]:
     """Assembly in virtual time; beside it as many seconds of the article's own law and dynamics."""
-    scenario = scenarios.load(scenarios.find("assembly")).model_copy(update={"duration_s": seconds})
+    scenario = Scenario.load("assembly").with_(duration_s=seconds)
     printed, center_m = ArticleParameters(radius_m=14.0), np.array([0.0, 0.0, -24.0])
     start_m = on_sphere(count, 14.0).position_m
 
@@ -277,7 +277,7 @@ def simulated_assembly(
             force_n = formation_force(place_m, center_m, np.ones(count), printed)
             place_m, velocity_m_s = step_virtual(place_m, velocity_m_s, force_n, 0.05, printed)
 
-    return lambda: fly(scenario, count, 1), other
+    return lambda: prepared(scenario, count, 1).fly(), other
 
 
 def simulation_step(count: int) -> tuple[Callable[[], object], Callable[[], object]]:

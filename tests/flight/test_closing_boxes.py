@@ -1,17 +1,14 @@
 """Boxes that drive at a formation from all sides: none comes over a vehicle."""
 
-from pathlib import Path
 from typing import Final
 
 import pytest
 
-from gcs.simulation import scenario as scenarios
 from gcs.simulation.batch import figure
-from gcs.simulation.flight import fly
+from gcs.simulation.flight import prepared
 from gcs.simulation.metrics import report
+from gcs.simulation.scenario import Scenario
 
-SHIPPED: Final = Path(__file__).parents[2] / "configs/scenarios"
-SURROUNDED, ON_RETURN = SHIPPED / "boxes-surround-random.yaml", SHIPPED / "loss-on-return.yaml"
 CLOSED_S: Final = 75.0
 """By then the last of the boxes has passed, or closed in."""
 
@@ -27,8 +24,8 @@ SOAKED: Final = [(count, seed) for count in (8, 20, 50) for seed in range(8100, 
     ("count", "seed"), [*BROKEN, *(pytest.param(*case, marks=pytest.mark.soak) for case in SOAKED)]
 )
 def test_no_vehicle_is_inside_a_box(count: int, seed: int) -> None:
-    scenario = scenarios.load(SURROUNDED).model_copy(update={"duration_s": CLOSED_S})
-    figures = report(fly(scenario, count, seed))
+    scenario = Scenario.load("boxes-surround-random").with_(duration_s=CLOSED_S)
+    figures = report(prepared(scenario, count, seed).fly())
     assert figure(figures, "obstacles.penetrations") == 0
     assert figure(figures, "separation.violations") == 0
 
@@ -37,7 +34,7 @@ def test_no_vehicle_is_inside_a_box(count: int, seed: int) -> None:
 @pytest.mark.parametrize("seed", [1, 2])
 def test_those_that_are_left_come_home_beside_the_lost(seed: int) -> None:
     """Vehicles are lost while all return: where they may come down, no other does."""
-    figures = report(fly(scenarios.load(ON_RETURN), 20, seed))
+    figures = report(prepared(Scenario.load("loss-on-return"), 20, seed).fly())
     assert figure(figures, "arrival.missing") == 0
     assert figure(figures, "arrival.expected") in {18, 19, 20}, "all but the lost that were still in the air"
     assert figure(figures, "separation.violations") == 0

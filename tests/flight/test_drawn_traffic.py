@@ -35,7 +35,7 @@ def loaded(folder: Path, seed: int) -> LoadedShow:
 def test_vehicles_pass_at_the_drawn_spacing_without_a_delay(seed: int, tmp_path: Path) -> None:
     run = Rehearsal(loaded(tmp_path, seed), World(), seed)
     record = run.fly()
-    assert separation(record)["violations"] == 0
+    assert separation(record).violations == 0
     assert run.errors.fleet_rms_m <= RMS_M
     assert float(np.max(run.errors.max_m)) <= MOST_M
     assert not run.flaws

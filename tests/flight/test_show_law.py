@@ -9,10 +9,10 @@ import pytest
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Formation, LawName, Plan, plan_json, plan_of
 from gcs.service import ShowAction
-from gcs.simulation import scenario as scenarios
 from gcs.simulation.batch import broken
-from gcs.simulation.flight import fly as simulate
+from gcs.simulation.flight import prepared
 from gcs.simulation.metrics import report
+from gcs.simulation.scenario import Scenario
 from gcs.testing.virtual_show import HEIGHT_M, RADIUS_M, VirtualShow, fly, refused, show_config
 
 
@@ -69,5 +69,5 @@ def test_law_is_in_the_configuration_and_in_the_record() -> None:
 @pytest.mark.keeps("law-article-8", "law-neighbours-8")
 @pytest.mark.parametrize(("name", "count"), [("law-article", 8), ("law-neighbours", 8), ("carried", 20)])
 def test_scenario_of_the_law_is_kept(name: str, count: int) -> None:
-    record = simulate(scenarios.load(scenarios.find(name)), count, 3)
+    record = prepared(Scenario.load(name), count, 3).fly()
     assert not broken(report(record), record.scenario.judged.must)

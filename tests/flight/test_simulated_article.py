@@ -5,20 +5,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gcs.simulation import scenario as scenarios
 from gcs.simulation.article import article_figures
 from gcs.simulation.batch import broken
-from gcs.simulation.flight import fly
+from gcs.simulation.flight import prepared
 from gcs.simulation.metrics import report
 from gcs.simulation.plot import draw
 from gcs.simulation.record import FlightRecord
-from gcs.simulation.scenario import ArticleFlight
+from gcs.simulation.scenario import ArticleFlight, Scenario
 
 VEHICLES = 4
 
 
 def flown(name: str, seed: int) -> FlightRecord:
-    return fly(scenarios.load(scenarios.find(name)), VEHICLES, seed)
+    return prepared(Scenario.load(name), VEHICLES, seed).fly()
 
 
 @pytest.fixture(scope="module")
@@ -48,8 +47,8 @@ def test_the_formation_passes_a_box_and_is_a_tetrahedron_again(around_a_box: Fli
 
 
 def test_same_seed_same_flight_another_seed_another() -> None:
-    short = scenarios.load(scenarios.find("article-tracking")).model_copy(update={"duration_s": 25.0})
-    once, again, other = (fly(short, VEHICLES, seed) for seed in (7, 7, 8))
+    short = Scenario.load("article-tracking").with_(duration_s=25.0)
+    once, again, other = (prepared(short, VEHICLES, seed).fly() for seed in (7, 7, 8))
     assert np.array_equal(again.path_m, once.path_m)
     assert not np.allclose(other.path_m, once.path_m)
     assert article_figures(again) == article_figures(once)

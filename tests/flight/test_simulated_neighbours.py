@@ -6,12 +6,11 @@ import pytest
 from gcs.formation.neighbours import NeighboursSettings, Sight, range_m
 from gcs.formation.orbit import Center
 from gcs.model.state import Array
-from gcs.simulation import scenario as scenarios
 from gcs.simulation.batch import broken
-from gcs.simulation.flight import fly
+from gcs.simulation.flight import prepared
 from gcs.simulation.initial_states import lattice
 from gcs.simulation.metrics import report
-from gcs.simulation.scenario import Radio
+from gcs.simulation.scenario import Radio, Scenario
 from gcs.simulation.world import Neighbourhood
 
 TICK_S = 0.05
@@ -84,13 +83,13 @@ def test_beliefs_agree_on_what_all_see_together() -> None:
 @pytest.mark.keeps("consensus")
 @pytest.mark.parametrize("name", ["neighbours-only", "consensus"])
 def test_twenty_with_a_dozen_neighbours_become_an_even_sphere(name: str) -> None:
-    record = fly(scenarios.load(scenarios.find(name)), 20, 7)
+    record = prepared(Scenario.load(name), 20, 7).fly()
     assert not broken(report(record), record.scenario.judged.must)
 
 
 @pytest.mark.soak
 def test_fifty_close_together_over_late_links_come_to_rest() -> None:
-    record = fly(scenarios.load(scenarios.find("law-article")), 50, 5)
+    record = prepared(Scenario.load("law-article"), 50, 5).fly()
     assert not broken(report(record), record.scenario.judged.must)
 
 
@@ -98,9 +97,9 @@ def test_fifty_close_together_over_late_links_come_to_rest() -> None:
 @pytest.mark.parametrize("name", ["mixed-article", "mixed-neighbours"])
 def test_slow_ramps_beside_px4_do_not_swing_through_the_sphere(name: str) -> None:
     """ArduPilot vehicles with 1 m/s^2 swung by 0.5 and 0.7 m as they arrived."""
-    scenario = scenarios.load(scenarios.find(name))
+    scenario = Scenario.load(name)
     gentle = tuple(world.model_copy(update={"ramp_m_s2": 1.0}) for world in scenario.worlds)
-    record = fly(scenario.model_copy(update={"worlds": gentle}), 8, 7001)
+    record = prepared(scenario.model_copy(update={"worlds": gentle}), 8, 7001).fly()
     assert not broken(report(record), scenario.judged.must)
     outward_m = np.linalg.norm(record.path_m - np.array(record.center_m)[:, None], axis=2)
     outward_m -= np.array(record.radius_m)[:, None]

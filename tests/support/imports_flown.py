@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import yaml
 
 from gcs.cli.main import main
 from gcs.shows import load
@@ -27,6 +26,7 @@ from gcs.shows.formats import parse_drawing
 from gcs.shows.formats.files import EXPORTED
 from gcs.shows.formats.samples import NWU
 from gcs.simulation.batch import Run, run_once
+from gcs.simulation.scenario import Scenario
 from tests.support.drawing_files import flight, light, skyc, zipped
 from tests.support.drawn_shows import SHAPES, drawn_show
 
@@ -317,9 +317,7 @@ def _simulate(target: Path, outcome: Outcome) -> None:
         "flight": {"kind": "show", "show": str(target)},
         "judged": {"vehicles": [outcome.vehicles]},
     }
-    path = target.with_name("scenario.yaml")
-    path.write_text(yaml.safe_dump(scenario))
-    figures: Any = run_once(Run(path, outcome.vehicles, 1))
+    figures: Any = run_once(Run(Scenario.model_validate(scenario), outcome.vehicles, 1))
     outcome.rms_m, outcome.max_m = figures["track"]["rms_m"], figures["track"]["max_m"]
     outcome.closest_m = figures["separation"]["minimum_m"] if outcome.vehicles > 1 else np.inf
     outcome.violations = figures["separation"]["violations"]

@@ -70,9 +70,9 @@ def test_hooks_run_the_tools_of_the_environment() -> None:
     assert all(each.startswith(".venv/bin/") for each in tools)
 
 
-def test_the_tutorial_includes_every_example() -> None:
-    tutorial = (ROOT / "docs" / "tutorial" / "first-program.md").read_text(encoding="utf-8")
-    included = re.findall(r'^--8<-- "examples/(.+)"$', tutorial, re.MULTILINE)
+def test_a_page_includes_every_example() -> None:
+    pages = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "docs").rglob("*.md"))
+    included = re.findall(r'^--8<-- "examples/(.+)"$', pages, re.MULTILINE)
     assert sorted(included) == sorted(path.name for path in (ROOT / "docs" / "examples").glob("*.py"))
 
 

@@ -9,11 +9,11 @@ from gcs.control import ControlSettings
 from gcs.control.memory import Memory
 from gcs.formation.orbit import Center
 from gcs.model.state import Array
-from gcs.simulation.crossing import Crossing, figures
+from gcs.simulation.crossing import Crossing, TrafficFigures, figures
 from gcs.simulation.scenario import CrossingTraffic
 
 
-def judged(settings: CrossingTraffic, place_m: Array) -> dict[str, object]:
+def judged(settings: CrossingTraffic, place_m: Array) -> TrafficFigures:
     """The figures of vehicles that stand at (n, 3), whatever comes."""
     crossing = Crossing(settings, 1, ControlSettings().safety, 10.0)
     center = Center.at_rest(np.array([0.0, 0.0, -40.0]))
@@ -34,7 +34,7 @@ def test_entry_is_told_apart_that_no_vehicle_could_avoid(from_m: float, avoidabl
         aside_m=1.0, above_m=1.0,
     )  # fmt: skip
     found = judged(settings, np.array([[0.0, 0.0, -40.0], [0.0, 0.0, -90.0]]))
-    assert (found["crossings"], found["entries"], found["avoidable"]) == (1, 1, avoidable)
+    assert (found.crossings, found.entries, found.avoidable) == (1, 1, avoidable)
 
 
 @pytest.mark.keeps("circle")
@@ -42,12 +42,10 @@ def test_entry_is_told_apart_that_no_vehicle_could_avoid(from_m: float, avoidabl
 def test_tracks_that_turn_come_from_afar_and_pass(kind: str) -> None:
     settings = CrossingTraffic(count=6, radius_m=60.0, motions=(kind,))  # type: ignore[arg-type]
     found = judged(settings, np.array([[0.0, 0.0, -40.0]]))
-    assert found["crossings"] == found["announced"] == 6
-    assert isinstance(found["entries"], int)
-    assert found["entries"] >= 4, "they are aimed at the formation"
+    assert found.crossings == found.announced == 6
+    assert found.entries >= 4, "they are aimed at the formation"
 
 
 def test_several_cross_together() -> None:
     found = judged(CrossingTraffic(count=5, together=5), np.array([[0.0, 0.0, -40.0]]))
-    assert isinstance(found["crossings"], int)
-    assert 10 <= found["crossings"] <= 25
+    assert 10 <= found.crossings <= 25

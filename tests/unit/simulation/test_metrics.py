@@ -101,10 +101,10 @@ def test_perfect_shape_is_settled_at_once_in_any_rotation() -> None:
     assert shape.settled.all()
     assert measure.settle_time_s(record, shape) == 0.0
     figures = measure.formation(record, shape)
-    assert figures["energy_ratio"] == pytest.approx(1.0, abs=1e-5)
-    assert figures["nearest_ratio"] == pytest.approx(1.0, abs=1e-4)
-    assert figures["shape_error_m"] == pytest.approx(0.0, abs=1e-3)
-    assert figures["radius_error_m"] == pytest.approx(0.0, abs=1e-3)
+    assert figures.energy_ratio == pytest.approx(1.0, abs=1e-5)
+    assert figures.nearest_ratio == pytest.approx(1.0, abs=1e-4)
+    assert figures.shape_error_m == pytest.approx(0.0, abs=1e-3)
+    assert figures.radius_error_m == pytest.approx(0.0, abs=1e-3)
 
 
 def test_settling_counts_from_the_last_change_for_good() -> None:
@@ -118,7 +118,7 @@ def test_settling_counts_from_the_last_change_for_good() -> None:
 def test_vehicle_leaving_the_sphere_at_the_end_never_settled() -> None:
     record = record_of([CENTER + 10.0 * TETRAHEDRON] * 50 + [CENTER + 10.3 * TETRAHEDRON])
     assert measure.settle_time_s(record, measure.shape_over_time(record)) is None
-    assert measure.formation(record, measure.shape_over_time(record))["settled"] is False
+    assert measure.formation(record, measure.shape_over_time(record)).settled is False
 
 
 def test_shape_error_counts_shift_and_mirror_image() -> None:
@@ -150,7 +150,7 @@ def test_penetration_is_inside_the_box_grown_by_a_metre() -> None:
         place = np.array([(x_m, 0.0, -height_m), (30.0, 30.0, -10.0)])
         record = record_of([place] * 3)
         record.boxes = [(Obstacle("b", 0.0, 0.0, 4.0, 4.0, 10.0),)] * 3
-        return measure.obstacles(record, measure.shape_over_time(record))["penetrations"]
+        return measure.obstacles(record, measure.shape_over_time(record)).penetrations
 
     assert [penetrations(4.9, 10.9), penetrations(5.1, 10.9), penetrations(4.9, 11.1)] == [1, 0, 0]
 
@@ -163,10 +163,10 @@ def test_arrival_and_its_delay_against_straight_flight() -> None:
     record = record_of(paths, trial)
     record.goal_m = np.array([(20.0, 0.0, -10.0), (0.0, 29.0, -10.0)])
     figures = measure.arrival(record)
-    assert figures["arrived"] == 1
-    assert figures["worst_ratio"] is None
+    assert figures.arrived == 1
+    assert figures.worst_ratio is None
     record.goal_m = np.array([(20.0, 0.0, -10.0), (0.0, 9.5, -10.0)])
-    assert measure.arrival(record)["worst_ratio"] == pytest.approx(19.05 / 10.0, abs=0.01)
+    assert measure.arrival(record).worst_ratio == pytest.approx(19.05 / 10.0, abs=0.01)
 
 
 def test_centroid_is_judged_at_the_true_target_once_on_orbit() -> None:
@@ -176,8 +176,8 @@ def test_centroid_is_judged_at_the_true_target_once_on_orbit() -> None:
     record = record_of([center + 10.0 * TETRAHEDRON for center in centers], trial)
     record.center_m = [center * (30.0 / 30.4, 30.0 / 30.4, 1.0) for center in centers]
     figures = measure.tracking(record, measure.shape_over_time(record))
-    assert figures["orbit_radius_error_m"] == pytest.approx(0.4, abs=0.01)
-    assert figures["center_speed_m_s"] == pytest.approx(30.4 * 0.005 * 20.0, rel=0.01)
+    assert figures.orbit_radius_error_m == pytest.approx(0.4, abs=0.01)
+    assert figures.center_speed_m_s == pytest.approx(30.4 * 0.005 * 20.0, rel=0.01)
 
 
 def test_a_report_names_every_section_of_every_kind_of_flight() -> None:
@@ -208,9 +208,9 @@ def test_all_vehicles_count_as_there_only_at_one_moment() -> None:
         off_m[1] += 5.0 * ((tick + 1) % 2)
         record.off_slot_m.append(off_m)
     figures = measure.arrival(record)
-    assert (figures["arrived"], figures["expected"]) == (2, 3)
+    assert (figures.arrived, figures.expected) == (2, 3)
     record.off_slot_m[-1] = np.array([0.5, 0.5, np.nan, 0.5])
-    assert measure.arrival(record)["arrived"] == 3
+    assert measure.arrival(record).arrived == 3
 
 
 def test_assembly_is_judged_by_the_ways_to_the_last_slots() -> None:
@@ -220,11 +220,11 @@ def test_assembly_is_judged_by_the_ways_to_the_last_slots() -> None:
     record = record_of(paths)
     record.slot_m, record.off_slot_m = slots_m, [np.linalg.norm(path - slots_m, axis=1) for path in paths]
     figures = measure.arrival(record)
-    assert (figures["arrived"], figures["expected"]) == (4, 4)
+    assert (figures.arrived, figures.expected) == (4, 4)
     up_m_s = record.scenario.control.safety.limits.up_m_s
-    assert figures["median_ratio"] == pytest.approx(11.05 / (13.0 / up_m_s), abs=0.001)
+    assert figures.median_ratio == pytest.approx(11.05 / (13.0 / up_m_s), abs=0.001)
     record.off_slot_m[-100:] = [np.array([0.0, 0.0, 0.0, 2.5])] * 100
-    assert measure.arrival(record)["arrived"] == 3
+    assert measure.arrival(record).arrived == 3
 
 
 def test_landings_count_after_a_return_past_lost_ones() -> None:
@@ -232,20 +232,20 @@ def test_landings_count_after_a_return_past_lost_ones() -> None:
     pads_m = 10.0 * TETRAHEDRON * (1.0, 1.0, 0.0)
     record = record_of([10.0 * TETRAHEDRON + CENTER] * 40 + [pads_m] * 40, scenario(ending="return"))
     record.off_slot_m = [np.zeros(4)] * 40
-    assert (measure.arrival(record)["arrived"], measure.arrival(record)["late_s"]) == (4, None)
+    assert (measure.arrival(record).arrived, measure.arrival(record).late_s) == (4, None)
     record.goal_m, record.expected = pads_m, np.array([True, True, False, True])  # the third is lost
     record.in_air[40:] = [np.zeros(4, dtype=bool)] * 40
     figures = measure.arrival(record)
-    assert (figures["arrived"], figures["expected"], figures["total_s"]) == (3, 3, 2.0)
+    assert (figures.arrived, figures.expected, figures.total_s) == (3, 3, 2.0)
     record.position_m[40:] = [pads_m + np.array([[5.0, 0.0, 0.0], *np.zeros((3, 3))])] * 40
-    assert measure.arrival(record)["arrived"] == 2  # the first lies beside its pad
+    assert measure.arrival(record).arrived == 2  # the first lies beside its pad
 
 
 def test_two_lost_vehicles_that_meet_are_counted_apart() -> None:
     record = record_of([10.0 * TETRAHEDRON + CENTER] * 4)
     record.violating, record.lost_rows = {(0, 1), (1, 2)}, frozenset({1, 2})
     figures = measure.separation(record)
-    assert (figures["violations"], figures["lost_pairs"]) == (1, 1)
+    assert (figures.violations, figures.lost_pairs) == (1, 1)
     record.lost_rows = frozenset()
     figures = measure.separation(record)
-    assert (figures["violations"], figures["lost_pairs"]) == (2, 0)
+    assert (figures.violations, figures.lost_pairs) == (2, 0)

@@ -3,8 +3,7 @@
 import pytest
 
 from gcs.model.errors import ConfigError
-from gcs.simulation import scenario as scenarios
-from gcs.simulation.flight import fly
+from gcs.simulation.flight import prepared
 from gcs.simulation.metrics import report
 from gcs.simulation.scenario import Scenario
 from gcs.site.simulated import SimulatedStations
@@ -13,18 +12,16 @@ from gcs.site.simulated import SimulatedStations
 @pytest.mark.soak
 def test_crowd_of_many_stations_keeps_apart_as_that_of_one() -> None:
     """A vehicle between two of other stations has nowhere to go, and those behind it have to know."""
-    scenario = scenarios.load(scenarios.find("stations-scale"))
+    scenario = Scenario.load("stations-scale")
     changed = {"duration_s": 13.0, "divided": {"count": 20, "delay_s": 0.02, "spread_s": 0.01, "loss": 0.01}}
-    record = fly(Scenario.model_validate(scenario.model_dump() | changed), 400, 1, divide=SimulatedStations)
+    record = prepared(scenario.with_(**changed), 400, 1, SimulatedStations).fly()
     assert min(record.closest_m) >= 2.6  # of the 2.7 m that floor, margin and reserve ask for
 
 
 def flown(stations: int) -> dict[str, object]:
-    scenario = scenarios.load(scenarios.find("stations"))
+    scenario = Scenario.load("stations")
     changed = {"divided": {"count": stations, "loss": 0.05}, "duration_s": 44.0}
-    return report(
-        fly(Scenario.model_validate(scenario.model_dump() | changed), 32, 3, divide=SimulatedStations)
-    )
+    return report(prepared(scenario.with_(**changed), 32, 3, SimulatedStations).fly())
 
 
 @pytest.mark.soak
@@ -41,4 +38,4 @@ def test_four_stations_fly_the_shape_that_one_flies() -> None:
 
 def test_without_flights_a_divided_scenario_is_refused() -> None:
     with pytest.raises(ConfigError, match="stations: several flights divide its vehicles"):
-        fly(scenarios.load(scenarios.find("stations")), 32, 3)
+        prepared(Scenario.load("stations"), 32, 3)
