@@ -119,6 +119,7 @@ def summary(flight_report: FlightReport, source: str) -> str:
         limit = f"limit {check.limit:g} {check.unit}{check.leeway}"
         lines.append(f"  {mark}  {check.name:<36} {worst:>16}  {limit}  {where}".rstrip())
     lines += [f"target {each.text}" for each in trajectories.tracking]
+    lines += [f"traffic {each.text}" for each in trajectories.traffic]
     lines.append(f"verdict: {flight_report.verdict}: {MEANING[flight_report.verdict]}")
     lines += [f"  not judged: {text}" for text in flight_report.missing]
     return "\n".join(lines)

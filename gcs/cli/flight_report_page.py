@@ -14,6 +14,7 @@ from matplotlib.patches import Circle
 
 from gcs.cli.output import kinds
 from gcs.recording.flight_report import SMOOTHED_S, TOLERATED, TOLERATED_M_S, TOLERATED_M_S2, FlightReport
+from gcs.service.snapshots import TargetTracking, TrackPassed
 
 SHOWN_PATHS: Final = 80
 POINTS_MAX: Final = 1500
@@ -57,7 +58,8 @@ From {escape(source)}; judged {datetime.now(UTC):%Y-%m-%d %H:%M} UTC. Speeds and
 {TOLERATED:.0%} and {TOLERATED_M_S:g} m/s ({TOLERATED_M_S2:g} m/s²).</p>
 {notes}
 {_checks(flight_report)}
-{_tracking(flight_report)}
+{_listed("Targets that were followed", flight_report.trajectories.tracking)}
+{_listed("Traffic that came near", flight_report.trajectories.traffic)}
 {svg[svg.index("<svg") :]}
 {_pairs(flight_report)}
 </html>
@@ -80,9 +82,9 @@ def _checks(flight_report: FlightReport) -> str:
     return f"<table>{head}{''.join(rows)}</table>"
 
 
-def _tracking(flight_report: FlightReport) -> str:
-    texts = [f"<li>{escape(each.text)}" for each in flight_report.trajectories.tracking]
-    return f"<h2>Targets that were followed</h2><ul>{''.join(texts)}</ul>" if texts else ""
+def _listed(title: str, each_of: tuple[TargetTracking, ...] | tuple[TrackPassed, ...]) -> str:
+    texts = [f"<li>{escape(each.text)}" for each in each_of]
+    return f"<h2>{title}</h2><ul>{''.join(texts)}</ul>" if texts else ""
 
 
 def _pairs(flight_report: FlightReport) -> str:

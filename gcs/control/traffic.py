@@ -84,13 +84,14 @@ def announced(traffic: TracksNow, cylinder: Cylinder, sphere: Sphere) -> list[in
         soonest_s[close] = np.minimum(soonest_s, near.after_s)[close]
     kept_m = cylinder.radius_m + sphere.radius_m + wider_m + BESIDE_M
     up_m = cylinder.half_height_m + sphere.radius_m + np.nan_to_num(up_m) + ABOVE_M
-    for after_s in np.arange(0.0, ARCS_S[-1] + 1.0):
-        later_s = np.full(len(traffic.ids), after_s)
-        there_m, _ = turned(traffic.position_m, traffic.velocity_m_s, traffic.turn_rad_s, later_s)
-        off_m = there_m - sphere.center_m - after_s * sphere.velocity_m_s
-        close = (traffic.turn_rad_s != 0.0) & (np.hypot(off_m[:, 0], off_m[:, 1]) < kept_m)
-        close &= ~(np.abs(off_m[:, 2]) > up_m)  # a height that is not known is any
-        soonest_s[close] = np.minimum(soonest_s[close], after_s)
+    after_s = np.arange(0.0, ARCS_S[-1] + 1.0)
+    rows = np.repeat(np.flatnonzero(traffic.turn_rad_s), len(after_s))
+    later_s = np.tile(after_s, len(rows) // len(after_s))
+    moves = traffic.position_m[rows], traffic.velocity_m_s[rows], traffic.turn_rad_s[rows]
+    off_m = turned(*moves, later_s)[0] - sphere.center_m - later_s[:, None] * sphere.velocity_m_s
+    close = np.hypot(off_m[:, 0], off_m[:, 1]) < kept_m[rows]
+    close &= ~(np.abs(off_m[:, 2]) > up_m[rows])  # a height that is not known is any
+    np.minimum.at(soonest_s, rows[close], later_s[close])
     return sorted(np.flatnonzero(np.isfinite(soonest_s)).tolist(), key=lambda row: soonest_s[row])
 
 

@@ -131,6 +131,7 @@ class FlightReport:
                 for i, j in pairs.nearest(NEAREST)
             ),
             trajectories.tracking,
+            trajectories.traffic,
         )
 
 

@@ -18,7 +18,8 @@ from gcs.recording import mcap_layout as layout
 from gcs.recording.mcap_layout import RecordedLimits
 from gcs.recording.mcap_reader import FlightData, RecordedSample
 from gcs.recording.target_tracking import target_tracking
-from gcs.service.snapshots import TargetTracking
+from gcs.recording.traffic_passed import traffic_passed
+from gcs.service.snapshots import TargetTracking, TrackPassed
 
 Single = NDArray[np.float32]
 OnProgress = Callable[[float], None]
@@ -53,6 +54,7 @@ class FlownTrajectories:
     setpoint_held_at: NDArray[np.intp] | None = None  # (j,) likewise, at the setpoints' own times
     autopilots: tuple[str, ...] = ()  # (n,) names; empty: not known
     tracking: tuple[TargetTracking, ...] = ()  # by the estimates of vehicles and targets
+    traffic: tuple[TrackPassed, ...] = ()  # likewise
 
     def elapsed_s(self, sample: int | np.signedinteger[Any]) -> float:
         """Time of a sample since the first, to hundredths of a second."""
@@ -119,6 +121,7 @@ def estimated(data: FlightData, on_progress: OnProgress | None = None) -> FlownT
             held_at,
             data.about.autopilots,
             target_tracking(ticks, _center_m(position_m, formed)),
+            traffic_passed(ticks, data.about.ids, position_m, airborne),
         ),
         [at for at, _ in gaps],
     )
@@ -290,6 +293,7 @@ def true(
         None if beside is None or held_at is None else beside.setpoint_held_at,
         autopilots,
         () if beside is None else beside.tracking,
+        () if beside is None else beside.traffic,
     )
 
 

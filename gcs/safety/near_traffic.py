@@ -48,6 +48,9 @@ LACKS: Final = 4.0
 TURNED: Final = 0.2
 """Weights of what is missing of a cylinder, and of a turn from the desired velocity."""
 
+ALIKE_M: Final = 60.0
+"""Vehicles nearer to each other choose alike: ways of neighbours that cross would contradict each other."""
+
 FENCED_M: Final = 1.0
 """A way out ends so far inside the fence."""
 
@@ -240,7 +243,8 @@ class _Leaving:
         """(r, k) sides to which the best ways lead, and how fast.
 
         Best is the least that is missing of the worst cylinder, then of the corridors as wide as they are
-        with what is not known, then what is near the desired velocity.
+        with what is not known, then what is near the desired velocity; in the mean of a vehicle and those
+        around it.
         """
         fastest_m_s = self.fastest_m_s[:, None, None]
         slower = np.minimum(1.0, fastest_m_s[:, 0] / np.maximum(np.hypot(*self.desired_m_s.T), TINY)[:, None])
@@ -261,7 +265,9 @@ class _Leaving:
         fenced = np.hypot(ends_m[..., 0], ends_m[..., 1]) > reach_m - FENCED_M
         turned = np.hypot(*np.moveaxis(ways_m_s - desired_m_s, 2, 0)) / self.fastest_m_s[:, None]
         cost = LACKS * lacks.max(axis=2) + (less @ self._weights())[..., 0] + fenced + TURNED * turned
-        best = cost.argmin(axis=1)
+        off_m = self.position_m[:, None] - self.position_m
+        alike = np.exp(-(off_m**2).sum(axis=2) / ALIKE_M**2)
+        best = (alike @ cost / alike.sum(axis=1, keepdims=True)).argmin(axis=1)
         of = np.arange(len(best))
         return side[of, best], (side * aside_m_s)[of, best]
 

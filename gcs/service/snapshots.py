@@ -16,6 +16,7 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Plan
 from gcs.model.settings import PUBLISHED, Measured
 from gcs.model.state import Counts, VehicleId
+from gcs.model.traffic import KIND_IN_WORDS, TrackKind
 from gcs.service.alarms import Alarm, AlarmSeverity
 from gcs.service.event_log import Severity
 from gcs.service.features import Features
@@ -503,6 +504,35 @@ class TargetTracking:
 
 
 @dataclass(frozen=True, slots=True)
+class TrackPassed:
+    """Where a track was nearest to a vehicle, by its cylinder, of those of which operators were alarmed.
+
+    The track is where it was estimated: the record does not know where it truly was.
+    """
+
+    track: str
+    kind: TrackKind
+    vehicle: VehicleId
+    outside_m: Annotated[float, Field(description="From the vehicle to the cylinder; negative: in it.")]
+    sideways_m: float
+    above_m: Annotated[Measured, Field(description="Of the track over the vehicle; null: not known.")]
+    deviation_m: Annotated[float, Field(description="Of the estimate, along an axis.")]
+    at_s: Annotated[float, Field(description="Time since the beginning of the record.")]
+
+    @property
+    def text(self) -> str:
+        """All of it, in words."""
+        height = "at a height that is not known"
+        if self.above_m is not None:
+            height = f"{abs(self.above_m):g} m {'above' if self.above_m >= 0.0 else 'below'} the vehicle"
+        gap = f"{abs(self.outside_m):g} m {'outside' if self.outside_m >= 0.0 else 'INSIDE'} its cylinder"
+        where = f"{self.sideways_m:g} m beside it, {height}"
+        estimate = f"by its estimate (standard deviation {self.deviation_m:g} m), not the true track"
+        nearest = f"{self.vehicle} was nearest, {gap}, {where}, at {self.at_s:g} s"
+        return f"{KIND_IN_WORDS[self.kind]} {self.track}: {nearest}; {estimate}"
+
+
+@dataclass(frozen=True, slots=True)
 class ReportBody:
     """The flight report, as `gcs report --json` prints it."""
 
@@ -527,6 +557,9 @@ class ReportBody:
     nearest_pairs: tuple[NearestPair, ...]
     tracking: Annotated[
         tuple[TargetTracking, ...], Field(description="Of each target that was followed; empty: of none.")
+    ]
+    traffic: Annotated[
+        tuple[TrackPassed, ...], Field(description="Each track of which operators were alarmed; empty: none.")
     ]
 
 

@@ -15,6 +15,10 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation
 from gcs.model.target_fix import TargetFix
 from gcs.model.traffic import TRACK_KINDS, TrackKind
+from gcs.recording.flight_report import make_flight_report
+from gcs.recording.mcap_reader import FlightData, Standard
+from gcs.recording.session import Record
+from gcs.recording.trajectories import estimated
 from gcs.service import ShowAction
 from gcs.service.alarms import AlarmAction, AlarmCause, AlarmSeverity
 from gcs.testing.virtual_show import VirtualShow, fly, show_config
@@ -87,6 +91,38 @@ def test_drone_that_crosses_is_announced_and_evaded() -> None:
         assert show.floor_violations() == 0
 
     fly(story, FOUR, after=running)
+
+
+def test_report_has_how_near_a_track_came(tmp_path: Path) -> None:
+    """Of that which came near only."""
+    vehicles = {name: (row + 1, "loop") for row, name in enumerate(FOUR.ids)}
+
+    async def story(show: VirtualShow) -> float:
+        closest_m = inf
+        await show.start()
+        await show.wait(15.0)
+        height_m = float(show.service.plan.current.formation.height_m)
+        for second in range(30):
+            report(show, -250.0 + 15.0 * second, speed_m_s=15.0, height_m=height_m + 2.0)
+            report(show, 2000.0, kind="vessel", name="FAR", height_m=0.0)
+            await show.wait(1.0)
+            off_m = show.true_m[:, :2] - [-235.0 + 15.0 * second, 0.0]
+            closest_m = min(closest_m, float(np.hypot(*off_m.T).min()))
+        return closest_m
+
+    with Record(tmp_path, FOUR.model_dump_json(), vehicles) as record:
+        closest_m = fly(story, FOUR, record=record)
+    data = FlightData(record.folder / "flight.mcap")
+    flown = estimated(data)
+    (passed,) = flown.traffic
+    assert (passed.track, passed.kind) == ("4CA1B2", "unmanned")
+    assert passed.vehicle in FOUR.ids
+    assert RADIUS_M < passed.sideways_m < closest_m + 3.0
+    assert passed.outside_m == pytest.approx(passed.sideways_m - RADIUS_M, abs=0.11)
+    assert passed.above_m == pytest.approx(2.0, abs=11.0), "of the vehicle, which is anywhere on the sphere"
+    body = make_flight_report(flown, Standard.of(data.about.config, "it")).report("it")
+    assert body.traffic == flown.traffic
+    assert f"{passed.vehicle} was nearest, {passed.outside_m:g} m outside its cylinder" in passed.text
 
 
 def test_manned_aircraft_has_the_formation_descend() -> None:

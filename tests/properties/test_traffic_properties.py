@@ -10,6 +10,8 @@ from gcs.control.traffic import Sphere, tracks_near
 from gcs.estimation.traffic import TRACKS_KEPT, TrackReport, TrackTable
 from gcs.model.state import Array
 from gcs.model.traffic import TRACK_KINDS, Cylinder
+from gcs.safety.constraints import Braking
+from gcs.safety.near_traffic import SOONEST, Evading, track_constraints
 
 numbers = st.floats(allow_nan=True, allow_infinity=True)
 three = st.tuples(numbers, numbers, numbers)
@@ -97,3 +99,32 @@ def test_reports_of_the_past_change_nothing(order: list[int], data: st.DataObjec
     doubled = [second for second in order for _ in range(data.draw(st.integers(1, 3)))]
     np.testing.assert_array_equal(believed(list(order)), believed(newest))
     np.testing.assert_array_equal(believed(doubled), believed(newest))
+
+
+@given(st.integers(0, 2**32 - 1))
+def test_no_vehicle_is_asked_for_more_than_it_has(seed: int) -> None:
+    """Whatever tracks come, and whatever vehicles desire."""
+    random = np.random.default_rng(seed)
+    k, n = int(random.integers(1, 8)), int(random.integers(1, 12))
+    table = TrackTable(15.0)
+    for number in range(k):
+        place_m, velocity_m_s = random.uniform(-150.0, 150.0, 3), random.uniform(-30.0, 30.0, 3)
+        for at_s in (0.0, 1.0, 2.0):
+            there_m = place_m + at_s * velocity_m_s + random.normal(0.0, 5.0, 3)
+            table.take(TrackReport(f"{number}", "manned", at_s, at_s, (*there_m,), (*velocity_m_s,)))
+    near, _ = tracks_near(table.at(2.0), Cylinder(), Sphere(np.zeros(3), np.zeros(3), 20.0), 2.0)
+    fastest_m_s = random.uniform(0.0, 10.0, n)
+    evading = Evading(
+        random.uniform(-30.0, 30.0, (n, 3)),
+        random.uniform(size=n) < 0.8,
+        random.uniform(-20.0, 20.0, (n, 3)),
+        random.uniform(0.0, 10.0, n),
+        fastest_m_s,
+        Braking().of_each(n),
+        float(random.uniform(1.0, 300.0)),
+    )
+    rows = track_constraints(evading, near)
+    assert evading.commanded[rows.first].all()
+    assert (rows.bound_m_s <= fastest_m_s[rows.first] + 1e-9).all()
+    np.testing.assert_allclose(np.linalg.norm(rows.normal, axis=1)[np.abs(rows.bound_m_s) > 1e-6], 1.0)
+    assert (np.bincount(rows.first, minlength=n) <= SOONEST).all()

@@ -177,3 +177,22 @@ def test_tracks_far_away_change_no_choice() -> None:
 def test_rows_of_a_vehicle_among_many_tracks_are_bounded() -> None:
     rows = track_constraints(evading((0.0, 0.0, -40.0), (0.0, 5.0, -40.0)), side_by_side(*range(-20, 20, 3)))
     assert np.bincount(rows.first).tolist() == [SOONEST, SOONEST]
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_one_velocity_leads_all_neighbours_out(seed: int) -> None:
+    """Three tracks meet at ten vehicles: ways of neighbours that cross would contradict each other."""
+    random = np.random.default_rng(seed)
+    angle, k = random.uniform(-np.pi, np.pi, 3), 3
+    along = np.stack([np.cos(angle), np.sin(angle), np.zeros(k)], axis=1)
+    crossing = replace(
+        side_by_side(0.0, 0.0, 0.0),
+        position_m=random.uniform(-5.0, 5.0, (k, 3)) * (1.0, 1.0, 0.0) - 130.0 * along - [0.0, 0.0, 40.0],
+        velocity_m_s=SPEED_M_S * along,
+    )
+    place_m = random.uniform(-5.0, 5.0, (10, 3)) - [0.0, 0.0, 40.0]
+    rows = track_constraints(evading(*map(tuple, place_m)), crossing)
+    assert np.bincount(rows.first).tolist() == [k] * 10
+    headings = np.arange(16) * np.pi / 8.0
+    ways_m_s = 8.0 * np.stack([np.cos(headings), np.sin(headings), np.zeros(16)], axis=1)
+    assert (ways_m_s @ rows.normal.T - rows.bound_m_s).min(axis=1).max() > -1e-6

@@ -1973,6 +1973,8 @@ export interface components {
             source: string;
             /** @description Of each target that was followed; empty: of none. */
             tracking: components["schemas"]["TargetTracking"][];
+            /** @description Each track of which operators were alarmed; empty: none. */
+            traffic: components["schemas"]["TrackPassed"][];
             /** @description Uncertainty of the positions, in words. */
             uncertainty: string;
             vehicles: number;
@@ -2409,6 +2411,22 @@ export interface components {
             state: "none" | "running" | "dropped-out" | "stopped" | "lost" | "refused";
             /** @description How fast the show runs; 0: it stands still; null: none. */
             tempo: number | null;
+        };
+        /** @description Where a track was nearest to a vehicle, by its cylinder, of those of which operators were alarmed. The track is where it was estimated: the record does not know where it truly was. */
+        TrackPassed: {
+            /** @description Of the track over the vehicle; null: not known. */
+            above_m: number | null;
+            /** @description Time since the beginning of the record. */
+            at_s: number;
+            /** @description Of the estimate, along an axis. */
+            deviation_m: number;
+            /** @enum {string} */
+            kind: "manned" | "unmanned" | "vessel" | "ground";
+            /** @description From the vehicle to the cylinder; negative: in it. */
+            outside_m: number;
+            sideways_m: number;
+            track: string;
+            vehicle: string;
         };
         /** @description One track of other traffic. Show frame. */
         TrackView: {
