@@ -69,18 +69,19 @@ def _shot(record: FlightRecord, *, whole: bool = False) -> Shot:
     stride = max(round(rate_hz / FRAMES_HZ), -(-len(path_m) // FRAMES_MAX))
     low_m, high_m = np.nanmin(path_m, axis=(0, 1)), np.nanmax(path_m, axis=(0, 1))
     half_m = float((high_m - low_m).max()) / 2.0
-    middle_m = np.broadcast_to((low_m + high_m) / 2.0, (len(path_m), 3))
+    height_m = max(AROUND * float(high_m[2]), half_m / 2.0, 5.0)
+    middle_m = np.broadcast_to((*((low_m + high_m)[:2] / 2.0), height_m / 2.0), (len(path_m), 3))
     if 2.0 * half_m > NEAR_M and not whole:
         middle_m = np.nanmean(path_m, axis=1)
         half_m = float(np.nanmax(np.abs(path_m - middle_m[:, None])))
+        height_m = 2.0 * AROUND * half_m
     half_m, count = max(AROUND * half_m, 5.0), max(path_m.shape[1] - 1, 1)
-    moves = middle_m.strides[0] > 0
     return Shot(
         record,
         path_m,
         middle_m,
         half_m,
-        2.0 * half_m if moves else max(AROUND * float(high_m[2]), half_m / 2.0),
+        height_m,
         np.arange(0, len(path_m), stride),
         round(TRAIL_S * rate_hz),
         mpl.colormaps["cool"](np.arange(path_m.shape[1]) / count),
