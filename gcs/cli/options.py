@@ -190,6 +190,7 @@ def add_simulate_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, metavar="S", help="default 1")
     parser.add_argument("--seeds", type=_seeds, metavar="A:B", help="from A up to, without, B")
     parser.add_argument("--vehicles", type=int, metavar="N", help="the first number it is judged with")
+    parser.add_argument("--law", metavar="NAME", help="in place of the scenario's: gcs law list")
     parser.add_argument("--workers", type=int, metavar="W", help="runs at a time; as many as there are cores")
     parser.add_argument("--plot", metavar="FILE.png", help="draw one flight; as it moves: FILE.gif")
 
