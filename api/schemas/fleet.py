@@ -11,7 +11,7 @@ from gcs.api.map_tiles import GroundMap
 from gcs.model.frames import ShowFrame
 from gcs.model.interrupted_flight import InterruptedFlight
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.model.plan import LawName, Obstacle, Orbit, YawPolicy
+from gcs.model.plan import Obstacle, Orbit, YawPolicy
 from gcs.model.settings import Measured
 from gcs.model.state import Counts, Mode
 from gcs.model.vehicle_columns import COLUMNS, FRAME, REST_ONLY
@@ -175,7 +175,7 @@ class Formation(Outward):
 
     radius_m: float
     height_m: float
-    law: LawName
+    law: str
     radius_now_m: Measured
     height_now_m: Measured
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any, Final
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 
-from gcs.model.plan import Direction, LawName, YawPolicy
+from gcs.model.plan import Direction, YawPolicy
 
 NAME_MAX: Final = 64
 """Most characters of a name; the configuration allows 32 for vehicles."""
@@ -43,7 +43,15 @@ PlacedTurn = Annotated[
 ]
 ObstacleId = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$", examples=["tower"])]
 Sense = Annotated[Direction, Field(strict=False, description="Seen from above.")]
-Law = Annotated[LawName, Field(strict=False, description="Changes on the ground only.")]
+Law = Annotated[
+    str,
+    Field(
+        min_length=1,
+        max_length=64,
+        description="Name of a law, as `gcs law list` has them. It changes on the ground only.",
+        examples=["slots"],
+    ),
+]
 Policy = Annotated[YawPolicy, Field(strict=False)]
 ShowHash = Annotated[
     str,

@@ -61,6 +61,7 @@ COMMANDS: Final = {
     "params": CliCommand(
         "params", "check or set the vehicles' parameters that decide what is safe", options=OPTIONS
     ),
+    "law": CliCommand("law", "list, begin, check and choose the formation's laws", options="law"),
     "simulate": CliCommand("simulate", "fly scenarios in virtual time and judge them", LINES, OPTIONS),
     "replay": CliCommand("replay", "show a recorded flight through the API, as if live", LINES, OPTIONS, 2),
     "report": CliCommand(
@@ -98,7 +99,6 @@ CALLS: Final = (
     ApiCall(
         "height", "change_formation", "change the height of the formation's centre", ("height_m",), alone=True
     ),
-    ApiCall("law", "change_formation", "choose the formation's law, on the ground", ("law",), alone=True),
     ApiCall("target show", "target", "where the target is now"),
     ApiCall("target set", "set_target", "say where the target is, in the show frame"),
     ApiCall("target set-geodetic", "set_target_geodetic", "say where the target is, on the globe"),

@@ -28,6 +28,7 @@ def add_demo_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--seconds", type=float, metavar="S", help="of the whole flight; 240, or as many as the story takes"
     )
+    parser.add_argument("--law", metavar="NAME", help="of the formation, as gcs law list has them; slots")
     parser.add_argument("--show", metavar="NAME", help="fly this show file instead of the story")
     text = "follow a boat that sends nmea, gpsd, cot or mavlink, instead of the story"
     parser.add_argument("--target", choices=("nmea", "gpsd", "cot", "mavlink"), help=text)
@@ -58,6 +59,8 @@ def add_serve_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--host", help="where the API listens; default 127.0.0.1")
     parser.add_argument("--port", type=int, help="of the API; default 8000")
+    text = "let formation.law name code beside the configuration: module:Class"
+    parser.add_argument("--allow-law-code", action="store_true", help=text)
     parser.add_argument("--quiet", action="store_true", help="log warnings only")
     parser.add_argument(
         supervisor.OPTION, action="store_true", help="by a parent that starts it again when it ends or hangs"
@@ -190,6 +193,7 @@ def add_simulate_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, metavar="S", help="default 1")
     parser.add_argument("--seeds", type=_seeds, metavar="A:B", help="from A up to, without, B")
     parser.add_argument("--vehicles", type=int, metavar="N", help="the first number it is judged with")
+    parser.add_argument("--law", metavar="NAME", help="in place of the scenario's: gcs law list")
     parser.add_argument("--workers", type=int, metavar="W", help="runs at a time; as many as there are cores")
     parser.add_argument("--plot", metavar="FILE.png", help="draw one flight; as it moves: FILE.gif")
 

@@ -43,12 +43,7 @@ def add_arguments(parser: argparse.ArgumentParser, name: str) -> None:
     """Add the arguments of one call or action of `gcs.cli.commands`, by its name."""
     call = next((each for each in CALLS if each.name == name), None)
     if call is not None:
-        parser.description = call.text
-        method = _method(call)
-        parameters = _add_parameters(parser, call, method)
-        is_command = method.__annotations__.get("return") == "service.CommandRecord"
-        _add_common(parser, is_command=is_command)
-        parser.set_defaults(run=partial(_run, call, parameters))
+        add_call(parser, call)
         return
     action = next(each for each in ACTIONS if each.name == name)
     parser.description = action.text
@@ -57,6 +52,16 @@ def add_arguments(parser: argparse.ArgumentParser, name: str) -> None:
         parser.add_argument("--all", action="store_true", help="every vehicle that it can apply to")
     _add_common(parser, is_command=True)
     parser.set_defaults(run=partial(_command, parser, name))
+
+
+def add_call(parser: argparse.ArgumentParser, call: ApiCall) -> None:
+    """Add the arguments of one call, and set the function that makes it."""
+    parser.description = call.text
+    method = _method(call)
+    parameters = _add_parameters(parser, call, method)
+    is_command = method.__annotations__.get("return") == "service.CommandRecord"
+    _add_common(parser, is_command=is_command)
+    parser.set_defaults(run=partial(_run, call, parameters))
 
 
 def _method(call: ApiCall) -> Callable[..., Any]:

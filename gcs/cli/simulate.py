@@ -4,12 +4,14 @@ import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict
+from pathlib import Path
 
 from pydantic import ValidationError
 
 from gcs.cli.output import MOVING, PICTURES, answer, note, output_file, print_json, require_matplotlib
 from gcs.cli.progress import share_of
 from gcs.config.setting_errors import explained
+from gcs.formation.laws.registry import allow_code
 from gcs.model.errors import ConfigError, ShowError
 from gcs.model.jit import is_compiled
 from gcs.shows import LoadedShow, find, load
@@ -25,6 +27,7 @@ from gcs.site.simulated import SimulatedStations
 
 def run_simulate(arguments: argparse.Namespace) -> int:
     """Fly the scenarios. Returns: 0 when the runs meet their scenarios' limits, 1 otherwise."""
+    allow_code(Path.cwd())
     runs = [run for scenario in _scenarios(arguments) for run in _runs(scenario, arguments)]
     if arguments.plot is not None:
         return _plot_scenario(runs, arguments)
@@ -70,6 +73,8 @@ def _scenarios(arguments: argparse.Namespace) -> list[Scenario]:
 
 
 def _runs(scenario: Scenario, arguments: argparse.Namespace) -> list[Run]:
+    if arguments.law is not None:
+        scenario = scenario.with_(law=arguments.law)
     if arguments.seed is not None and arguments.seeds is not None:
         raise ConfigError("--seed or --seeds, not both")
     if arguments.all or arguments.row or arguments.judged:

@@ -10,6 +10,7 @@ from typing import Annotated, Literal, TypeAlias
 from pydantic import AfterValidator, BeforeValidator, Discriminator, Field, Tag, model_validator
 
 from gcs.config.setting_errors import located
+from gcs.formation.laws.registry import LawName
 from gcs.links.autopilots import AUTOPILOTS, DEFAULT, Autopilot
 from gcs.links.settings import (
     SPARE_ID,
@@ -25,7 +26,7 @@ from gcs.links.settings import (
 from gcs.links.settings import parse as place_at
 from gcs.model.errors import ConfigError
 from gcs.model.frames import ShowFrame
-from gcs.model.plan import Direction, LawName, YawPolicy
+from gcs.model.plan import DEFAULT_LAW, Direction, YawPolicy
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import VehicleId
 
@@ -326,8 +327,8 @@ class FormationSettings(Settings):
     """Radius of the sphere, in m."""
     height_m: Annotated[float, Field(gt=0, le=LENGTH_MAX_M)]
     """Height of the sphere's centre above the origin, in m."""
-    law: LawName = LawName.SLOTS
-    """How vehicles spread: by kept slots, by the article's forces, or by their neighbours."""
+    law: LawName = DEFAULT_LAW
+    """How vehicles spread: `slots`, `article`, `neighbours`, `flocking`, or a law of an installed package."""
 
 
 class OrbitSettings(Settings):

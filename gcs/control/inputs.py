@@ -6,7 +6,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.formation.law import LawSettings
+from gcs.formation.laws.settings import FlownLawSettings
 from gcs.formation.obstacles import Ellipse
 from gcs.formation.orbit import Center
 from gcs.model.jit import kernel
@@ -121,7 +121,7 @@ class FormationState:
 class ControlSettings(Settings):
     """Settings of law, safety filter and inner loop."""
 
-    law: LawSettings = LawSettings()
+    law: FlownLawSettings = FlownLawSettings()
     """Rates and limits of the law."""
     safety: SafetySettings = SafetySettings()
     """The safety filter, the last step before a setpoint leaves."""

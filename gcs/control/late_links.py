@@ -6,7 +6,7 @@ from typing import Final, TypeVar
 import numpy as np
 
 from gcs.control.inputs import ControlSettings
-from gcs.formation.law import LawSettings
+from gcs.formation.laws.protocol import RATES_S
 from gcs.model.settings import Settings
 from gcs.model.state import Array, Mask
 
@@ -22,10 +22,6 @@ LOOP_S: Final = 0.1
 
 STEP_S: Final = 0.1
 """The delay is rounded up to steps of this length, so that settings do not change with every sample."""
-
-
-RATES_S: Final = 0.2
-"""Greatest delay that the law's rates tolerate: beyond it they become slower as the delay grows."""
 
 
 KEPT_S: Final = 0.02
@@ -67,14 +63,15 @@ def _scaled(settings: Kind, names: Sequence[str], share: float) -> Kind:
     return settings.model_copy(update={name: share * getattr(settings, name) for name in names})
 
 
-def _slower(law: LawSettings, share: float) -> LawSettings:
-    """The law with these shares of its rates."""
-    forces = ("sphere_rate_per_s", "spreading_rate_per_s")
-    parts = {
-        "article": _scaled(law.article, forces, share),
-        "neighbours": _scaled(law.neighbours, forces, share),
-    }
-    return _scaled(law.model_copy(update=parts), ("slot_rate_per_s", "goal_rate_per_s"), share)
+SLOWER: Final = ("slot_rate_per_s", "goal_rate_per_s", "sphere_rate_per_s", "spreading_rate_per_s")
+"""Rates, as settings name them, that become slower with late links."""
+
+
+def _slower(settings: Kind, share: float) -> Kind:
+    """Settings of the law, or of one of its parts, with these shares of their rates."""
+    parts = {name: _slower(part, share) for name, part in settings if isinstance(part, Settings)}
+    rates = [name for name in SLOWER if name in type(settings).model_fields]
+    return _scaled(settings.model_copy(update=parts), rates, share)
 
 
 def for_late_links(control: ControlSettings, delay_s: float) -> ControlSettings:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gcs.control.courses import Courses
-from gcs.formation.neighbours import Belief
+from gcs.formation.laws.protocol import SlotsState
 from gcs.formation.orbit import Center
 from gcs.formation.route import Goal
 from gcs.model.state import Array, Mask
@@ -94,8 +94,6 @@ class Memory:
     yaw_rad: Array  # (n,) commanded, NaN where not commanded
     held_yaw_rad: Array  # (n,) at engagement
     engaged_time_s: Array  # (all,) when it joined the formation, NaN outside
-    place: Array  # (all, 3) slots for the next tick: unit vectors from the centre, NaN outside the formation
-    change: Array  # (all, 3) of the slots in the last sweep; of the other laws: the virtual velocity, m/s
     trim_m_s: Array  # (n, 3) correction of setpoints for wind, drag and the vehicle's own response
     expected_m_s: Array  # (n, 3) velocity relative to the centre's that each should have, NaN: not commanded
     pace: float  # share of the orbit's speed that the vehicles can keep up with
@@ -105,11 +103,25 @@ class Memory:
     number: int = 0  # of ticks so far
     spin_rad_s: float = 0.0  # of the formation now, on its way to the plan's
     detour: Detour | None = None  # of the formation's centre round obstacles, None without any
-    unfollowed_s: Array | None = (
-        None  # (all,) how long each vehicle did not move as expected; negative: its slot stays with it
-    )
-    belief: Belief | None = None  # (all, 3) each vehicle's estimate of the centre; law `neighbours`
+    law: str = ""  # whose state is kept
+    law_state: object = None  # as the law returned it
     routes: GoalRoutes | None = None  # (all,) to goals and slots, None while no vehicle is lost
+
+    @property
+    def slots(self) -> SlotsState | None:
+        """Slots for the next tick; None by a law without slots."""
+        return self.law_state if isinstance(self.law_state, SlotsState) else None
+
+    @property
+    def place(self) -> Array:
+        """(all, 3) slots for the next tick: unit vectors from the centre, NaN outside the formation."""
+        nowhere = np.full((len(self.engaged_time_s), 3), np.nan)
+        return nowhere if self.slots is None else self.slots.place
+
+    @property
+    def unfollowed_s(self) -> Array | None:
+        """(all,) how long each vehicle did not move as expected; negative: its slot stays with it."""
+        return None if self.slots is None else self.slots.unfollowed_s
 
     def of_own(self, count: int) -> "Memory":
         """The same with `count` rows (n,), which it has after its first tick."""
@@ -134,8 +146,6 @@ class Memory:
             yaw_rad=nothing,
             held_yaw_rad=nothing,
             engaged_time_s=nothing,
-            place=nowhere,
-            change=still,
             trim_m_s=still,
             expected_m_s=nowhere,
             pace=1.0,

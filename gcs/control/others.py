@@ -82,10 +82,12 @@ class Others:
                 ),
                 segments_of=np.concatenate([own_of[:lost], self.segments_of + n, own_of[lost:]]),
             )
-        unfollowed_s = np.zeros(n + k) if memory.unfollowed_s is None else memory.unfollowed_s
-        if self.slot_stays.any() or unfollowed_s[n:].any() or memory.unfollowed_s is None:
-            unfollowed_s = np.concatenate([unfollowed_s[:n], np.where(self.slot_stays, HELD_S, 0.0)])
-            memory = replace(memory, unfollowed_s=unfollowed_s)
+        if memory.slots is not None:
+            before_s = memory.unfollowed_s
+            unfollowed_s = np.zeros(n + k) if before_s is None else before_s
+            if self.slot_stays.any() or unfollowed_s[n:].any() or before_s is None:
+                unfollowed_s = np.concatenate([unfollowed_s[:n], np.where(self.slot_stays, HELD_S, 0.0)])
+                memory = replace(memory, law_state=replace(memory.slots, unfollowed_s=unfollowed_s))
         return (
             together,
             with_theirs,

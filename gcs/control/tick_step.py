@@ -10,21 +10,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from gcs.control.center import Lead, move_center
-from gcs.control.desired_velocity import Spread, desired_velocity, slots_m, spread
+from gcs.control.desired_velocity import desired_velocity
 from gcs.control.goal_routes import follow_routes
 from gcs.control.inputs import ControlSettings, FormationState, Task, Tasks, TickInputs
+from gcs.control.law_step import LawRunner, Spread, slots_m, spread
 from gcs.control.memory import GoalRoutes, Memory
 from gcs.control.others import Others
 from gcs.control.round_obstacles import round_obstacles
 from gcs.control.round_obstacles import warm_up as obstacles_warm_up
 from gcs.control.setpoint_shaping import ShapedSetpoints, shape_setpoints
 from gcs.formation.law import begun_yaw, desired_yaw_rad, turn_towards
+from gcs.formation.laws.registry import SHIPPED, law_of
 from gcs.formation.neighbours import Sight
 from gcs.formation.orbit import Center
 from gcs.formation.response import limit_change
 from gcs.formation.route import warm_up as routes_warm_up
 from gcs.model.jit import kernel
-from gcs.model.plan import Formation, LawName, Obstacle, Orbit, Plan
+from gcs.model.plan import Formation, Obstacle, Orbit, Plan
 from gcs.model.state import Array, FleetState, Mask, Setpoints, Traits, VehicleId
 from gcs.safety.answers import Answers, compared
 from gcs.safety.authority import Authority, measured, yielding
@@ -94,6 +96,7 @@ def tick(
     sight: Sight | None = None,
     others: Others | None = None,
     shared: FormationState | None = None,
+    runner: LawRunner | None = None,
     proposed_m_s: Array | None = None,
 ) -> Tick:
     """Compute every commanded vehicle's setpoint for the instant `fleet.time_s`.
@@ -105,9 +108,10 @@ def tick(
         traits: of these n.
         memory: of the previous tick, or fresh; of n + k rows where there are `others`.
         settings: gains and limits.
-        sight: what vehicles with the law `neighbours` received from each other; None: all that is in range.
+        sight: what vehicles received from each other, for a law that takes it; None: all that is in range.
         others: k vehicles that are flown elsewhere.
         shared: the formation as another flight computes it; None: this one computes it.
+        runner: computes the plan's law; None: it runs here.
         proposed_m_s: (n, 3) velocities instead of those of law and goals; NaN, and None: these.
     """
     now, mine, memory = _inputs(fleet, tasks, plan, traits, memory, settings, others, shared)
@@ -115,9 +119,9 @@ def tick(
     if authority.slow.any():
         now, mine = (replace(each, traits=authority.limit(each.traits)) for each in (now, mine))
     lead = move_center(now, memory, shared)
-    places = spread(now, lead, memory, sight, shared)
+    places = spread(now, lead, memory, sight, shared, runner)
     aims = _aims(now, memory, lead, places)
-    desired_m_s, knows_center = _desired(now, lead, places, aims), places.knows_center
+    desired_m_s, knows_center = _desired(now, lead, places, aims), places.answer.knows_center
     if proposed_m_s is not None:
         desired_m_s = np.where(np.isnan(proposed_m_s), desired_m_s, proposed_m_s)
         knows_center = False
@@ -146,7 +150,7 @@ def _inputs(
     if others is not None:
         pace = others.pace
         fleet, tasks, traits, memory = others.joined(fleet, tasks, traits, memory)
-    follows = shared is not None and plan.formation.law is LawName.SLOTS
+    follows = shared is not None and law_of(plan.formation.law).stations == "led"
     before_s = memory.time_s
     now = TickInputs.of(
         fleet, tasks, plan, traits, settings, before_s=before_s, own=count, follows=follows, pace=pace
@@ -203,7 +207,7 @@ def _remember(
     yaw: tuple[Array, Array],
 ) -> Memory:
     """State for the next tick."""
-    place, change = (places.place, places.change) if places.move_on is None else places.move_on()
+    law_state = places.answer.next_state()
     commanded_m_s, unfiltered_m_s, asked_m_s = _of_commanded(
         mine.commanded, sent.allowed_m_s, sent.reached_m_s, sent.desired_m_s, sent.yields
     )
@@ -219,8 +223,8 @@ def _remember(
         yaw_rad=yaw[0],
         held_yaw_rad=yaw[1],
         engaged_time_s=lead.engaged_time_s,
-        place=place,
-        change=change,
+        law=mine.plan.formation.law,
+        law_state=law_state,
         trim_m_s=trim_m_s,
         expected_m_s=expected_m_s,
         pace=pace,
@@ -230,8 +234,6 @@ def _remember(
         number=memory.number + 1,
         spin_rad_s=places.spin_rad_s,
         detour=lead.detour,
-        unfollowed_s=places.unfollowed_s,
-        belief=places.belief,
         routes=routes,
     )
 
@@ -412,6 +414,6 @@ def warm_up() -> None:
         finish(tick(fleet, tasks, replace(plan, obstacles=obstacles), traits, memory, settings))
     lost_m = np.array([[[6.0, 4.0, -20.0], [6.0, 4.0, 0.0]]])  # between a vehicle and its goal
     finish(tick(fleet, replace(tasks, segments_m=lost_m), plan, traits, memory, settings))
-    for law in LawName:
+    for law in SHIPPED:
         other = replace(plan, formation=replace(plan.formation, law=law))
         finish(tick(fleet, tasks, other, traits, memory, settings))

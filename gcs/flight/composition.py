@@ -13,6 +13,7 @@ from gcs.failsafe import triggers
 from gcs.flight.commands.commander import Commander
 from gcs.flight.commands.plan_editor import PlanEditor, RestoredPlan
 from gcs.flight.features import features_of
+from gcs.flight.laws.guard import LawGuard
 from gcs.flight.maneuvers.descent import Descent
 from gcs.flight.maneuvers.landing_places import LandingPlaces
 from gcs.flight.maneuvers.landings import Landings
@@ -32,6 +33,7 @@ from gcs.flight.state.ticker import TickClock
 from gcs.model.interrupted_flight import Interruption
 from gcs.planning import lost_space, silent_space
 from gcs.planning.return_paths import planner
+from gcs.service import ShowAction
 from gcs.shows.library import ShowLibrary
 from gcs.shows.service_rules import ServiceRules
 
@@ -62,6 +64,7 @@ class FlightParts:
         unix_minus_loop_s: Callable[[], float],
         clock_problem: Callable[[], str],
         interruption: Interruption | None,
+        law_wait_s: float | None = None,
     ) -> None:
         """Gives the flight its features as well.
 
@@ -73,9 +76,16 @@ class FlightParts:
             unix_minus_loop_s: this computer's clock minus the loop's; NaN: it is not to be trusted.
             clock_problem: why it is not; empty: it is.
             interruption: the flight that was interrupted before this service began.
+            law_wait_s: as of `LawProcess`.
         """
         targets = targets_of(flight, unix_minus_loop_s)
-        flight.features = features_of(flight, targets, unix_minus_loop_s)
+        self.guard = guard = LawGuard(
+            flight.in_force,
+            lambda: len(flight.vehicles) + flight.elsewhere.count,
+            1.0 / flight.config.tick_rate_hz,
+            law_wait_s,
+        )
+        flight.features = features_of(flight, targets, guard, unix_minus_loop_s)
         self.refusals = refusals = refusals_of(flight)
         places = landing_places_of(flight)
         self.maneuvers = maneuvers = maneuvers_of(flight, group, places)
@@ -88,6 +98,7 @@ class FlightParts:
         self.commands = commands = Commander(
             flight, refusals, places, maneuvers, player, self.preflight, planning, plans, interruption
         )
+        guard.pause = partial(commands.execute_show_failsafe, ShowAction.PAUSE)
         self.telemetry_monitor = telemetry_monitor_of(flight, maneuvers, commands)
         self.failsafe_monitor = failsafe_monitor_of(flight, player, clock, commands, maneuvers, targets)
         self.progress = show_progress_of(flight, maneuvers, commands, reader, self.failsafe_monitor, player)

@@ -5,6 +5,7 @@ from functools import partial
 
 import numpy as np
 
+from gcs.flight.laws.guard import LawGuard
 from gcs.flight.shows.lights import Lights
 from gcs.flight.state.corrections import Corrections
 from gcs.flight.state.feature import Feature
@@ -16,7 +17,9 @@ from gcs.model.lifecycle import AIRBORNE
 from gcs.model.state import Mask
 
 
-def features_of(flight: Flight, targets: Targets, unix_minus_loop_s: Callable[[], float]) -> list[Feature]:
+def features_of(
+    flight: Flight, targets: Targets, guard: LawGuard, unix_minus_loop_s: Callable[[], float]
+) -> list[Feature]:
     """Those of this flight, in the order in which they send."""
     newest, links, config = flight.newest, flight.links, flight.config
     return [
@@ -43,6 +46,7 @@ def features_of(flight: Flight, targets: Targets, unix_minus_loop_s: Callable[[]
             unix_minus_loop_s,
         ),
         Lights(newest, flight.vehicles, flight.show, links, config, lambda: flight.elsewhere.owned),
+        guard,
     ]
 
 

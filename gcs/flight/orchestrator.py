@@ -63,6 +63,7 @@ class Orchestrator:
         heart: Heart | None = None,
         planning: Executor | None = None,
         problems: Sequence[str] = (),
+        law_wait_s: float | None = None,
     ) -> None:
         """Sends nothing before `run`; must be created on the running event loop.
 
@@ -75,6 +76,7 @@ class Orchestrator:
             heart: receives a beat for every tick that came in time, and for no other.
             planning: executor for the return planner; None: a thread of its own, ended with `run`.
             problems: notices for the operator for as long as this service runs.
+            law_wait_s: for a law of another package, in true time; None: its budget. More in virtual time.
         """
         warm_up()
         loop = asyncio.get_running_loop()
@@ -111,7 +113,9 @@ class Orchestrator:
             partial(_utc_off_s, unix_s, loop.time, clock_problem),
             clock_problem,
             None if record is None else record.found,
+            law_wait_s,
         )
+        self._guard = parts.guard
         self.refusals, self.maneuvers, self.shows = parts.refusals, parts.maneuvers, parts.shows
         self.player, self.preflight, self.plan = parts.player, parts.preflight, parts.plan
         self.commands, self.recovery = parts.commands, parts.commands.recovery
@@ -143,6 +147,7 @@ class Orchestrator:
                     group.create_task(self._control(collect), name="control")
         finally:
             self.commands.close()
+            self._guard.close()
             self._planning.shutdown(wait=False, cancel_futures=True)
             await self.shows.close()
 
@@ -228,7 +233,8 @@ class Orchestrator:
             flight.newest.memory,
             flight.control_now,
         )
-        return tick(*now, None, flight.elsewhere.others, flight.elsewhere.shared())
+        elsewhere = flight.elsewhere
+        return tick(*now, None, elsewhere.others, elsewhere.shared(), runner=self._guard.runner)
 
     @property
     def _control_alive(self) -> bool:

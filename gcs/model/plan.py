@@ -16,6 +16,8 @@ from pydantic import Field, TypeAdapter
 from gcs.model.errors import InvalidError
 from gcs.model.settings import PUBLISHED
 
+DEFAULT_LAW: Final = "slots"
+
 MAX_OBSTACLES = 32
 """Limit, because every tick checks each obstacle, and every landing checks each for every landing site."""
 
@@ -25,14 +27,6 @@ class Direction(StrEnum):
 
     CLOCKWISE = "clockwise"
     COUNTERCLOCKWISE = "counterclockwise"
-
-
-class LawName(StrEnum):
-    """The law of the formation: slots that are kept, the article's forces, or each vehicle's neighbours."""
-
-    SLOTS = "slots"
-    ARTICLE = "article"
-    NEIGHBOURS = "neighbours"
 
 
 class YawPolicy(StrEnum):
@@ -61,14 +55,14 @@ def require_positive(**values: float) -> None:
 class Formation:
     """The virtual sphere: its radius, its centre's height above the show's origin, its rotation, its law.
 
-    It rotates about the vertical; a positive `spin_rad_s` is clockwise seen from above. The law changes on
-    the ground only.
+    It rotates about the vertical; a positive `spin_rad_s` is clockwise seen from above. The law is one of
+    `gcs.formation.laws.registry`, and changes on the ground only.
     """
 
     radius_m: float
     height_m: float
     spin_rad_s: float = 0.0
-    law: LawName = LawName.SLOTS
+    law: str = DEFAULT_LAW
 
     def __post_init__(self) -> None:
         require_positive(radius_m=self.radius_m)

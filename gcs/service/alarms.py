@@ -69,6 +69,7 @@ class AlarmCause(StrEnum):
     TAK_NOT_SENT = "tak-not-sent"
     OBSTACLE_NEAR = "obstacle-near"
     OBSTACLE_WAITS = "obstacle-waits"
+    LAW_FAILED = "law-failed"
     NO_HEADWAY = "no-headway"
     NO_WAY = "no-way"
     RADIUS_SMALL = "radius-small"
@@ -343,6 +344,13 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
     ),
     AlarmCause.OBSTACLE_WAITS: CauseRow(
         C, "Obstacle of the show does not stand yet", "Keep vehicles clear of it, or pause the show."
+    ),
+    AlarmCause.LAW_FAILED: CauseRow(
+        W,
+        "Law {about} failed",
+        "Let all return home: the return does not need it. Choose another law on the ground.",
+        action=X.STOP,
+        past="Law {about} had failed",
     ),
     AlarmCause.NO_HEADWAY: CauseRow(
         C,

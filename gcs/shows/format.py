@@ -11,7 +11,8 @@ from pydantic import AfterValidator, Discriminator, Field, StrictInt, StrictStr,
 
 from gcs.config.sections import OrbitSettings, ShowFrameSettings
 from gcs.control import ControlSettings
-from gcs.model.plan import MAX_OBSTACLES, Direction, LawName
+from gcs.formation.laws.registry import LawName
+from gcs.model.plan import DEFAULT_LAW, MAX_OBSTACLES, Direction
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array
 from gcs.safety.fenced_areas import FencedArea
@@ -227,7 +228,7 @@ class Show(Settings):
     fleet: Fleet
     limits: ShowLimits = ShowLimits()
     fence: ShowFence
-    law: LawName = LawName.SLOTS  # of the formation, for the whole show
+    law: LawName = DEFAULT_LAW  # of the formation, for the whole show
     timeline: Annotated[tuple[Cue, ...], Field(min_length=1, max_length=MAX_CUES)]
     loops: tuple[Loop, ...] = ()
     duration_s: Positive  # as written, loops played once

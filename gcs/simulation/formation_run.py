@@ -6,9 +6,10 @@ import numpy as np
 
 from gcs.control import Task
 from gcs.formation.following import FAR_M, fleet_limits
+from gcs.formation.laws.registry import law_of
 from gcs.formation.neighbours import Sight
 from gcs.model.errors import RefusedError
-from gcs.model.plan import Formation, LawName, Obstacle, Orbit, Plan, Target
+from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array
 from gcs.safety.near_traffic import NearTraffic
 from gcs.simulation import initial_states as layout
@@ -98,7 +99,7 @@ class FormationRun(SimulatedFlight):
             or flight.leave_share
         )
         only_assembles = self._target_stands and flight.ending == "none" and not changes
-        self.stands = only_assembles and flight.law is LawName.SLOTS and not orbit.radius_m
+        self.stands = only_assembles and law_of(flight.law).has_slots and not orbit.radius_m
 
     def before_tick(self) -> None:
         flight, now_s = self.flight, self.time_s

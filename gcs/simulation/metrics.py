@@ -9,6 +9,8 @@ import scipy
 from numpy.typing import NDArray
 
 from gcs.config.sections import OperationSettings
+from gcs.formation.laws.protocol import GoalShape
+from gcs.formation.laws.registry import law_of
 from gcs.model.state import Array, Mask
 from gcs.safety.filter import Limits
 from gcs.simulation.article import ArticleFigures, article_figures
@@ -248,11 +250,17 @@ def formation(record: FlightRecord, shape: Shape) -> FormationFigures:
         )
     whole = [t for t in ticks if record.formed[t].sum() == rows.sum()]
     offset_m = [record.position_m[t][record.formed[t]] - record.center_m[t] for t in whole]
+    goal = goal_of(record)
     off_m = [
-        np.abs(np.linalg.norm(each_m, axis=1) - record.radius_m[t])
-        for t, each_m in zip(whole, offset_m, strict=True)
+        _off_shape_m(goal, each_m, record.radius_m[t]) for t, each_m in zip(whole, offset_m, strict=True)
     ]
     radius_error_m = float(np.mean(off_m, axis=0).max())
+    if goal is not GoalShape.SPHERE:
+        return FormationFigures(
+            radius_error_m=rounded(radius_error_m),
+            radius_share=rounded(radius_error_m / record.radius_m[ticks[-1]], 5),
+            rest_m_s=rounded(_moving_m_s(record, ticks)),
+        )
     return FormationFigures(
         settled=settle_s is not None,
         settle_time_s=rounded(settle_s),
@@ -265,6 +273,24 @@ def formation(record: FlightRecord, shape: Shape) -> FormationFigures:
         rest_m_s=rounded(_moving_m_s(record, ticks)),
         spread_again_s=rounded(_spread_again_s(record, shape)),
     )
+
+
+def _off_shape_m(goal: GoalShape, offset_m: Array, radius_m: float) -> Array:
+    """(n,) distances of vehicles at (n, 3) from the centre from the shape; NaN for other shapes."""
+    if goal is GoalShape.SPHERE:
+        off_m: Array = np.abs(np.linalg.norm(offset_m, axis=1) - radius_m)
+    elif goal is GoalShape.RING:
+        level_m = np.hypot(offset_m[:, 0], offset_m[:, 1])
+        off_m = np.hypot(level_m - max(radius_m, float(level_m.mean())), offset_m[:, 2])
+    else:
+        off_m = np.full(len(offset_m), np.nan)
+    return off_m
+
+
+def goal_of(record: FlightRecord) -> GoalShape:
+    """The shape in which the law of a flight ends."""
+    flight = record.scenario.flight
+    return law_of(flight.law).goal_shape if isinstance(flight, FormationFlight) else GoalShape.SPHERE
 
 
 def _centered(record: FlightRecord, tick: int) -> Array:
@@ -606,6 +632,14 @@ class ActedFailsafe:
     action: str
 
 
+@dataclass(frozen=True, slots=True)
+class LawFailed:
+    """When a law of another package was relied on no more, and why."""
+
+    time_s: float
+    why: str
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightMetrics:
     """All figures of one flight. None: a flight of this kind has no such section."""
@@ -625,6 +659,8 @@ class FlightMetrics:
     tick: TickFigures
     traffic: TrafficFigures | None = None
     failsafes: tuple[ActedFailsafe, ...] | None = None
+    goal_shape: str | None = None  # of a law that ends in no sphere
+    law_failed: LawFailed | None = None  # when the law was relied on no more
 
     def figures(self) -> dict[str, object]:
         """The same as one JSON object, as `gcs simulate --json` prints it, without absent sections."""
@@ -644,6 +680,8 @@ def metrics(record: FlightRecord) -> FlightMetrics:
         traffic=None if record.passages is None else crossing_figures(record.passages),
         failsafes=tuple(ActedFailsafe(rounded(when_s), why, what) for when_s, why, what in record.failsafes)
         or None,
+        goal_shape=None if goal_of(record) is GoalShape.SPHERE else goal_of(record).value,
+        law_failed=None if record.law_failed is None else LawFailed(*record.law_failed),
     )
 
 

@@ -64,6 +64,7 @@ class FlightRecord:
     # closed to it
     slot_m: Array = field(init=False)  # (n, 3) the newest slots, where `off_slot_m` has distances
     passages: list[Passage] | None = None  # of traffic; None: there is none
+    law_failed: tuple[float, str] | None = None  # when the law was relied on no more, and why
     failsafes: list[tuple[float, str, str]] = field(default_factory=list)  # time, cause, action
     orbit_radius_m: float = 0.0
     busy_s: float = 0.0  # processor time of the whole flight

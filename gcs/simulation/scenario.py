@@ -14,10 +14,11 @@ from gcs.config.yaml_files import Source
 from gcs.control import ControlSettings
 from gcs.failsafe.policy import FailsafePolicy
 from gcs.formation.article import ArticleParameters
+from gcs.formation.laws.registry import LawName, law_of
 from gcs.formation.obstacles import AvoidanceSettings
 from gcs.links.autopilots import AUTOPILOTS, DEFAULT
 from gcs.model.errors import ConfigError, quoted
-from gcs.model.plan import MAX_OBSTACLES, LawName
+from gcs.model.plan import DEFAULT_LAW, MAX_OBSTACLES
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.traffic import Cylinder
 from gcs.shows.format import StandingBox
@@ -254,8 +255,8 @@ class FormationFlight(Settings):
     carried: Carried | None = None
     ending: Literal["none", "return", "descend", "hold", "land"] = "none"
     ending_s: NotNegative = 0.0
-    law: LawName = LawName.SLOTS
-    radio: Radio | None = None  # None: the law `neighbours` is computed on the ground
+    law: LawName = DEFAULT_LAW
+    radio: Radio | None = None  # None: the law is computed on the ground
     charges: tuple[Positive, ...] = (1.0,)  # vehicle by vehicle, repeated from the first
     speeds_m_s: tuple[Positive, ...] = ()  # likewise each vehicle's own limit; empty: only the fleet's
 
@@ -390,7 +391,7 @@ class Scenario(Settings):
             for what, when_s in (("change_s", flight.change_s), ("ending_s", flight.ending_s)):
                 if when_s >= self.duration_s:
                     raise ValueError(f"flight.{what} = {when_s:g}: before duration_s = {self.duration_s:g}")
-            if flight.radio is not None and flight.law is not LawName.NEIGHBOURS:
+            if flight.radio is not None and not law_of(flight.law).takes_sight:
                 raise ValueError("flight.radio: its messages are for law: neighbours")
             if flight.random_obstacles is not None and flight.start != "sphere":
                 raise ValueError("flight.random_obstacles: the formation flies at once, so start: sphere")

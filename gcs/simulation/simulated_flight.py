@@ -12,9 +12,12 @@ from numpy.typing import NDArray
 from gcs.config.sections import OperationSettings
 from gcs.control import ControlSettings, Memory, Task, Tasks, ellipses_of, tick, warm_up
 from gcs.control.late_links import fleet_delay_s, for_late_links
+from gcs.control.law_step import LawRunner
 from gcs.failsafe.policy import Action
 from gcs.flight.commands.commander import STOPS_WITHIN_S
+from gcs.flight.laws.process import BEGINS_S, LawProcess
 from gcs.flight.state.ticker import garbage_between_ticks
+from gcs.formation.laws.registry import SHIPPED
 from gcs.formation.neighbours import Sight
 from gcs.model.errors import ConfigError
 from gcs.model.plan import Obstacle, Plan
@@ -72,6 +75,20 @@ def over_links(scenario: Scenario) -> ControlSettings:
     return for_late_links(scenario.control, fleet_delay_s(np.array([delay_s]), np.ones(1, np.bool_)))
 
 
+LAW_WAIT_S: Final = 0.5
+"""How long a flight in virtual time waits for each answer of a law, in true time."""
+
+
+def law_process(name: str, settings: ControlSettings, count: int, tick_s: float) -> LawProcess:
+    """The process of a law that is not shipped. Raises: ConfigError when it does not begin."""
+    law = LawProcess(name, settings.law.given(name), count, tick_s, LAW_WAIT_S)
+    law.begin(BEGINS_S)
+    if not law.ready:
+        law.close()
+        raise ConfigError(f"law {name}: {law.failed or 'it did not begin'}")
+    return law
+
+
 class SimulatedFlight:
     """Base of all simulated flights: receive telemetry, tick, send setpoints, record the true states."""
 
@@ -114,6 +131,10 @@ class SimulatedFlight:
         self.memory = Memory.fresh(n, 0.0)
         alike = Traits.alike(n, layout.reported_uncertainty_m(scenario))
         self.traits = replace(alike, response=responses(scenario.world, n))
+        if scenario.divided.count > 1 and plan.formation.law not in SHIPPED:
+            text = "several flights fly a law that is shipped only"
+            raise ConfigError(f"{scenario.name}: law {plan.formation.law}: {text}")
+        self.law: LawProcess | None = None  # of a law that is not shipped, once the flight has begun
         self.decided: Decided | None = None  # by the newest tick
         self.proposed_m_s: Array | None = None  # (n, 3) for those that are `steered`; None: none are
         self._decider: Decider | None = None
@@ -147,6 +168,8 @@ class SimulatedFlight:
                 if on_progress is not None:
                     on_progress(self.share_flown())
         self.record.busy_s = time.process_time() - began_s
+        if self.law is not None:
+            self.law.close()
         return self.record
 
     def get_ready(self) -> None:
@@ -224,7 +247,7 @@ class SimulatedFlight:
             self.world.in_air & self.present & ~self.losses.known,
             self.descending.copy(),
             self.losses.segments_m.copy(),
-            center_moves=self.center_moves and not paused,
+            center_moves=self.center_moves and not paused and not (self.law and self.law.failed),
             formation_waits=paused,
             follows_planned_path=self._follows_planned_path(),
             segments_of=self.losses.segments_of,
@@ -256,11 +279,23 @@ class SimulatedFlight:
             self.memory,
             self.settings,
             sight,
+            runner=self._runner(),
             proposed_m_s=proposed_m_s,
         )
         memory = result.memory
         took_s = time.thread_time() - began_s
+        if self.law is not None and self.law.failed and self.record.law_failed is None:
+            self.record.law_failed = round(self.time_s, 3), self.law.failed
         return Decided(result.setpoints, memory, result.limited_by, (took_s,))
+
+    def _runner(self) -> LawRunner | None:
+        """What computes a law that is not shipped. Raises: ConfigError when its process does not begin."""
+        name = self.plan.formation.law
+        if name in SHIPPED:
+            return None
+        if self.law is None:
+            self.law = law_process(name, self.settings, len(self.task), self.world.tick_s)
+        return self.law.velocity
 
     def _mind_failsafes(self, fleet: FleetState) -> None:
         """Execute what the service's failsafes request, as the commander does."""

@@ -137,6 +137,7 @@ class SimulatedStations:
     def _of_all(self) -> Memory:
         """The memories of all stations as one: of each vehicle what its own station keeps."""
         first = self._stations[0].memory
+        slots = first.slots
         unfollowed_s = None if first.unfollowed_s is None else self._column("unfollowed_s")
         return replace(
             first,
@@ -146,9 +147,8 @@ class SimulatedStations:
             setpoint_m_s=self._column("setpoint_m_s"),
             yaw_rad=self._column("yaw_rad"),
             engaged_time_s=self._column("engaged_time_s"),
-            place=self._column("place"),
             expected_m_s=self._column("expected_m_s"),
-            unfollowed_s=unfollowed_s,
+            law_state=slots and replace(slots, place=self._column("place"), unfollowed_s=unfollowed_s),
         )
 
     def _column(self, name: str) -> Array:

@@ -155,6 +155,10 @@ class FlownTrack:
         return commanded / (len(self.samples) * period_s)
 
 
+LAW_WAIT_S = 0.3
+"""How long a tick waits for a law of another package, in true time."""
+
+
 class VirtualShow:
     """A running service and its fake fleet, as a story gets them."""
 
@@ -408,7 +412,9 @@ class VirtualFlight:
         for failure in failures:
             link.failures.put_nowait(failure)
         links: list[Link] = [link]
-        orchestrator = Orchestrator(plan, links, record, unix_s=unix, heart=heart, planning=planning)
+        orchestrator = Orchestrator(
+            plan, links, record, unix_s=unix, heart=heart, planning=planning, law_wait_s=LAW_WAIT_S
+        )
         show = VirtualShow(plan, fleet, link, orchestrator, unix, planning)
         services = {
             asyncio.create_task(show.service.run(), name="service"),

@@ -13,7 +13,7 @@ from typing import TypeAlias
 import numpy as np
 
 from gcs.model.errors import GcsError
-from gcs.model.plan import LawName, Obstacle
+from gcs.model.plan import Obstacle
 from gcs.shows.formats import write_drawing
 from tests.sitl.sitl_flight import SitlFlight
 from tests.sitl.sitl_service import ServiceError
@@ -61,20 +61,20 @@ def radius(flight: SitlFlight) -> None:
 
 def law_slots(flight: SitlFlight) -> None:
     """Start under the law of the configurations."""
-    _under(flight, LawName.SLOTS)
+    _under(flight, "slots")
 
 
 def law_article(flight: SitlFlight) -> None:
     """Start under the law as the article prints it."""
-    _under(flight, LawName.ARTICLE)
+    _under(flight, "article")
 
 
 def law_neighbours(flight: SitlFlight) -> None:
     """Start under the law that knows the neighbours only."""
-    _under(flight, LawName.NEIGHBOURS)
+    _under(flight, "neighbours")
 
 
-def _under(flight: SitlFlight, law: LawName) -> None:
+def _under(flight: SitlFlight, law: str) -> None:
     """Choose the law, which only the ground allows, start, and judge the shape."""
     flight.client.change_formation(law=law)
     flight.say(f"law {law}")

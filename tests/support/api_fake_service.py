@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from gcs.formation.laws.registry import place_of
 from gcs.model.errors import InvalidError, RefusedError, UnknownError
 from gcs.model.frames import ShowFrame
 from gcs.model.interrupted_flight import InterruptedFlight, Offer
@@ -77,6 +78,7 @@ class FakePlan:
         self.reported: list[TargetFix] = []
 
     def set_formation(self, formation: Formation, fields: Sequence[str] = ()) -> None:
+        place_of(formation.law)
         least_m, count = 3.0 * sqrt(len(self._phases)), len(self._phases)
         if formation.radius_m < least_m:
             raise InvalidError(

@@ -295,7 +295,6 @@ export const texts = {
     now: "now",
     sphere: "Sphere",
     law: "Law",
-    laws: { slots: "slots", article: "article", neighbours: "neighbours" },
     radius: "Radius",
     height: "Height",
     orbit: "Orbit",

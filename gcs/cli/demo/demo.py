@@ -33,9 +33,11 @@ from gcs.config.sections import LinkSettings
 from gcs.config.site import station_config
 from gcs.control import warm_up
 from gcs.estimation.positioning import uncertainty_m
+from gcs.formation.laws.registry import allow_code
 from gcs.links.autopilots import AUTOPILOTS, DEFAULT
 from gcs.links.settings import SYSTEM_ID_MAX
 from gcs.model.errors import ConfigError, GcsError
+from gcs.model.plan import DEFAULT_LAW
 from gcs.model.state import Array
 from gcs.planning.feasibility import smallest_formation_radius_m
 from gcs.preflight.parameters import settings_of
@@ -101,6 +103,7 @@ def make_config(arguments: argparse.Namespace) -> configuration.Config:
     if not 2 <= count <= most:
         advice = "" if count < 2 or arguments.transport == "native" else "; --transport native bears more"
         raise ConfigError(f"--vehicles {count}: 2 to {most} is possible{advice}")
+    allow_code(Path.cwd())
     raw = configuration.load(configuration.find("demo")).model_dump()
     large = arguments.transport == "native"
     if large:
@@ -121,7 +124,11 @@ def make_config(arguments: argparse.Namespace) -> configuration.Config:
     spare, lowest_m = LARGE_SPHERE if large else SPHERE
     least_m = smallest_formation_radius_m(count, base.control.safety, _uncertainty_m(base, arguments))
     radius_m = max(base.formation.radius_m, least_m * spare)
-    raw["formation"] = {"radius_m": radius_m, "height_m": radius_m + lowest_m}
+    raw["formation"] = {
+        "radius_m": radius_m,
+        "height_m": radius_m + lowest_m,
+        "law": arguments.law or DEFAULT_LAW,
+    }
     fence = raw["control"]["safety"]["fence"]
     fence["height_max_m"] = max(fence["height_max_m"], 2.0 * radius_m + 30.0)
     config = configuration.Config.model_validate(raw)

@@ -36,6 +36,7 @@ from gcs.config.setting_errors import Misfit, explained
 from gcs.config.site import station_config
 from gcs.config.yaml_files import Source
 from gcs.flight.orchestrator import Heart, Orchestrator
+from gcs.formation.laws.registry import allow_code
 from gcs.links.batch_link import Link
 from gcs.links.mavsdk.link import MavsdkLink
 from gcs.links.native.link import NativeLink
@@ -362,6 +363,8 @@ def run_serve(arguments: argparse.Namespace) -> int:
         return supervisor.run(sys.argv[1:])
     save_memory()
     set_up_log(logging.WARNING if arguments.quiet else logging.INFO, arguments.station)
+    if arguments.allow_law_code:
+        allow_code(configuration.find(arguments.config).parent)
     config, site = load_here(arguments.config, arguments.station)
     if config.stations:
         names = ", ".join(each.name for each in config.stations)
@@ -387,6 +390,8 @@ def _run_all(arguments: argparse.Namespace) -> int:
     if arguments.port is not None:
         raise ConfigError(f"--port {arguments.port}: with --all each station has an api.port of its own")
     path = configuration.find(arguments.config)
+    if arguments.allow_law_code:
+        allow_code(path.parent)
     names = [each.name for each in configuration.load(path).stations]
     if not names:
         raise ConfigError(f"{path}: it has no stations, so leave --all out")

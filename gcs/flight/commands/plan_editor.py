@@ -13,6 +13,7 @@ from gcs.flight.state.newest import InForce, Newest
 from gcs.flight.state.show_state import ShowState
 from gcs.flight.state.targets import Targets
 from gcs.flight.state.vehicle import FlightVehicles, Vehicle
+from gcs.formation.laws.registry import place_of
 from gcs.model.errors import GcsError, RefusedError, UnknownError
 from gcs.model.interrupted_flight import TAKEN_OVER_FROM, Interruption, Offer
 from gcs.model.lifecycle import ON_THE_GROUND, Phase
@@ -60,7 +61,8 @@ class PlanEditor:
         self.show_player.need_free("formation")
         was = self.in_force.plan.formation
         formation = _changed(was, formation, fields)
-        if formation.law is not was.law:
+        if formation.law != was.law:
+            place_of(formation.law)
             self.show.need_no_countdown()
             self.show_player.need_ground("change the law")
             if formation == replace(

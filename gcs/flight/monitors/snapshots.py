@@ -77,7 +77,7 @@ def fleet_view(
         countdown_s=None if start_unix_s is None else max(0.0, start_unix_s - unix_time_s),
         failsafes=tuple(failsafes),
         alarms=tuple(alarms),
-        features=Features(**{each.name: each.view(flight.instant) for each in flight.features}),  # type: ignore[arg-type]
+        features=Features(**{each.name: each.view(flight.instant) for each in flight.features if each.name}),  # type: ignore[arg-type]
     )
 
 

@@ -28,7 +28,7 @@ class Feature:
     """One of them; what it does not need stays as it is here."""
 
     name: str
-    """Its field of `gcs.service.features.Features`."""
+    """Its field of `gcs.service.features.Features`; empty: it reports nothing there."""
 
     intakes: Sequence[Intake] = ()
     """What bounds its input."""

@@ -34,6 +34,8 @@ from gcs.flight.state.show_state import ShowState
 from gcs.flight.state.timecode import Timecode
 from gcs.flight.state.uncontrolled_space import UncontrolledSpace
 from gcs.flight.state.vehicle import SHOW_FLIES, FlightVehicles, Vehicle
+from gcs.formation.laws.protocol import GoalShape
+from gcs.formation.laws.registry import law_of
 from gcs.formation.repulsion import NEAREST_FACTOR, NEAREST_FACTOR_FEW
 from gcs.links import Command, ParameterValue
 from gcs.links.autopilots.versions import Version
@@ -41,7 +43,6 @@ from gcs.links.batch_link import Link
 from gcs.links.intake import Intake
 from gcs.model.errors import CommandError
 from gcs.model.lifecycle import AIRBORNE, GROUNDED, ON_THE_GROUND, Phase, ShowPhase
-from gcs.model.plan import LawName
 from gcs.model.preflight_report import Exclusion
 from gcs.model.response import FLIES_ON_S, FleetResponse
 from gcs.model.setpoint_loss import FleetWithoutSetpoints, WithoutSetpoints
@@ -81,6 +82,15 @@ FLIES = AIRBORNE | {Phase.PILOT}
 
 NOT_CHOSEN: Final = "not chosen"
 """Why a vehicle does not fly where a start named others."""
+
+
+def in_shape(shape: GoalShape, offset_m: Array, radius_m: float, charge: Array) -> bool:
+    """Whether vehicles at (n, 3) from the centre, n >= 1, are where the law leads; True for other shapes."""
+    if shape is GoalShape.SPHERE:
+        return stands(offset_m, radius_m, charge)
+    level_m = np.hypot(offset_m[:, 0], offset_m[:, 1])
+    off_m = np.hypot(level_m - max(radius_m, float(level_m.mean())), offset_m[:, 2])
+    return shape is not GoalShape.RING or bool((off_m < ASSEMBLED_M + ASSEMBLED_SHARE * radius_m).all())
 
 
 def stands(offset_m: Array, radius_m: float, charge: Array, spread: float = SPREAD_SHARE) -> bool:
@@ -476,7 +486,7 @@ class Flight:
         return lowest_beside_m(here_m, goal_m)
 
     def assembled(self) -> bool:
-        """Whether the formation's vehicles are on the sphere and spread over all of it.
+        """Whether the formation's vehicles are where its law leads: on the sphere and spread over all of it.
 
         The leading flight decides for all: vehicles that pass the space of lost ones are never spread evenly.
         """
@@ -492,11 +502,12 @@ class Flight:
         here_m = np.concatenate([self.newest.state.position_m[rows], their_m])
         charge = np.concatenate([self.newest.traits.charge[rows], their_charge])
         on_sphere = here_m - center.position_m, radius_m, charge
-        now_s = self.newest.state.time_s
-        self._stands_since_s = min(self._stands_since_s, now_s) if stands(*on_sphere) else np.inf
-        if self.in_force.plan.formation.law is LawName.SLOTS or now_s - self._stands_since_s >= SETTLES_S:
+        now_s, law = self.newest.state.time_s, law_of(self.in_force.plan.formation.law)
+        shaped = in_shape(law.goal_shape, *on_sphere)
+        self._stands_since_s = min(self._stands_since_s, now_s) if shaped else np.inf
+        if law.has_slots or now_s - self._stands_since_s >= SETTLES_S:
             return self._stands_since_s <= now_s
-        return stands(*on_sphere, SPREAD_EVENLY)
+        return law.goal_shape is GoalShape.SPHERE and stands(*on_sphere, SPREAD_EVENLY)
 
     def tasks(self) -> Tasks:
         """What every vehicle has to do in this tick."""

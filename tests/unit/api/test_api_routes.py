@@ -7,7 +7,7 @@ from gcs.api.schemas import convert
 from gcs.api.schemas import fleet as schemas
 from gcs.cli.status import board
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.model.plan import Direction, Formation, LawName, YawPolicy
+from gcs.model.plan import Direction, Formation, YawPolicy
 from gcs.service import Features, Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause, Condition
 from gcs.service.features import CorrectionsView
@@ -352,10 +352,10 @@ def test_an_obstacle_cannot_be_renamed_by_changing_it(api: Api) -> None:
 def test_the_law_is_chosen_by_name(api: Api) -> None:
     assert api("GET", "/api/v1/formation").json()["law"] == "slots"
     assert api("PATCH", "/api/v1/formation", json={"law": "article"}).json()["law"] == "article"
-    assert api.service.plan.current.formation == Formation(10.0, 20.0, law=LawName.ARTICLE)
+    assert api.service.plan.current.formation == Formation(10.0, 20.0, law="article")
     answer = api("PATCH", "/api/v1/formation", json={"law": "gravity"})
     assert answer.status_code == 422
-    assert "'slots', 'article' or 'neighbours'" in answer.json()["problems"][0]["allowed"]
+    assert "one of slots, article, neighbours" in answer.json()["problems"][0]["allowed"]
 
 
 def test_corrections_report_their_age_and_base() -> None:

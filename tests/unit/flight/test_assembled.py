@@ -11,7 +11,6 @@ from gcs.control import Memory, Task
 from gcs.flight.state.flight import SETTLES_S, Flight, stands
 from gcs.formation.orbit import Center
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.model.plan import LawName
 from gcs.model.state import Array, FleetState, Telemetry
 from gcs.simulation.reference_shapes import best
 from tests.support.silent_link import SilentLink
@@ -93,7 +92,7 @@ def test_sphere_without_slots_is_stable_when_spread_evenly() -> None:
     assert subject.assembled(), "the slots are kept from the first"
     subject = at(flight(2), CENTER_M + RADIUS_M * apart)
     subject.in_force.plan = replace(
-        subject.in_force.plan, formation=replace(subject.in_force.plan.formation, law=LawName.ARTICLE)
+        subject.in_force.plan, formation=replace(subject.in_force.plan.formation, law="article")
     )
     assert not subject.assembled()
     subject.newest.state = replace(subject.newest.state, time_s=SETTLES_S)

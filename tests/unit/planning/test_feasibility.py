@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from gcs.control import ControlSettings
-from gcs.formation.law import LawSettings
+from gcs.formation.laws.settings import FlownLawSettings
 from gcs.formation.obstacles import AvoidanceSettings
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle, Orbit, Plan, Target
@@ -31,7 +31,7 @@ SAFETY = SafetySettings(
     fence=Fence(height_min_m=3.0, height_max_m=100.0, distance_max_m=300.0),
 )
 CONTROL = ControlSettings(
-    safety=SAFETY, law=LawSettings(center_speed_max_m_s=4.0, center_acceleration_max_m_s2=1.0)
+    safety=SAFETY, law=FlownLawSettings(center_speed_max_m_s=4.0, center_acceleration_max_m_s2=1.0)
 )
 AVOIDANCE = AvoidanceSettings(margin_m=2.0, headroom_m=3.0, near_m=3.0)
 

@@ -13,7 +13,7 @@ import pytest
 
 from gcs.model.errors import GcsError, InvalidError, LinkError, Problem, RefusedError, ShowError, UnknownError
 from gcs.model.interrupted_flight import Offer
-from gcs.model.plan import Direction, Formation, LawName, Obstacle, Orbit, Target, Yaw, YawPolicy
+from gcs.model.plan import Direction, Formation, Obstacle, Orbit, Target, Yaw, YawPolicy
 from gcs.model.target_fix import TargetFix
 from gcs.service import CALLER, Call, FleetView, ShowAction, VehicleAction
 from gcs.service.remote import RemoteService
@@ -31,7 +31,7 @@ CALLS: dict[str, dict[str, Any]] = {
     "audit.call": {"call": Call("crew", "POST", "/api/v1/show/start", '{"a": "ä\u2028"}', 202)},
     "audit.kept": {},
     "plan.current": {},
-    "plan.set_formation": {"formation": Formation(10.5, 20.0, -0.125, LawName.ARTICLE)},
+    "plan.set_formation": {"formation": Formation(10.5, 20.0, -0.125, "article")},
     "plan.set_orbit": {"orbit": Orbit(3.0, 1.5, Direction.CLOCKWISE)},
     "plan.set_target": {"target": Target(1.0, 2.0, 0.1, 0.2, 12345.678901234567)},
     "plan.select_target": {"name": "boat"},

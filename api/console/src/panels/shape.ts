@@ -93,7 +93,7 @@ export function shape(state: State, actions: PanelActions): TemplateResult {
     ${section(state, actions, "formation", t.sphere, [
       { field: "formation:radius_m", label: t.radius, unit: "m", value: fixed(formation.radius_m), now: moving(formation.radius_m, frame?.radius_m ?? formation.radius_now_m) },
       { field: "formation:height_m", label: t.height, unit: "m", value: fixed(formation.height_m), now: moving(formation.height_m, frame?.center_m?.[2] ?? formation.height_now_m) },
-    ], html`<p class="hint" data-testid="law">${t.law}: ${t.laws[formation.law]}</p>`)}
+    ], html`<p class="hint" data-testid="law">${t.law}: ${formation.law}</p>`)}
     ${section(state, actions, "target", t.target, [
       { field: "target:x_m", label: "x", unit: "m", value: fixed(target_m[0]) },
       { field: "target:y_m", label: "y", unit: "m", value: fixed(target_m[1]) },

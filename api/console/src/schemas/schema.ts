@@ -52,7 +52,7 @@ export interface components {
          * @description Cause of an alarm.
          * @enum {string}
          */
-        AlarmCause: "killed" | "terminated" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "land-now" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "target-lost" | "target-outruns" | "target-beyond" | "target-sources" | "target-near" | "target-no-room" | "traffic-manned" | "traffic-near" | "traffic-crowded" | "traffic-unknown" | "tak-not-sent" | "obstacle-near" | "obstacle-waits" | "no-headway" | "no-way" | "radius-small" | "uncertain-position" | "little-authority" | "slow-vehicle" | "slow-answers" | "height-differs" | "moved-on-pad" | "corrections-stopped" | "timecode" | "clock-doubtful" | "silent" | "poor-link" | "no-heartbeat" | "input-flooded" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
+        AlarmCause: "killed" | "terminated" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "land-now" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "target-lost" | "target-outruns" | "target-beyond" | "target-sources" | "target-near" | "target-no-room" | "traffic-manned" | "traffic-near" | "traffic-crowded" | "traffic-unknown" | "tak-not-sent" | "obstacle-near" | "obstacle-waits" | "law-failed" | "no-headway" | "no-way" | "radius-small" | "uncertain-position" | "little-authority" | "slow-vehicle" | "slow-answers" | "height-differs" | "moved-on-pad" | "corrections-stopped" | "timecode" | "clock-doubtful" | "silent" | "poor-link" | "no-heartbeat" | "input-flooded" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
         /** @description All alarms, and the overall severity. */
         AlarmList: {
             /** @description Lasting alarms before ended ones; the most severe first, of one severity the newest. */
@@ -375,7 +375,7 @@ export interface components {
         Formation: {
             height_m: number;
             height_now_m: number | null;
-            law: components["schemas"]["LawName"];
+            law: string;
             radius_m: number;
             radius_now_m: number | null;
         };
@@ -383,8 +383,8 @@ export interface components {
         FormationChange: {
             /** @description Height of the centre above the show's origin. */
             height_m?: number;
-            /** @description Changes on the ground only. */
-            law?: components["schemas"]["LawName"];
+            /** @description Name of a law, as `gcs law list` has them. It changes on the ground only. */
+            law?: string;
             /** @description Radius of the virtual sphere. */
             radius_m?: number;
         };
@@ -494,11 +494,6 @@ export interface components {
             /** @description The code that the first step returned. */
             code: string;
         };
-        /**
-         * @description The law of the formation: slots that are kept, the article's forces, or each vehicle's neighbours.
-         * @enum {string}
-         */
-        LawName: "slots" | "article" | "neighbours";
         /** @description Colours for the vehicles' own lights, summed over the links. */
         LightsView: {
             /** @description lights.driver; none: none are sent. */

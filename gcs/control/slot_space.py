@@ -1,106 +1,21 @@
-"""The slots on the sphere: begun with their vehicles, kept with those held, moved on between two ticks."""
+"""The space of lost vehicles, which the slots on the sphere leave."""
 
-from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs.control.inputs import TickInputs
-from gcs.control.memory import Memory
-from gcs.formation.law import begun, turned
 from gcs.formation.orbit import Center
-from gcs.formation.repulsion import sweep, sweeps_for
 from gcs.model.jit import kernel
 from gcs.model.state import TINY, Array
 from gcs.safety.walls import from_path_m
-
-HELD_S, SLOT_STAYS_S = 1.0, 3.0
-"""A vehicle that does not follow for the first time is held; its slot then stays with it for the second."""
-
-SLOW_SHARE, OFF_M = 0.4, 1.5
-"""A vehicle does not follow with less than this share of its expected speed, this far from its slot."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Formed:
-    """The s vehicles on the sphere, seen from the commanded centre."""
-
-    center: Center
-    position_m: Array  # (s, 3)
-    direction: Array  # (s, 3) from the centre
-    distance_m: Array  # (s,)
-    charge: Array  # (s,)
-    spin_rad_s: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Slots:
-    """The slots to which the vehicles fly now."""
-
-    place: Array  # (s, 3) unit vectors from the centre
-    change: Array  # (s, 3) as in Memory
-    unfollowed_s: Array  # (n,) as in Memory
-
-
-def laid(now: TickInputs, memory: Memory, formed: Formed, radius_m: float, shared: Array | None) -> Slots:
-    """Turn the slots with the formation, begin those of joining vehicles, and keep some with their vehicles.
-
-    `shared` are the slots (n, 3) that another station computes for the whole formation, at the time of this
-    tick, NaN where it has none.
-    """
-    places, changes = now.of_sphere(memory.place), now.of_sphere(memory.change)
-    if formed.spin_rad_s:
-        places, changes = (turned(each, formed.spin_rad_s * now.dt_s) for each in (places, changes))
-    if shared is not None:
-        shared_places = now.of_sphere(shared)
-        places, changes = np.where(np.isnan(shared_places), places, shared_places), np.zeros_like(changes)
-    joining = np.isnan(places[:, 0]).nonzero()[0]
-    if len(joining):
-        rows = now.sphere[joining]
-        places[joining] = begun(formed.direction[joining], now.fleet.ids, rows, now.settings.law)
-        changes[joining] = 0.0
-    unfollowed_s = np.zeros(len(now.formed)) if memory.unfollowed_s is None else memory.unfollowed_s.copy()
-    _keep_with_vehicles(
-        unfollowed_s,
-        places,
-        changes,
-        now.sphere,
-        formed.direction,
-        now.velocity_m_s,
-        memory.expected_m_s,
-        formed.center.velocity_m_s,
-        radius_m,
-        now.dt_s,
-    )
-    return Slots(places, changes, unfollowed_s)
-
-
-def moved_on(
-    now: TickInputs, formed: Formed, slots: Slots, radius_m: float, number: int
-) -> tuple[Array, Array]:
-    """(s, 3) slots and changes for the next tick: they repel each other, and leave lost vehicles' space.
-
-    Setpoints do not wait for it: call it after they have left. `number` is that of the tick.
-    """
-    law, direction, charge = now.settings.law, formed.direction, formed.charge
-    paths, sweeps = _lost_paths(now, formed.center), sweeps_for(len(direction), law.sweeps, number)
-    places, changes = sweep(slots.place, slots.change, direction, charge, sweeps, law.pull)
-    first = number * SEARCHES % max(len(places), 1)  # another in each tick
-    if paths and _move_out(places, radius_m, *paths, first):  # again, gently: each sweep leads them back in
-        pull, changes = max(law.pull, PULL_BESIDE_PATHS), np.zeros_like(changes)
-        places, changes = sweep(slots.place, changes, direction, charge, 1, pull)
-        _move_out(places, radius_m, *paths, first)
-    return places, changes
-
 
 SLOT_SPARE_M = 0.5
 """A slot is farther from the paths of lost vehicles than the filter keeps its vehicle, by this much."""
 
 AHEAD_S = np.array([0.0, 0.6, 1.2])
 """Slots are clear of these paths now and where the centre takes them in these times."""
-
-PULL_BESIDE_PATHS = 0.05
-"""`LawSettings.pull` while slots would lie in these paths: they come to rest only with their vehicles."""
 
 LOOK_M, LOOK_STEP_M, DIRECTIONS = 15.0, 0.25, 12
 """How far along the sphere a slot's way out is searched, how finely, and in how many directions."""
@@ -110,6 +25,24 @@ SEARCHES = 20
 
 The others stay where they are until it is their turn: the filter keeps their vehicles clear meanwhile.
 """
+
+
+class LostSpace:
+    """Implements `gcs.formation.laws.protocol.ClosedSpace`. Setpoints do not wait for it."""
+
+    def __init__(self, now: TickInputs, center: Center, radius_m: float, number: int) -> None:
+        """`number` is that of the tick."""
+        self._now, self._center, self._radius_m, self._number = now, center, radius_m, number
+
+    def move_out(self, place: Array) -> bool:
+        if self._paths is None:
+            return False
+        first = self._number * SEARCHES % max(len(place), 1)  # another in each tick
+        return _move_out(place, self._radius_m, *self._paths, first)
+
+    @cached_property
+    def _paths(self) -> tuple[Array, Array, Array, Array] | None:
+        return _lost_paths(self._now, self._center)
 
 
 def _lost_paths(now: TickInputs, center: Center) -> tuple[Array, Array, Array, Array] | None:
@@ -248,55 +181,3 @@ def _lack_m(
                 kept_m[0], kept_m[k] = kept_m[k], kept_m[0]
                 return lack_m
     return 0.0
-
-
-@kernel
-def _keep_with_vehicles(
-    unfollowed_s: Array,
-    places: Array,
-    changes: Array,
-    rows: NDArray[np.intp],
-    direction: Array,
-    velocity_m_s: Array,
-    expected_m_s: Array,
-    center_m_s: Array,
-    radius_m: float,
-    dt_s: float,
-) -> None:
-    """Update how long each vehicle has not moved as expected, and lay the slots of those held where they are.
-
-    A vehicle that something holds or carries does not come to its slot, so its slot comes to it, and the
-    others make room. After `SLOT_STAYS_S` the slot is free again: if the vehicle is, too, it follows.
-
-    Args:
-        unfollowed_s: (n,) as in Memory, changed.
-        places: (m, 3) slots of the vehicles on the sphere, changed.
-        changes: (m, 3) of the slots, changed.
-        rows: (m,) of these vehicles.
-        direction: (m, 3) to the vehicles.
-        velocity_m_s: (n, 3) measured.
-        expected_m_s: (own, 3) of the first rows, relative to the centre, NaN: not commanded.
-        center_m_s: (3,) velocity of the centre.
-        radius_m: of the sphere.
-        dt_s: since the previous tick.
-    """
-    slow = np.zeros(len(unfollowed_s), np.bool_)
-    for a in range(len(rows)):
-        i, off, along, enough = rows[a], 0.0, 0.0, 0.0
-        if i >= len(expected_m_s):
-            continue  # another station flies it
-        for k in range(3):
-            off += (places[a, k] - direction[a, k]) ** 2
-            along += (velocity_m_s[i, k] - center_m_s[k]) * expected_m_s[i, k]
-            enough += expected_m_s[i, k] ** 2
-        slow[i] = radius_m * np.sqrt(off) > OFF_M and along < SLOW_SHARE * enough
-    for i in range(len(unfollowed_s)):
-        before_s = unfollowed_s[i]
-        unfollowed_s[i] = min(before_s + dt_s, 0.0 if before_s < 0.0 else HELD_S)
-        if before_s >= 0.0 and not slow[i]:
-            unfollowed_s[i] = 0.0
-        if unfollowed_s[i] >= HELD_S:
-            unfollowed_s[i] = -SLOT_STAYS_S
-    for a in range(len(rows)):
-        if unfollowed_s[rows[a]] < 0.0:
-            places[a], changes[a] = direction[a], 0.0

@@ -1,0 +1,86 @@
+"""The process of one law: `python -m gcs.flight.laws.worker`, begun by `gcs.flight.laws.process` only.
+
+An error of the law ends it; its last line says which. So do too much memory, and a call without end.
+"""
+
+import json
+import os
+import resource
+import signal
+import sys
+import time
+import traceback
+from dataclasses import asdict, replace
+from mmap import mmap
+from pathlib import Path
+from types import TracebackType
+from typing import BinaryIO, Final
+
+import numpy as np
+
+from gcs.flight.laws.rows import ANSWER, Declared, line, received, table_in
+from gcs.formation.laws.conformance import sample
+from gcs.formation.laws.protocol import LawAnswer, LawInputs
+from gcs.formation.laws.registry import law_at
+
+MEMORY_MAX: Final = 256 * 2**20
+"""Bytes that a law may take beyond those of its process at the beginning."""
+
+STUCK_S: Final = 5.0
+"""A call that lasts longer ends the process, whoever began it."""
+
+
+def main() -> None:
+    place, folder, settings, memory_fd, size = sys.argv[1:]
+    answers = os.fdopen(os.dup(1), "wb", buffering=0)
+    os.dup2(2, 1)  # what the law prints is no answer
+
+    def report(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
+        frames = traceback.extract_tb(trace)
+        where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
+        answers.write(line({"error": f"{kind.__name__}: {str(error)[:200]}{where}"}))
+
+    sys.excepthook = report
+    if sys.platform == "linux":
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+    if folder:
+        sys.path.insert(0, folder)
+    memory = mmap(int(memory_fd), int(size))
+    _serve(place, json.loads(settings), sys.stdin.buffer, answers, memory)
+
+
+def _serve(place: str, values: object, requests: BinaryIO, answers: BinaryIO, memory: mmap) -> None:
+    law, table, before = law_at(place), table_in(memory), None
+    settings = law.settings.model_validate(values)
+    law.velocity(sample(5, settings))  # imports and compiles what is done at the first call
+    answers.write(line(asdict(Declared(law.goal_shape.value, law.adds_spin))))
+    _bound_memory()
+    for request in requests:
+        inputs = received(json.loads(request), table, before, settings)
+        signal.setitimer(signal.ITIMER_REAL, STUCK_S)
+        began_s = time.process_time()
+        answer = law.velocity(inputs)
+        before = replace(inputs, state=answer.next_state())
+        took_s = time.process_time() - began_s
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        answers.write(line(_put(answer, inputs, table) | {"took_s": took_s}))
+
+
+def _put(answer: LawAnswer, inputs: LawInputs, table: np.ndarray) -> dict[str, object]:
+    velocity_m_s, shape = np.asarray(answer.velocity_m_s, np.float64), (len(inputs.ids), 3)
+    if velocity_m_s.shape != shape:
+        return {"error": f"it returned an array of shape {velocity_m_s.shape}; {shape} is needed"}
+    table[: len(inputs.ids), ANSWER] = velocity_m_s
+    return {}
+
+
+def _bound_memory() -> None:
+    """Have the law get no more memory than `MEMORY_MAX` from now on."""
+    if sys.platform == "linux":
+        pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5])
+        most = pages * resource.getpagesize() + MEMORY_MAX
+        resource.setrlimit(resource.RLIMIT_DATA, (most, most))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,109 @@
+"""A law of another package is not trusted: whatever it does, all vehicles hold, and the filter is on."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from gcs.flight.laws.process import BEGINS_S, BUDGET_SHARE, LawProcess
+from gcs.formation.laws import registry
+from gcs.formation.laws.conformance import sample
+from gcs.formation.laws.protocol import NoSettings
+from gcs.model.lifecycle import ShowPhase
+from gcs.service import ShowAction
+from gcs.service.alarms import AlarmCause
+from gcs.simulation import Scenario
+from gcs.simulation import fly as simulate
+from gcs.testing.virtual_show import VirtualShow, fly, show_config
+from tests.support.hostile_laws import WELL_TICKS
+
+pytestmark = pytest.mark.long
+
+COUNT, TICK_S, HOLDS_WITHIN_S, STANDS_M_S, HELD_M = 20, 0.05, 0.5, 0.4, 0.5
+HOSTILE_S = WELL_TICKS * TICK_S
+
+REASONS = {
+    "SleepsASecond": "it took longer than 10 ms in 5 ticks",
+    "NeverReturns": "it took longer than 10 ms in 5 ticks",
+    "Fails": "ZeroDivisionError: no vehicle is left (hostile_laws.py, line ",
+    "NotANumber": "its velocity of d4 is [nan, nan, nan]",
+    "Infinite": "its velocity of d1 is [",
+    "WrongShape": "it returned an array of shape (19, 3); (20, 3) is needed",
+    "HundredToOnePoint": "it asks for 100 m/s, more than 2",
+    "Toggles": "it reverses a velocity 4 times within 8 ticks",
+    "TakesMemory": "MemoryError",
+    "EndsItsProcess": "its process ended",
+    "ChangesItsInputs": "ValueError: assignment destination is read-only",
+    "AnswersItself": "its process sends what is no answer",
+}
+
+
+@pytest.fixture(autouse=True)
+def _beside(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(registry, "_beside", [])
+    registry.allow_code(Path(__file__).parents[1] / "support")
+
+
+def assembly(law: str, duration_s: float) -> Scenario:
+    return Scenario.load("assembly").with_(law=f"hostile_laws:{law}", duration_s=duration_s)
+
+
+@pytest.mark.parametrize("law", REASONS)
+def test_all_hold_whatever_a_law_does(law: str) -> None:
+    flight = simulate(assembly(law, 6.0), COUNT, 3)
+    failed = flight.metrics.law_failed
+    assert failed is not None
+    assert failed.why.startswith(REASONS[law])
+    assert HOSTILE_S - TICK_S <= failed.time_s <= HOSTILE_S + HOLDS_WITHIN_S
+    speed_m_s = np.linalg.norm(flight.velocity_m_s, axis=2).max(axis=1)
+    assert speed_m_s[round((failed.time_s + 1.5) / TICK_S) :].max() < STANDS_M_S
+    assert flight.metrics.separation.violations == 0
+
+
+def test_a_law_that_sleeps_delays_no_tick() -> None:
+    """In true time: the tick waits for 10 ms at most, and for no answer after a quarter of a second."""
+    law = LawProcess("hostile_laws:SleepsASecond", {}, COUNT, TICK_S)
+    law.begin(BEGINS_S)
+    inputs, took_s = sample(COUNT, NoSettings()), []
+    for _ in range(WELL_TICKS + 6):
+        began_s = time.monotonic()
+        answer = law.velocity(inputs)
+        took_s.append(time.monotonic() - began_s)
+    law.close()
+    assert answer.holds
+    assert law.failed.startswith(REASONS["SleepsASecond"])
+    assert np.sort(took_s)[-3] < 2.0 * BUDGET_SHARE * TICK_S  # of 46; the machine may take one or two
+
+
+def test_a_law_that_leads_all_to_one_point_meets_the_filter() -> None:
+    flight = simulate(assembly("ToOnePoint", 15.0), COUNT, 3)
+    assert flight.metrics.law_failed is None
+    assert flight.metrics.separation.violations == 0
+
+
+@pytest.mark.parametrize("law", ["SleepsASecond", "Fails", "HundredToOnePoint"])
+def test_a_show_is_paused_and_comes_home(law: str) -> None:
+    name = f"hostile_laws:{law}"
+
+    async def story(show: VirtualShow) -> None:
+        await show.standby()
+        show.service.commands.command_show(ShowAction.START)
+        await show.until(lambda: show.view.show is ShowPhase.PAUSED, 60.0)
+        await show.wait(HOLDS_WITHIN_S)
+        alarm = next(each for each in show.view.alarms if each.cause is AlarmCause.LAW_FAILED)
+        assert alarm.text.startswith(f"Law {name} failed: {REASONS[law]}")
+        assert alarm.advice.startswith("Let all return home")
+        await show.wait(3.0)
+        held_m = show.true_m
+        await show.wait(20.0)
+        assert np.linalg.norm(show.true_m - held_m, axis=1).max() < HELD_M
+        show.service.commands.command_show(ShowAction.RESUME)
+        await show.wait(1.0)
+        assert show.view.show is ShowPhase.PAUSED
+        stopped = await show.show(ShowAction.STOP)
+        await show.reach(ShowPhase.LANDED, 120.0)
+        assert stopped.outcome.value == "done"
+        assert show.floor_violations() == 0
+
+    fly(story, show_config(6, formation={"law": name}), ideal=True)
