@@ -36,6 +36,7 @@ REASONS = {
     "EndsItsProcess": "its process ended",
     "ChangesItsInputs": "ValueError: assignment destination is read-only",
     "AnswersItself": "its process sends what is no answer",
+    "AnswersNested": "its process sends what is no answer",
 }
 
 

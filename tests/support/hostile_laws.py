@@ -95,11 +95,19 @@ class ChangesItsInputs(Hostile):
 class AnswersItself(Hostile):
     """Writes what its process sends."""
 
+    answer = b"no answer\n" * 1000
+
     def after(self, inputs: LawInputs, well_m_s: Array, tick: int) -> Array:
         for number in range(3, 30):
             if Path(f"/proc/self/fd/{number}").exists():
-                os.write(number, b"no answer\n" * 1000)
+                os.write(number, self.answer)
         return well_m_s
+
+
+class AnswersNested(AnswersItself):
+    """Deeper than a parser of JSON goes."""
+
+    answer = b"[" * 4000 + b"\n"
 
 
 class ToOnePoint(Hostile):

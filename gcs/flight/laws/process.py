@@ -210,7 +210,7 @@ class LawProcess:
         first, _, self._unread = self._unread.partition(b"\n")
         try:
             values = json.loads(first)
-        except ValueError:
+        except (ValueError, RecursionError):  # the latter for brackets in brackets
             values = None
         if not isinstance(values, dict) or "error" in values:
             self.fail(

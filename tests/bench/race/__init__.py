@@ -1,0 +1,1 @@
+"""Published methods of collision avoidance beside ours: `make race`, docs/race.md."""
