@@ -205,7 +205,7 @@ def _visible(received: bytes) -> bytes:
         return received
     try:
         return json.dumps(_visible_in(json.loads(received))).encode()
-    except ValueError:  # not JSON: whoever reads it says so
+    except (ValueError, RecursionError):  # not JSON: whoever reads it says so
         return received
 
 
@@ -223,7 +223,7 @@ def _error(answer: httpx.Response, received: bytes) -> GcsError:
         detail, problems = str(body["detail"]), list(body["problems"])
         first = problems[0] if problems else None
         invalid = first and InvalidError(str(first["field"]), first["value"], str(first["allowed"]))
-    except (ValueError, TypeError, KeyError):
+    except (ValueError, TypeError, KeyError, RecursionError):
         return LinkError(f"{answer.url} answered {answer.status_code}, and not as this service does")
     if answer.status_code == httpx.codes.UNPROCESSABLE_ENTITY and isinstance(invalid, InvalidError):
         if len(problems) > 1:

@@ -151,7 +151,7 @@ def exclusions(root: Path) -> dict[VehicleId, Exclusion]:
             try:
                 detail = json.loads(row["detail"])
                 out[row["vehicle"]] = Exclusion(detail["by"], detail["reason"], float(row["unix_s"]))
-            except (KeyError, TypeError, ValueError) as error:
+            except (KeyError, TypeError, ValueError, RecursionError) as error:
                 reason = f"the exclusion of {row['vehicle']} cannot be read: {error!r}"
                 raise GcsError(f"{root}: {reason}") from None
     return out
@@ -173,7 +173,7 @@ def lost_begin(root: Path) -> LostBegin | None:
     try:
         detail = json.loads(events[0]["detail"])
         return LostBegin(detail["show"], detail["at"])
-    except (KeyError, TypeError, ValueError) as error:
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
         raise GcsError(f"{root}: a show's time to begin cannot be read: {error!r}") from None
 
 

@@ -368,7 +368,7 @@ def _read(file: Path, report: OnProgress) -> TrueStates:
             report(number / len(lines))
         try:
             samples.append(_sample(json.loads(line)))
-        except (ValueError, KeyError, TypeError) as error:
+        except (ValueError, KeyError, TypeError, RecursionError) as error:
             is_cut = number == len(lines) and bool(samples)  # the process was killed while writing it
             if not is_cut:
                 reported = f"{type(error).__name__}: {error}"

@@ -106,7 +106,7 @@ def _words(complaint: bytes) -> str:
     words = complaint.decode(errors="replace").strip()
     try:
         return str(json.loads(words.rpartition("\n")[2])["error"]["detail"])
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, RecursionError):
         return words
 
 

@@ -171,12 +171,14 @@ def test_client_reports_no_answer_or_another_program() -> None:
 
 
 @pytest.mark.parametrize("answer", ["HTTP/1.1 404 Not Found", "HTTP/1.1 200 OK"])
-def test_client_refuses_another_service(answer: str) -> None:
+@pytest.mark.parametrize("body", ["html", "\x1b" + "[" * 9999])
+def test_client_refuses_another_service(answer: str, body: str) -> None:
     def other() -> None:
         connection, _ = listener.accept()
         with connection:
             connection.recv(65536)
-            connection.sendall(f"{answer}\r\nContent-Length: 4\r\nConnection: close\r\n\r\nhtml".encode())
+            head = f"{answer}\r\nContent-Length: {len(body)}\r\nConnection: close\r\n\r\n"
+            connection.sendall((head + body).encode())
 
     with socket.create_server(("127.0.0.1", 0)) as listener:
         thread = threading.Thread(target=other)

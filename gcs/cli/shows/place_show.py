@@ -105,6 +105,6 @@ def _vehicles(path: Path) -> dict[str, tuple[float, float] | None]:
             str(name): None if at_m is None else (float(at_m[0]), float(at_m[1]))
             for name, at_m in content.items()
         }
-    except (OSError, ValueError, TypeError, LookupError, AttributeError) as error:
+    except (OSError, ValueError, TypeError, LookupError, AttributeError, RecursionError) as error:
         needed = 'an object with the place of each vehicle is needed: {"d1": [x, y], "d2": null}'
         raise ConfigError(f"--vehicles {path}: {needed}: {error}") from None

@@ -173,6 +173,10 @@ def test_invalid_exclusion_is_refused_by_name(tmp_path: Path) -> None:
         record.audit.event(1.8e9, "warning", "excluded", "d2", {"by": "anna"})
     with pytest.raises(GcsError, match="the exclusion of d2 cannot be read"):
         exclusions(tmp_path)
+    with closing(sqlite3.connect(tmp_path / AUDIT)) as audit, audit:
+        audit.execute("UPDATE events SET detail = ?", ("[" * 9999,))
+    with pytest.raises(GcsError, match="the exclusion of d2 cannot be read"):
+        exclusions(tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -257,6 +257,7 @@ def test_report_page_is_self_contained(tmp_path: Path) -> None:
         ("a.jsonl", b"", "no true states were written"),
         ("a.jsonl", b"\xff\xfe\x00", "not text"),
         ("a.jsonl", b"[1, 2]\n[3]\n", "line 1: not a sample of true states"),
+        ("a.jsonl", b"[" * 9999 + b"\n", "line 1: not a sample of true states"),
         ("a.jsonl", b'{"time_s": 1.0, "vehicles": [{"vehicle": 1}]}\n', "line 1: not a sample"),
         ("a.jsonl", b'{"time_s": 1.0, "vehicles": []}\n{"time_s": 1.0, "vehicles": []}\n', "do not increase"),
     ],
