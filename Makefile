@@ -7,7 +7,7 @@ NPM := PATH="$(CURDIR)/.venv-node/bin:$$PATH" npm --prefix api/console
 # Python's bytecode is always kept: pytest's rewriting of modules takes longer than many tests.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: sitl ready demo quick units test soak checked computed flown console console-test schema tested-with check compiled bench mutate flight-quality gallery screenshots docs format lock lowest clean
+.PHONY: sitl ready demo quick units test soak checked computed flown console console-test schema tested-with check compiled bench mutate flight-quality gallery race screenshots docs format lock lowest clean
 
 # Two environments are made in parallel: one for flying, one for building the console.
 ready:
@@ -109,6 +109,9 @@ flight-quality: .venv/ready  ## fly every scenario as it is judged; brings docs/
 
 gallery: .venv/ready  ## docs/gallery.md, a picture of one flight of every scenario, and the README's moving one
 	$(BIN)/python -m tests.bench.gallery $(ARGS)
+
+race: .venv/ready  ## docs/race.md: the same flights by published methods and by ours
+	$(BIN)/python -m tests.bench.race.race $(ARGS)
 
 screenshots: .venv/ready console  ## docs/screenshots, of a flight over the fake fleet; needs Chromium; look at them
 	$(BIN)/python -m tests.browser.screenshots

@@ -49,8 +49,8 @@ def preferred_m_s(position_m: Array, goal_m: Array, speed_m_s: float) -> Array:
     """(n, 3) straight to the goals, no faster than `speed_m_s`."""
     away_m = goal_m - position_m
     far_m = np.linalg.norm(away_m, axis=1, keepdims=True)
-    wanted: Array = away_m * np.minimum(RATE_PER_S, speed_m_s / np.maximum(far_m, 1e-9))
-    return wanted
+    desired: Array = away_m * np.minimum(RATE_PER_S, speed_m_s / np.maximum(far_m, 1e-9))
+    return desired
 
 
 class Straight:
@@ -70,8 +70,8 @@ class Orca:
         self._apart_m = apart_m
 
     def velocity_m_s(self, position_m: Array, velocity_m_s: Array, goal_m: Array, speed_m_s: float) -> Array:
-        wanted = preferred_m_s(position_m, goal_m, speed_m_s)
-        return np.asarray(_orca(position_m, velocity_m_s, wanted, speed_m_s, self._apart_m))
+        desired = preferred_m_s(position_m, goal_m, speed_m_s)
+        return np.asarray(_orca(position_m, velocity_m_s, desired, speed_m_s, self._apart_m))
 
 
 class Rvo2:
@@ -83,7 +83,7 @@ class Rvo2:
         self._apart_m, self._simulator = apart_m, cast("Any", None)
 
     def velocity_m_s(self, position_m: Array, velocity_m_s: Array, goal_m: Array, speed_m_s: float) -> Array:
-        wanted, rows = preferred_m_s(position_m, goal_m, speed_m_s), range(len(position_m))
+        desired, rows = preferred_m_s(position_m, goal_m, speed_m_s), range(len(position_m))
         if self._simulator is None:
             self._simulator = pyrvo.RVOSimulator()
             self._simulator.set_time_step(1e-9)  # others move the vehicles
@@ -94,11 +94,11 @@ class Rvo2:
         for row in rows:
             self._simulator.set_agent_position(row, tuple(position_m[row, :2].tolist()))
             self._simulator.set_agent_velocity(row, tuple(velocity_m_s[row, :2].tolist()))
-            self._simulator.set_agent_pref_velocity(row, tuple(wanted[row, :2].tolist()))
+            self._simulator.set_agent_pref_velocity(row, tuple(desired[row, :2].tolist()))
         self._simulator.do_step()
         for row in rows:
-            wanted[row, :2] = self._simulator.get_agent_velocity(row).to_tuple()
-        return wanted
+            desired[row, :2] = self._simulator.get_agent_velocity(row).to_tuple()
+        return desired
 
 
 class VoronoiCells:
@@ -111,8 +111,8 @@ class VoronoiCells:
         self._apart_m = apart_m
 
     def velocity_m_s(self, position_m: Array, velocity_m_s: Array, goal_m: Array, speed_m_s: float) -> Array:
-        wanted = preferred_m_s(position_m, goal_m, speed_m_s)
-        return np.asarray(_cells(position_m, wanted, speed_m_s, self._apart_m))
+        desired = preferred_m_s(position_m, goal_m, speed_m_s)
+        return np.asarray(_cells(position_m, desired, speed_m_s, self._apart_m))
 
 
 class Barrier:
@@ -130,8 +130,8 @@ class Barrier:
 
     def velocity_m_s(self, position_m: Array, velocity_m_s: Array, goal_m: Array, speed_m_s: float) -> Array:
         before = np.zeros_like(velocity_m_s) if self._reference_m_s is None else self._reference_m_s
-        wanted = preferred_m_s(position_m, goal_m, speed_m_s)
-        change = np.asarray(_barrier(position_m, before, wanted, self._apart_m))
+        desired = preferred_m_s(position_m, goal_m, speed_m_s)
+        change = np.asarray(_barrier(position_m, before, desired, self._apart_m))
         self._reference_m_s = before + self._dt_s * change
         return self._reference_m_s
 
@@ -156,10 +156,10 @@ def _nearest(position_m: Array, i: int) -> NDArray[np.int64]:
 
 
 @compiled
-def _projected(wanted: Array, normal: Array, offset: Array, most: float) -> Array:
-    """The point nearest to `wanted` (3,) with ``normal @ x >= offset`` (k,) and ``|x| <= most``."""
+def _projected(desired: Array, normal: Array, offset: Array, most: float) -> Array:
+    """The point nearest to `desired` (3,) with ``normal @ x >= offset`` (k,) and ``|x| <= most``."""
     count = len(offset)
-    correction, point, moved = np.zeros((count + 1, 3)), wanted.copy(), np.empty(3)
+    correction, point, moved = np.zeros((count + 1, 3)), desired.copy(), np.empty(3)
     for _ in range(PROJECTIONS):
         change = 0.0
         for k in range(count + 1):
@@ -190,16 +190,16 @@ def _lack(point: Array, normal: Array, offset: Array) -> float:
 
 
 @compiled
-def _least_broken(wanted: Array, normal: Array, offset: Array, most: float) -> Array:
+def _least_broken(desired: Array, normal: Array, offset: Array, most: float) -> Array:
     """As `_projected`; constraints that contradict each other are all eased by the least that is needed."""
-    point = _projected(wanted, normal, offset, most)
+    point = _projected(desired, normal, offset, most)
     eased = _lack(point, normal, offset)
     if eased < EASED:
         return point
     kept = 0.0
     for _ in range(BISECTIONS):
         middle = 0.5 * (kept + eased)
-        tried = _projected(wanted, normal, offset - middle, most)
+        tried = _projected(desired, normal, offset - middle, most)
         if _lack(tried, normal, offset - middle) < EASED:
             point, eased = tried, middle
         else:
@@ -209,9 +209,9 @@ def _least_broken(wanted: Array, normal: Array, offset: Array, most: float) -> A
 
 @compiled
 def _orca(
-    position_m: Array, velocity_m_s: Array, wanted_m_s: Array, speed_m_s: float, apart_m: float
+    position_m: Array, velocity_m_s: Array, desired_m_s: Array, speed_m_s: float, apart_m: float
 ) -> Array:
-    result = np.empty_like(wanted_m_s)
+    result = np.empty_like(desired_m_s)
     for i in range(len(position_m)):
         others = _nearest(position_m, i)
         normal, offset = np.empty((len(others), 3)), np.empty(len(others))
@@ -234,13 +234,13 @@ def _orca(
             length = max(np.sqrt((off**2).sum()), 1e-9)
             normal[k] = off / length
             offset[k] = normal[k] @ (velocity_m_s[i] + 0.5 * (reach - length) * normal[k])
-        result[i] = _least_broken(wanted_m_s[i], normal, offset, speed_m_s)
+        result[i] = _least_broken(desired_m_s[i], normal, offset, speed_m_s)
     return result
 
 
 @compiled
-def _cells(position_m: Array, wanted_m_s: Array, speed_m_s: float, apart_m: float) -> Array:
-    result = np.empty_like(wanted_m_s)
+def _cells(position_m: Array, desired_m_s: Array, speed_m_s: float, apart_m: float) -> Array:
+    result = np.empty_like(desired_m_s)
     for i in range(len(position_m)):
         others = _nearest(position_m, i)
         normal, offset = np.empty((len(others), 3)), np.empty(len(others))
@@ -251,10 +251,10 @@ def _cells(position_m: Array, wanted_m_s: Array, speed_m_s: float, apart_m: floa
             offset[k] = (
                 -RATE_PER_S * (far_m - apart_m) / 2.0
             )  # the cell, shrunk by half of the least distance
-        inside = _projected(wanted_m_s[i], normal, offset, speed_m_s)
-        if np.sqrt((inside**2).sum()) < STANDS * np.sqrt((wanted_m_s[i] ** 2).sum()):
-            right = np.array([-wanted_m_s[i, 1], wanted_m_s[i, 0], 0.0])  # x ahead, y right, z down
-            inside = _projected(right + 0.3 * wanted_m_s[i], normal, offset, speed_m_s)
+        inside = _projected(desired_m_s[i], normal, offset, speed_m_s)
+        if np.sqrt((inside**2).sum()) < STANDS * np.sqrt((desired_m_s[i] ** 2).sum()):
+            right = np.array([-desired_m_s[i, 1], desired_m_s[i, 0], 0.0])  # x ahead, y right, z down
+            inside = _projected(right + 0.3 * desired_m_s[i], normal, offset, speed_m_s)
         result[i] = inside
     return result
 
@@ -263,8 +263,8 @@ ACCELERATION_M_S2, BARRIER_RATE, ANSWER_S = 2.0, 1.0, 0.5
 
 
 @compiled
-def _barrier(position_m: Array, velocity_m_s: Array, wanted_m_s: Array, apart_m: float) -> Array:
-    result = np.empty_like(wanted_m_s)
+def _barrier(position_m: Array, velocity_m_s: Array, desired_m_s: Array, apart_m: float) -> Array:
+    result = np.empty_like(desired_m_s)
     both = 2.0 * ACCELERATION_M_S2
     for i in range(len(position_m)):
         others = _nearest(position_m, i)
@@ -279,9 +279,9 @@ def _barrier(position_m: Array, velocity_m_s: Array, wanted_m_s: Array, apart_m:
             bound += both * along * far_m / np.sqrt(2.0 * both * room_m)
             normal[k] = from_m / far_m
             offset[k] = -0.5 * bound / far_m
-        goal_m_s = wanted_m_s[i]
+        goal_m_s = desired_m_s[i]
         if len(others) and np.sqrt((velocity_m_s[i] ** 2).sum()) < STANDS * np.sqrt((goal_m_s**2).sum()):
             goal_m_s = goal_m_s + np.array([-goal_m_s[1], goal_m_s[0], 0.0])
-        wanted = (goal_m_s - velocity_m_s[i]) / ANSWER_S
-        result[i] = _projected(wanted, normal, offset, ACCELERATION_M_S2)
+        desired = (goal_m_s - velocity_m_s[i]) / ANSWER_S
+        result[i] = _projected(desired, normal, offset, ACCELERATION_M_S2)
     return result
