@@ -166,6 +166,7 @@ class FollowedFlight:
     seen: Sequence[Seen]
     violations: int
     fastest_m_s: float  # of the centre
+    hardest_m_s2: float
 
     def at(self, time_s: float) -> int:
         return int(np.searchsorted(self.time_s, time_s))
@@ -193,6 +194,7 @@ def follow(moving: Moving, senders: Sequence[Sender], seconds: float, seed: int 
         target.seen_so_far,
         len(record.violating),
         SPEED_SHARE * scenario.control.safety.limits.horizontal_m_s,
+        float(min(run.settings.acceleration_max_m_s2, run.traits.response.acceleration_m_s2.min())),
     )
 
 
@@ -207,6 +209,9 @@ class DroppedOut(NamedTuple):
     """How a flight went through drop-outs of 1, 3 and 10 s."""
 
     back_s: tuple[float, ...]  # until the centre was within the row's p95, and stayed for 1 s; inf: never
+    least_s: tuple[
+        float, ...
+    ]  # until a centre that knows the target's way could be there, with its acceleration
     step: float  # greatest of the commanded centre in a tick, as a share of its greatest speed times the tick
     violations: int
 
@@ -222,14 +227,28 @@ def drop_outs(name: str, seed: int = 0, later_s: float = 0.0) -> DroppedOut:
     sender = Sender(moving.errors, silent(*spans_s), seed)
     flown = follow(moving, [sender], LASTS_S + later_s, seed)
     near, stays = flown.off_m <= moving.p95_m, round(1.0 / TICK_S)
-    back_s = []
+    back_s, least_s = [], []
     for _, ends_s in spans_s:
         begin = flown.at(ends_s + moving.errors.delay_s)
         there = [at for at in range(begin, flown.at(ends_s + 25.0)) if near[at : at + stays].all()]
         back_s.append(round(float(flown.time_s[there[0]] - flown.time_s[begin]), 2) if there else inf)
+        least_s.append(_least_s(flown, begin, moving.p95_m))
     return DroppedOut(
-        tuple(back_s), float(flown.step_m.max()) / (flown.fastest_m_s * TICK_S), flown.violations
+        tuple(back_s),
+        tuple(least_s),
+        float(flown.step_m.max()) / (flown.fastest_m_s * TICK_S),
+        flown.violations,
     )
+
+
+def _least_s(flown: FollowedFlight, begin: int, near_m: float) -> float:
+    """No centre can be that near any sooner: with its acceleration, whatever it knows, at any speed."""
+    moves_m_s = (flown.center_m[begin] - flown.center_m[begin - 1]) / TICK_S
+    after_s = TICK_S * np.arange(len(flown.center_m) - begin)
+    coasts_m = flown.center_m[begin] + after_s[:, None] * moves_m_s
+    off_m = np.hypot(*(flown.truth_m[begin:] - coasts_m).T)
+    reached = off_m - flown.hardest_m_s2 * after_s**2 / 2.0 <= near_m
+    return float(after_s[np.argmax(reached)]) if reached.any() else inf
 
 
 class Failed(NamedTuple):
