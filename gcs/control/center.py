@@ -11,7 +11,7 @@ from gcs.control.detour import follow_detour
 from gcs.control.inputs import FormationState, Task, TickInputs
 from gcs.control.memory import Detour, Memory
 from gcs.control.scene import Scene
-from gcs.formation.following import CenterLimits, closing_velocity, fleet_limits, following_velocity, small_m
+from gcs.formation.following import CenterLimits, closing_velocity, fleet_limits, following_velocity
 from gcs.formation.law import desired_center_velocity
 from gcs.formation.obstacles import Outlines
 from gcs.formation.orbit import (
@@ -206,11 +206,9 @@ def _following(now: TickInputs, ahead: Center, reach_m: float, pace: float, limi
     target_m, target_m_s = followed_target(asked_m, np.array(target.velocity_m_s), reach_m)
     if target_m is not asked_m:
         target_m_s2 = np.zeros(2)  # it is followed along the fence
-    off_m, deviation_m_s = ahead.position_m[:2] - target_m, target.deviation_m_s
+    off_m = ahead.position_m[:2] - target_m
     if orbit.radius_m == 0.0:
-        relative_m_s = closing_velocity(-off_m, limits.acceleration_m_s2, deviation_m_s)
-        near_m = small_m(limits.acceleration_m_s2, deviation_m_s)
-        deviation_m_s *= near_m / max(hypot(*off_m), near_m)
+        relative_m_s = closing_velocity(-off_m, limits.acceleration_m_s2, target.deviation_m_s)
     else:
         field = partial(
             orbit_velocity,
@@ -228,7 +226,7 @@ def _following(now: TickInputs, ahead: Center, reach_m: float, pace: float, limi
         target_m_s2,
         relative_m_s,
         limits,
-        deviation_m_s=deviation_m_s,
+        deviation_m_s=target.deviation_m_s,
         dt_s=now.dt_s,
     )
 

@@ -32,11 +32,9 @@ DAMPED: Final = 4.0
 KNOWN_M_S: Final = 0.3
 """A velocity with a smaller standard deviation than this is known well."""
 
-ERRS_S, ERRS_M = 1.5, 5.0
-"""A distance greater than this, and than what the deviation of the velocity makes in so long, is no error."""
+BRAKING_SHARE: Final = 0.9
+"""Share of the acceleration with which the distance is closed; the rest corrects."""
 
-BRAKING_SHARE: Final = 0.6
-"""Share of the acceleration with which the closing speed is braked; the rest is for a target that turns."""
 
 INSIDE_SPEED, INSIDE_ACCELERATION = 0.95, 0.85
 """Shares of what the centre can on a circle inside that of its target; the rest corrects."""
@@ -94,23 +92,14 @@ def inside_circle(target: Target, limits: CenterLimits) -> Target:
     )
 
 
-def small_m(acceleration_m_s2: float, deviation_m_s: float) -> float:
-    """Up to this distance from a target so well known the closing speed is proportional to it.
-
-    Greater ones are closed as soon as can be, however badly the target is known.
-    """
-    braked_m = BRAKING_SHARE * acceleration_m_s2 * (DAMPED / answer_per_s(deviation_m_s)) ** 2
-    return min(braked_m, max(ERRS_S * deviation_m_s, ERRS_M))
-
-
 def closing_velocity(off_m: Array, acceleration_m_s2: float, deviation_m_s: float) -> Array:
     """(2,) velocity relative to the target that closes the distance (2,) to it, and can still be braked."""
-    away_m, near_m = hypot(off_m[0], off_m[1]), small_m(acceleration_m_s2, deviation_m_s)
+    away_m, braking_m_s2 = hypot(off_m[0], off_m[1]), BRAKING_SHARE * acceleration_m_s2
     closing_per_s = answer_per_s(deviation_m_s) / DAMPED
+    near_m = braking_m_s2 / closing_per_s**2
     if away_m <= near_m:
         return closing_per_s * off_m
-    braked_m2_s2 = 2.0 * BRAKING_SHARE * acceleration_m_s2 * (away_m - near_m)
-    closing: Array = off_m / away_m * sqrt((closing_per_s * near_m) ** 2 + braked_m2_s2)
+    closing: Array = off_m / away_m * sqrt(2.0 * braking_m_s2 * (away_m - near_m / 2.0))
     return closing
 
 
@@ -134,7 +123,7 @@ def following_velocity(
         target_m_s2: (2,) its acceleration.
         relative_m_s: (2,) desired relative to it: towards it (`closing_velocity`), or along its orbit.
         limits: of the centre.
-        deviation_m_s: standard deviation of the target's velocity along an axis; less of one far away.
+        deviation_m_s: standard deviation of the target's velocity along an axis.
         dt_s: of the step.
     """
     desired_m_s = target_m_s + relative_m_s

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from gcs.formation.following import KNOWN_M_S, CenterLimits, closing_velocity, inside_circle, small_m
+from gcs.formation.following import KNOWN_M_S, CenterLimits, closing_velocity, inside_circle
 from gcs.model.plan import Target
 
 AGILE_M_S2 = 3.0
@@ -74,16 +74,3 @@ def test_small_distance_from_a_doubtful_target_is_closed_slowly() -> None:
 @pytest.mark.parametrize("doubt", [1.5, 3.0, 10.0])
 def test_doubtful_target_is_closed_no_faster_than_a_known_one(away_m: float, doubt: float) -> None:
     assert closed_m_s(away_m, doubt * KNOWN_M_S) <= closed_m_s(away_m, KNOWN_M_S)
-
-
-@pytest.mark.parametrize("doubt", [1.5, 3.0, 10.0])
-def test_large_distance_is_closed_fast_whatever_is_known(doubt: float) -> None:
-    """It is no error of the estimate: after a drop-out a walker was met after 12 s."""
-    assert closed_m_s(20.0, doubt * KNOWN_M_S) > 0.85 * closed_m_s(20.0, KNOWN_M_S)
-
-
-@pytest.mark.parametrize("doubt", [0.0, 1.0, 1.5, 3.0, 10.0])
-def test_closing_speed_has_no_step(doubt: float) -> None:
-    near_m = small_m(AGILE_M_S2, doubt * KNOWN_M_S)
-    beyond_m_s, within_m_s = (closed_m_s(near_m * share, doubt * KNOWN_M_S) for share in (1.001, 0.999))
-    assert 0.0 < beyond_m_s - within_m_s < 0.03
