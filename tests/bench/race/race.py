@@ -208,10 +208,11 @@ def plot(results: Mapping[Heat, Mapping[str, Any]], file: Path) -> None:
 def main(names: list[str], methods: list[str]) -> None:
     heats = [heat for heat in RACE if heat.scenario in (names or [heat.scenario])]
     heats = [heat for heat in heats if heat.method in (methods or [heat.method])]
+    results = {}
     with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
-        results = dict(zip(heats, pool.map(flown, heats), strict=True))
-    for heat, of in results.items():
-        print(row(heat, of))
+        for heat, of in zip(heats, pool.map(flown, heats), strict=True):
+            results[heat] = of
+            print(row(heat, of), flush=True)
     if not names and not methods:
         PAGE.write_text(
             TABLE.sub(partial(_filled, table(results)), PAGE.read_text(encoding="utf-8")), encoding="utf-8"
