@@ -48,8 +48,11 @@ LACKS: Final = 4.0
 TURNED: Final = 0.2
 """Weights of what is missing of a cylinder, and of a turn from the desired velocity."""
 
-ALIKE_M: Final = 60.0
-"""Vehicles nearer to each other choose alike: ways of neighbours that cross would contradict each other."""
+ALIKE_M: Final = 7.0
+"""Vehicles nearer to each other choose alike: ways of neighbours that cross would contradict each other.
+
+Much farther, many at one side would keep a vehicle at the other from leaving by its own, shorter way.
+"""
 
 FENCED_M: Final = 1.0
 """A way out ends so far inside the fence."""

@@ -181,7 +181,7 @@ def test_rows_of_a_vehicle_among_many_tracks_are_bounded() -> None:
 
 @pytest.mark.parametrize("seed", range(10))
 def test_one_velocity_leads_all_neighbours_out(seed: int) -> None:
-    """Three tracks meet at ten vehicles: ways of neighbours that cross would contradict each other."""
+    """Three tracks meet at ten vehicles within 4 m: crossing ways of neighbours contradict each other."""
     random = np.random.default_rng(seed)
     angle, k = random.uniform(-np.pi, np.pi, 3), 3
     along = np.stack([np.cos(angle), np.sin(angle), np.zeros(k)], axis=1)
@@ -190,9 +190,24 @@ def test_one_velocity_leads_all_neighbours_out(seed: int) -> None:
         position_m=random.uniform(-5.0, 5.0, (k, 3)) * (1.0, 1.0, 0.0) - 130.0 * along - [0.0, 0.0, 40.0],
         velocity_m_s=SPEED_M_S * along,
     )
-    place_m = random.uniform(-5.0, 5.0, (10, 3)) - [0.0, 0.0, 40.0]
+    place_m = random.uniform(-2.0, 2.0, (10, 3)) - [0.0, 0.0, 40.0]
     rows = track_constraints(evading(*map(tuple, place_m)), crossing)
     assert np.bincount(rows.first).tolist() == [k] * 10
     headings = np.arange(16) * np.pi / 8.0
     ways_m_s = 8.0 * np.stack([np.cos(headings), np.sin(headings), np.zeros(16)], axis=1)
     assert (ways_m_s @ rows.normal.T - rows.bound_m_s).min(axis=1).max() > -1e-6
+
+
+def test_many_at_one_side_keep_none_from_its_own_way() -> None:
+    """Two tracks meet head-on: one vehicle is 5 m from the left edge of both corridors, 20 at the right."""
+    head_on = replace(
+        side_by_side(0.0, 0.0),
+        position_m=np.array([[-130.0, 0.0, -40.0], [130.0, 0.0, -40.0]]),
+        velocity_m_s=np.array([[SPEED_M_S, 0.0, 0.0], [-SPEED_M_S, 0.0, 0.0]]),
+    )
+    others = [(x_m, y_m, -40.0) for x_m in np.linspace(-12.0, 12.0, 5) for y_m in (15.0, 19.0, 23.0, 27.0)]
+    rows = track_constraints(evading((0.0, -25.0, -40.0), *others), head_on)
+    left_s = (130.0 - RADIUS_M) / SPEED_M_S - EARLY_S
+    assert (rows.bound_m_s[rows.first == 0] / -rows.normal[rows.first == 0, 1]).tolist() == pytest.approx(
+        [5.0 / left_s] * 2
+    )
