@@ -82,7 +82,7 @@ EVERYTHING = [
     "shows remove lighthouse",
     "exclude d1 --reason cracked",
     "include d1",
-    "law article",
+    "law set article",
     "preflight d1 d2 d3",
     "start d1 d2 d3",
     "command list",

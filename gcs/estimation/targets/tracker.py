@@ -100,6 +100,10 @@ UP_SHARE: Final = 2.0
 VELOCITY_DEVIATION_M_S: Final = 0.15
 """Of a reported velocity along each axis, where the source does not say."""
 
+CHANGES_M_S2, CHANGES_M_S = 8.0, 5.0
+"""A reported velocity that changed by more since the last report does not count: no target changes so hard.
+Believed, it would lead away from all places that follow."""
+
 
 @dataclass(slots=True, eq=False)
 class Tracker:
@@ -247,9 +251,20 @@ class Tracker:
             if was_s - self._refused_s >= REFUSED_S:
                 self.why = f"it is reported {off_m:.0f} m from where it was expected"
             return
+        if len(reported) > 2 and self._cannot_move_so(before, was_s, reported[2:], variance[2]):
+            reported, variance = reported[:2], variance[:2]
+            self.outliers += 1
         self._insert(was_s, reported, variance, before)
         self._take_height(report, was_s)
         self._late_s = report.arrived_s - was_s
+
+    def _cannot_move_so(
+        self, before: TargetBelief, was_s: float, velocity_m_s: Array, variance_m2_s2: float
+    ) -> bool:
+        """Whether a reported velocity (2,) cannot be that of a target that moved as is believed."""
+        changed_m_s = np.hypot(*(velocity_m_s - foreseen(before, was_s).velocity_m_s))
+        most_m_s = CHANGES_M_S + CHANGES_M_S2 * (was_s - before.time_s) + GATE * np.sqrt(variance_m2_s2)
+        return not changed_m_s <= most_m_s
 
     def _take_height(self, report: TargetReport, was_s: float) -> None:
         """Believe the height of a report with a place that is believed."""

@@ -162,6 +162,19 @@ def test_jump_stays_refused_and_is_named() -> None:
     assert known.state(80.0) is TrackState.TRACKED
 
 
+@pytest.mark.parametrize("wrong_m_s", [(300.0, 0.0), (0.0, -50.0), (20.0, 20.0)])
+@pytest.mark.parametrize("many", [1, 3])
+def test_wrong_velocity_with_a_good_place_leads_nowhere(wrong_m_s: tuple[float, float], many: int) -> None:
+    known, moves_m_s = tracker(), (SPEED_M_S, 0.0)
+    for number, report in enumerate(reports(40.0, noise_m=0.3)):
+        reported_m_s = wrong_m_s if 100 <= number < 100 + many else moves_m_s
+        known.take(replace(report, velocity_m_s=reported_m_s), 0.0)
+        if number > 20:
+            assert off_m(known, report.arrived_s) < 2.0
+            assert known.state(report.arrived_s) is TrackState.TRACKED
+    assert known.outliers == many
+
+
 @pytest.mark.parametrize("silent_s", [1.0, 3.0, 10.0])
 def test_target_is_found_again_after_a_drop_out(silent_s: float) -> None:
     known = fed(noise_m=0.5)
