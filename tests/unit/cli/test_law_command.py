@@ -103,3 +103,11 @@ def test_a_new_law_needs_a_name_of_its_own(
     assert main(["law", "new", name]) == 2
     assert "no name that is shipped" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_limit_that_a_law_cannot_meet_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["simulate", "assembly", "--law", "flocking"]) == 0
+    shown = capsys.readouterr().out
+    assert "assembly: not judged, because the law's goal_shape is none: formation.settled, " in shown
+    assert main(["simulate", "assembly", "--law", "slots", "--json"]) == 0
+    assert "not_judged" not in json.loads(capsys.readouterr().out.splitlines()[-1])
