@@ -30,7 +30,7 @@ SET: Final = ApiCall("law set", "change_formation", "choose the law, on the grou
 def add_law_arguments(parser: argparse.ArgumentParser) -> None:
     """Fill the parser of `gcs law`."""
     actions = parser.add_subparsers(dest="action", required=True)
-    actions.add_parser("list", help="every law that can be chosen, and what it says of itself")
+    actions.add_parser("list", help="every law that can be chosen, and in which shape a shipped one ends")
     new = actions.add_parser("new", help="write a small package with a law: a ring that turns")
     new.add_argument("name", metavar="NAME", help="of the law, and of the folder")
     check = actions.add_parser("check", help="check whether a law keeps what every law must")

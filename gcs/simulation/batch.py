@@ -49,7 +49,9 @@ def run_once(run: Run, on_progress: Callable[[float], None] | None = None) -> di
     flight.fly(on_progress)
     figures, judged = measured(run.scenario, flight).figures(), run.scenario.judged
     failed = [*_law_failed(figures), *broken(figures, judged.must)]
-    return figures | {"failed": failed, "missed": broken(figures, judged.mostly)}
+    left = unjudged(figures, judged.must | judged.mostly)
+    missed: dict[str, object] = {"failed": failed, "missed": broken(figures, judged.mostly)}
+    return figures | missed | ({"not_judged": left} if left else {})
 
 
 def _law_failed(figures: dict[str, object]) -> list[str]:
@@ -155,14 +157,21 @@ def figure(figures: dict[str, object], name: str) -> object:
 
 
 def broken(figures: dict[str, object], gates: Mapping[str, FigureGate]) -> list[str]:
-    """The gates that were missed; those of a sphere do not count where the law ends in another shape."""
+    """The gates that were missed; not those that could not be judged."""
+    left = unjudged(figures, gates)
     return [
         f"{name} {figure(figures, name)}: {_desired(gate)}"
         for name, gate in gates.items()
-        if not _within(figure(figures, name), gate)
-        if "goal_shape" not in figures
-        or not name.startswith("formation.")
-        or figure(figures, name) is not None
+        if name not in left and not _within(figure(figures, name), gate)
+    ]
+
+
+def unjudged(figures: dict[str, object], gates: Mapping[str, FigureGate]) -> list[str]:
+    """The gates on figures of a sphere that a law which ends in another shape does not have."""
+    return [
+        name
+        for name in gates
+        if "goal_shape" in figures and name.startswith("formation.") and figure(figures, name) is None
     ]
 
 
@@ -232,8 +241,15 @@ def summary(reports: Sequence[Figures]) -> str:
     lines = ["  ".join(map(str.rjust, row, widths)) for row in cells]
     words_of = [(f"{run['scenario']} seed {run['seed']}", _words(run)) for run in reports]
     notes = sorted({f"{name}: {'; '.join(words)}" for name, words in words_of if words})
+    notes += sorted({_not_judged(run) for run in reports if run.get("not_judged")})
     left_off = [f"... and {len(notes) - SHOWN_NOTES} more"] if len(notes) > SHOWN_NOTES else []
     return "\n".join([*lines, *notes[:SHOWN_NOTES], *left_off])
+
+
+def _not_judged(run: Figures) -> str:
+    names = run["not_judged"]
+    listed = ", ".join(map(str, names)) if isinstance(names, list) else ""
+    return f"{run['scenario']}: not judged, because the law's goal_shape is {run['goal_shape']}: {listed}"
 
 
 def rows(reports: Sequence[Figures]) -> list[list[str]]:

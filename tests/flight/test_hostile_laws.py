@@ -1,6 +1,11 @@
 """A law of another package is not trusted: whatever it does, all vehicles hold, and the filter is on."""
 
+import contextlib
+import os
+import subprocess
+import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +25,7 @@ from tests.support.hostile_laws import WELL_TICKS
 
 pytestmark = pytest.mark.long
 
+SUPPORT = Path(__file__).parents[1] / "support"
 COUNT, TICK_S, HOLDS_WITHIN_S, STANDS_M_S, HELD_M = 20, 0.05, 0.5, 0.4, 0.5
 HOSTILE_S = WELL_TICKS * TICK_S
 
@@ -37,13 +43,19 @@ REASONS = {
     "ChangesItsInputs": "ValueError: assignment destination is read-only",
     "AnswersItself": "its process sends what is no answer",
     "AnswersNested": "its process sends what is no answer",
+    "ShortensTheTable": "PermissionError: [Errno 1] Operation not permitted (hostile_laws.py, line ",
+    "Forks": "it took longer than 10 ms in 5 ticks",
+    "PrintsEndlessly": "it took longer than 10 ms in 5 ticks",
+    "TakesModulesAway": "ModuleNotFoundError: import of json halted",
+    "TakesNoSignal": "it took longer than 10 ms in 5 ticks",
+    "WritesToTheTerminal": "ValueError: \\x1b[2Jall is well (hostile_laws.py, line ",
 }
 
 
 @pytest.fixture(autouse=True)
 def _beside(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(registry, "_beside", [])
-    registry.allow_code(Path(__file__).parents[1] / "support")
+    registry.allow_code(SUPPORT)
 
 
 def assembly(law: str, duration_s: float) -> Scenario:
@@ -75,6 +87,72 @@ def test_a_law_that_sleeps_delays_no_tick() -> None:
     assert answer.holds
     assert law.failed.startswith(REASONS["SleepsASecond"])
     assert np.sort(took_s)[-3] < 2.0 * BUDGET_SHARE * TICK_S  # of 46; the machine may take one or two
+
+
+def statuses() -> Iterator[tuple[int, str, int, int]]:
+    """Number, state, parent and process group of each process."""
+    for status in Path("/proc").glob("[0-9]*/stat"):
+        with contextlib.suppress(OSError):
+            state, parent, group = status.read_text().rpartition(") ")[2].split()[:3]
+            yield int(status.parent.name), state, int(parent), int(group)
+
+
+def group_of(law: str, service: int) -> int:
+    """The process group of the law that a service began."""
+    for number, _, parent, group in statuses():
+        if parent == service and f":{law}\0" in Path(f"/proc/{number}/cmdline").read_text():
+            return group
+    raise AssertionError(law)
+
+
+def ends(group: int) -> bool:
+    """Whether no process of the group runs within 10 s; one that has ended and is not waited for does not."""
+    until_s = time.monotonic() + 10.0
+    while runs := any(its == group and state not in "ZX" for _, state, _, its in statuses()):
+        if time.monotonic() > until_s:
+            break
+        time.sleep(0.05)
+    return not runs
+
+
+def test_no_child_of_a_law_is_left() -> None:
+    law = LawProcess("hostile_laws:Forks", {}, COUNT, TICK_S)
+    law.begin(BEGINS_S)
+    group = group_of("Forks", os.getpid())
+    for _ in range(WELL_TICKS + 20):
+        law.velocity(sample(COUNT, NoSettings()))
+    assert law.failed
+    assert ends(group)
+    law.close()
+
+
+SERVICE = f"""
+import time
+from pathlib import Path
+from gcs.flight.laws.process import BEGINS_S, LawProcess
+from gcs.formation.laws import registry
+from gcs.formation.laws.conformance import sample
+from gcs.formation.laws.protocol import NoSettings
+registry.allow_code(Path({str(SUPPORT)!r}))
+law = LawProcess("hostile_laws:TakesNoSignal", {{}}, {COUNT}, {TICK_S}, 1.0)
+law.begin(BEGINS_S)
+for _ in range({WELL_TICKS + 1}):
+    law.velocity(sample({COUNT}, NoSettings()))
+print(law.failed or "asked", flush=True)
+time.sleep(600.0)
+"""
+
+
+def test_a_law_ends_with_a_killed_service() -> None:
+    """In a call that never returns, and with each signal refused that can be."""
+    with subprocess.Popen([sys.executable, "-c", SERVICE], stdout=subprocess.PIPE, text=True) as service:
+        assert service.stdout is not None
+        try:
+            assert service.stdout.readline() == "asked\n"
+            group = group_of("TakesNoSignal", service.pid)
+        finally:
+            service.kill()
+    assert ends(group)
 
 
 def test_a_law_that_leads_all_to_one_point_meets_the_filter() -> None:

@@ -1,6 +1,8 @@
 """Laws that fly well for 2 s, and then do what no law may. Each runs in a process of its own."""
 
 import os
+import signal
+import sys
 import time
 from pathlib import Path
 
@@ -25,6 +27,12 @@ class Hostile(FormationLaw):
 
     def after(self, inputs: LawInputs, well_m_s: Array, tick: int) -> Array:
         return well_m_s
+
+
+def file_named(begins: str) -> int:
+    """The number of the open file, above the standard ones, that is named so."""
+    files = [each for each in Path("/proc/self/fd").iterdir() if int(each.name) > 2 and each.is_symlink()]
+    return next(int(each.name) for each in files if str(each.readlink()).startswith(begins))
 
 
 class SleepsASecond(Hostile):
@@ -108,6 +116,53 @@ class AnswersNested(AnswersItself):
     """Deeper than a parser of JSON goes."""
 
     answer = b"[" * 4000 + b"\n"
+
+
+class ShortensTheTable(Hostile):
+    """Takes the shared memory away, and says that its answer is there."""
+
+    def after(self, inputs: LawInputs, well_m_s: Array, tick: int) -> Array:
+        os.ftruncate(file_named("/memfd:"), 0)
+        os.write(file_named("pipe:"), b'{"took_s": 0.001}\n')
+        time.sleep(1.0)
+        return well_m_s
+
+
+class Forks(Hostile):
+    """Leaves children behind that have its pipes, and ends."""
+
+    def after(self, inputs: LawInputs, well_m_s: Array, tick: int) -> Array:
+        if os.fork() == 0:
+            time.sleep(600.0)
+        os._exit(0)
+
+
+class PrintsEndlessly(Hostile):
+    def after(self, inputs: LawInputs, well_m_s: Array, tick: int) -> Array:
+        while True:
+            sys.stdout.write("x" * 1000)
+
+
+class TakesModulesAway(Hostile):
+    def after(self, inputs: LawInputs, well_m_s: Array, tick: int) -> Array:
+        for name in list(sys.modules):
+            sys.modules[name] = None  # type: ignore[assignment]
+        import json  # noqa: F401, PLC0415
+
+        return well_m_s
+
+
+class TakesNoSignal(Hostile):
+    def after(self, inputs: LawInputs, well_m_s: Array, tick: int) -> Array:
+        for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGALRM):
+            signal.signal(number, signal.SIG_IGN)
+        while True:
+            pass
+
+
+class WritesToTheTerminal(Hostile):
+    def after(self, inputs: LawInputs, well_m_s: Array, tick: int) -> Array:
+        raise ValueError("\x1b[2Jall is\nwell")
 
 
 class ToOnePoint(Hostile):

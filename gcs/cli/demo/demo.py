@@ -33,7 +33,7 @@ from gcs.config.sections import LinkSettings
 from gcs.config.site import station_config
 from gcs.control import warm_up
 from gcs.estimation.positioning import uncertainty_m
-from gcs.formation.laws.registry import allow_code
+from gcs.formation.laws.registry import allow_code, place_of
 from gcs.links.autopilots import AUTOPILOTS, DEFAULT
 from gcs.links.settings import SYSTEM_ID_MAX
 from gcs.model.errors import ConfigError, GcsError
@@ -96,7 +96,7 @@ def _follows(figures: Mapping[str, object]) -> bool:
 
 
 def make_config(arguments: argparse.Namespace) -> configuration.Config:
-    """Adapt the shipped demo configuration to the arguments. Raises: ConfigError."""
+    """Adapt the shipped demo configuration to the arguments. Raises: ConfigError, InvalidError."""
     if arguments.stations != 1:
         _check_stations(arguments)
     count, most = arguments.vehicles, VEHICLES_MAX[arguments.transport] * arguments.stations
@@ -104,6 +104,7 @@ def make_config(arguments: argparse.Namespace) -> configuration.Config:
         advice = "" if count < 2 or arguments.transport == "native" else "; --transport native bears more"
         raise ConfigError(f"--vehicles {count}: 2 to {most} is possible{advice}")
     allow_code(Path.cwd())
+    place_of(arguments.law or DEFAULT_LAW)
     raw = configuration.load(configuration.find("demo")).model_dump()
     large = arguments.transport == "native"
     if large:
@@ -144,10 +145,13 @@ def make_config(arguments: argparse.Namespace) -> configuration.Config:
 
 
 def _check_stations(arguments: argparse.Namespace) -> None:
-    """Raises: ConfigError for a number of stations that cannot share the fleet."""
+    """Raises: ConfigError for stations that cannot share the fleet, or its law."""
     count, vehicles = arguments.stations, arguments.vehicles
     if not 2 <= count <= demo_site.STATIONS_MAX:
         raise ConfigError(f"--stations {count}: 1 to {demo_site.STATIONS_MAX} is possible")
+    if ":" in (arguments.law or ""):
+        text = "a file's law flies with one station; several need its package installed"
+        raise ConfigError(f"--law {arguments.law}: {text}")
     if arguments.transport != "native":
         arguments.transport = "native"
     if ceil(vehicles / ceil(vehicles / count)) != count or ceil(vehicles / count) > SYSTEM_ID_MAX:

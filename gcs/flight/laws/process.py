@@ -4,9 +4,12 @@ The tick never waits longer than the law's budget. Between answers the last velo
 `LATE_S` at most; from then on, and from the first answer that breaks a bound, all vehicles stop.
 """
 
+import contextlib
+import fcntl
 import json
 import os
 import select
+import signal
 import subprocess
 import sys
 import time
@@ -23,7 +26,7 @@ from gcs.formation.article import no_faster
 from gcs.formation.laws.conformance import why_wrong
 from gcs.formation.laws.protocol import GoalShape, LawAnswer, LawInputs, waits
 from gcs.formation.laws.registry import code_folder, declare, place_of
-from gcs.model.errors import InvalidError
+from gcs.model.errors import InvalidError, visible
 from gcs.model.state import Array, Mask, VehicleId
 
 BUDGET_SHARE: Final = 0.2
@@ -38,7 +41,10 @@ TURNS_M_S, TURNS_MOST, TURNS_WITHIN = 1.0, 4, 8
 BEGINS_S: Final = 20.0
 """A process that says nothing for so long after its begin has failed."""
 
-ANSWER_MAX: Final = 4096
+ANSWER_MAX, WHY_MAX = 4096, 300
+
+SEALS: Final = fcntl.F_SEAL_SHRINK | fcntl.F_SEAL_GROW | fcntl.F_SEAL_SEAL
+"""The shared table keeps its size: reading beyond a shorter one would end the service."""
 
 
 class LawProcess:
@@ -72,8 +78,9 @@ class LawProcess:
         self._last_m_s = np.zeros((0, 3))
         self._turned: deque[Mask] = deque(maxlen=TURNS_WITHIN)
         self._unread, self._began_s = b"", time.monotonic()
-        memory_fd = os.memfd_create("law")
+        memory_fd = os.memfd_create("law", os.MFD_ALLOW_SEALING)
         os.ftruncate(memory_fd, size_of(rows_max))
+        fcntl.fcntl(memory_fd, fcntl.F_ADD_SEALS, SEALS)
         self._table = table_in(mmap(memory_fd, size_of(rows_max)))
         values = json.dumps(dict(settings))
         words = [place_of(name), code_folder(), values, str(memory_fd), str(size_of(rows_max))]
@@ -130,9 +137,9 @@ class LawProcess:
         return waits(len(inputs.ids)) if self.failed else LawAnswer(self._newest_m_s(inputs.ids))
 
     def fail(self, why: str) -> None:
-        """Rely on the law no more, and end its process."""
-        self.failed = self.failed or why
-        self._process.kill()
+        """Rely on the law no more, and end its process; its reason becomes one line for any terminal."""
+        self.failed = self.failed or visible(why[:WHY_MAX].replace("\n", " "))
+        _kill(self._process)
 
     def close(self) -> None:
         """End the process."""
@@ -220,8 +227,15 @@ class LawProcess:
         return values
 
 
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    """End the process, and each that it began in its session."""
+    if process.returncode is None:  # nothing has waited for it: the number is still its own
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+
+
 def _end(process: subprocess.Popen[bytes]) -> None:
-    process.kill()
+    _kill(process)
     process.wait()
     for pipe in (process.stdin, process.stdout):
         if pipe is not None:

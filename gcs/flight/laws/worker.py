@@ -3,6 +3,7 @@
 An error of the law ends it; its last line says which. So do too much memory, and a call without end.
 """
 
+import ctypes
 import json
 import os
 import resource
@@ -17,6 +18,7 @@ from types import TracebackType
 from typing import BinaryIO, Final
 
 import numpy as np
+from pydantic import ValidationError
 
 from gcs.flight.laws.rows import ANSWER, Declared, line, received, table_in
 from gcs.formation.laws.conformance import sample
@@ -25,6 +27,9 @@ from gcs.formation.laws.registry import law_at
 
 MEMORY_MAX: Final = 256 * 2**20
 """Bytes that a law may take beyond those of its process at the beginning."""
+
+PR_SET_PDEATHSIG: Final = 1
+"""Of prctl(2): the kernel ends this process with the service, in whatever its law is then."""
 
 STUCK_S: Final = 5.0
 """A call that lasts longer ends the process, whoever began it."""
@@ -38,10 +43,12 @@ def main() -> None:
     def report(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
         frames = traceback.extract_tb(trace)
         where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
-        answers.write(line({"error": f"{kind.__name__}: {str(error)[:200]}{where}"}))
+        text = f"{kind.__name__}: {str(error)[:200]}{where}"
+        answers.write(line({"error": _misfits(error) if isinstance(error, ValidationError) else text}))
 
     sys.excepthook = report
     if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
         os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     if folder:
         sys.path.insert(0, folder)
@@ -72,6 +79,12 @@ def _put(answer: LawAnswer, inputs: LawInputs, table: np.ndarray) -> dict[str, o
         return {"error": f"it returned an array of shape {velocity_m_s.shape}; {shape} is needed"}
     table[: len(inputs.ids), ANSWER] = velocity_m_s
     return {}
+
+
+def _misfits(error: ValidationError) -> str:
+    """Which settings the law does not take, on one line."""
+    texts = [f"{'.'.join(map(str, each['loc']))}: {each['msg']}" for each in error.errors()]
+    return ("its settings do not fit: " + ", ".join(texts))[:300]
 
 
 def _bound_memory() -> None:

@@ -10,7 +10,7 @@ from gcs.cli import options
 from gcs.cli.demo import demo
 from gcs.config.schema import Config
 from gcs.links.settings import Listen
-from gcs.model.errors import ConfigError
+from gcs.model.errors import ConfigError, InvalidError
 from gcs.preflight.parameters import settings_of
 
 
@@ -55,6 +55,13 @@ def test_mixed_fleet_alternates_and_notices_alike(transport: str) -> None:
     assert {vehicle.autopilot for vehicle in config_of("--autopilot", "ardupilot").fleet} == {"ardupilot"}
     with pytest.raises(ConfigError, match="one of px4, ardupilot, mixed"):
         config_of("--autopilot", "betaflight")
+
+
+def test_a_law_that_there_is_not_is_named() -> None:
+    with pytest.raises(InvalidError, match="law = rings: one of slots, article"):
+        config_of("--law", "rings")
+    with pytest.raises(ConfigError, match="a file's law flies with one station"):
+        config_of("--law", "ring_law:Ring", "--stations", "2")
 
 
 def test_default_transport_is_mavsdk_with_a_port_for_each() -> None:

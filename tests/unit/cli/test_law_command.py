@@ -69,7 +69,7 @@ def test_a_new_law_runs_at_once(
         assert law_of("ring").goal_shape.value == "ring"
         law = FlownLawSettings(laws={"ring": {"turn": 2.0}})  # type: ignore[dict-item]
         control = scenario.control.model_copy(update={"law": law})
-        with pytest.raises(ConfigError, match=r"law ring: ValidationError: .*\nturn\n"):
+        with pytest.raises(ConfigError, match="law ring: its settings do not fit: turn: "):
             fly(scenario.model_copy(update={"control": control}), 8, 1)
         raw = schema.load(schema.find("demo")).model_dump()
         raw["formation"]["law"] = "ring"
@@ -103,3 +103,11 @@ def test_a_new_law_needs_a_name_of_its_own(
     assert main(["law", "new", name]) == 2
     assert "no name that is shipped" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_limit_that_a_law_cannot_meet_is_named(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["simulate", "assembly", "--law", "flocking"]) == 0
+    shown = capsys.readouterr().out
+    assert "assembly: not judged, because the law's goal_shape is none: formation.settled, " in shown
+    assert main(["simulate", "assembly", "--law", "slots", "--json"]) == 0
+    assert "not_judged" not in json.loads(capsys.readouterr().out.splitlines()[-1])
