@@ -7,7 +7,7 @@ NPM := PATH="$(CURDIR)/.venv-node/bin:$$PATH" npm --prefix api/console
 # Python's bytecode is always kept: pytest's rewriting of modules takes longer than many tests.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: sitl ready demo quick units test soak checked computed flown console console-test schema tested-with check compiled bench mutate flight-quality gallery race screenshots docs format lock lowest clean
+.PHONY: sitl ready demo quick units test soak checked computed flown console console-test schema tested-with check compiled bench mutate flight-quality gallery race screenshots docs notebook format lock lowest clean
 
 # Two environments are made in parallel: one for flying, one for building the console.
 ready:
@@ -129,6 +129,9 @@ docs: .venv/docs  ## the documentation site in build/site, strictly; no network;
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet  # the variable hides an announcement of the theme
 	$(BIN)/pytest -n 0 docs/site
 	@echo "build/site/index.html"
+
+notebook: .venv/docs  ## run docs/examples/my_law.ipynb, and store what its cells print and draw
+	$(BIN)/python docs/site/notebook.py
 
 format: .venv/ready
 	$(BIN)/ruff format .

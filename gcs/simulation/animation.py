@@ -1,16 +1,16 @@
 """A flight as a moving picture, faster than it was: vehicles, their trails, boxes, target; or as a still."""
 
-from functools import partial
+from io import BytesIO
 from pathlib import Path
 from typing import Final, NamedTuple
 
 import matplotlib as mpl
 import numpy as np
-from matplotlib.animation import FuncAnimation, PillowWriter
 from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 from numpy.typing import NDArray
+from PIL import Image
 
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array
@@ -24,7 +24,7 @@ NEAR_M: Final = 90.0
 TURNS_DEG: Final = 25.0
 AROUND: Final = 1.1
 NIGHT, GROUND, BOX, TARGET = "#0b0e16", "#2a3142", "#8a93a6", "#ffd166"
-DPI = 72
+DPI, COLOURS = 72, 64
 
 
 class Shot(NamedTuple):
@@ -40,12 +40,30 @@ class Shot(NamedTuple):
     colours: Array  # (n, 4)
 
 
-def animate(record: FlightRecord, file: Path) -> dict[str, object]:
-    """Draw the flight into `file`, a GIF. Returns: the figures of the flight."""
-    shot = _shot(record)
+def animate(
+    record: FlightRecord,
+    file: Path,
+    *,
+    frames: int = FRAMES_MAX,
+    frames_hz: float = FRAMES_HZ,
+    dpi: int = DPI,
+) -> dict[str, object]:
+    """Draw the flight into `file`, a GIF of at most so many frames. Returns: the figures of the flight.
+
+    All frames have one palette, and no dither: then most of a frame is as in the one before it.
+    """
+    shot = _shot(record, frames)
     page, axes = _page(6.0, 4.4)
-    moving = FuncAnimation(page, partial(_draw, axes, shot), frames=len(shot.ticks), repeat=True)
-    moving.save(file, PillowWriter(fps=round(FRAMES_HZ)), dpi=DPI, savefig_kwargs={"facecolor": NIGHT})
+    pictures = []
+    for frame in range(len(shot.ticks)):
+        _draw(axes, shot, frame)
+        page.savefig(drawn := BytesIO(), dpi=dpi, facecolor=NIGHT)
+        pictures.append(Image.open(drawn).convert("RGB"))
+    sampled = np.vstack([np.asarray(pictures[each]) for each in (0, len(pictures) // 2, -1)])
+    palette = Image.fromarray(sampled).quantize(COLOURS, Image.Quantize.MAXCOVERAGE)
+    first, *others = (each.quantize(palette=palette, dither=Image.Dither.NONE) for each in pictures)
+    lasts_ms = round(1e3 / frames_hz)
+    first.save(file, save_all=True, append_images=others, duration=lasts_ms, loop=0)
     return report(record)
 
 
@@ -59,14 +77,15 @@ def still(record: FlightRecord, file: Path) -> None:
 
 def _page(width_in: float, height_in: float) -> tuple[Figure, Axes3D]:
     page = Figure(figsize=(width_in, height_in), facecolor=NIGHT)
+    page.set_layout_engine("none")  # whatever a caller's rcParams say
     where = (-0.16, -0.18, 1.32, 1.34)
     return page, page.add_axes(where, projection="3d", facecolor=NIGHT, computed_zorder=False)
 
 
-def _shot(record: FlightRecord, *, whole: bool = False) -> Shot:
+def _shot(record: FlightRecord, frames: int = FRAMES_MAX, *, whole: bool = False) -> Shot:
     path_m = record.path_m[..., [1, 0, 2]] * (1.0, 1.0, -1.0)
     rate_hz = record.scenario.world.tick_rate_hz
-    stride = max(round(rate_hz / FRAMES_HZ), -(-len(path_m) // FRAMES_MAX))
+    stride = max(round(rate_hz / FRAMES_HZ), -(-len(path_m) // frames))
     low_m, high_m = np.nanmin(path_m, axis=(0, 1)), np.nanmax(path_m, axis=(0, 1))
     half_m = float((high_m - low_m).max()) / 2.0
     height_m = max(AROUND * float(high_m[2]), half_m / 2.0, 5.0)
