@@ -129,7 +129,9 @@ class Barrier:
         self._reference_m_s: Array | None = None
 
     def velocity_m_s(self, position_m: Array, velocity_m_s: Array, goal_m: Array, speed_m_s: float) -> Array:
-        before = np.zeros_like(velocity_m_s) if self._reference_m_s is None else self._reference_m_s
+        before = self._reference_m_s
+        if before is None or len(before) != len(velocity_m_s):  # vehicles were lost
+            before = velocity_m_s
         desired = preferred_m_s(position_m, goal_m, speed_m_s)
         change = np.asarray(_barrier(position_m, before, desired, self._apart_m))
         self._reference_m_s = before + self._dt_s * change
