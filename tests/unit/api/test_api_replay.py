@@ -105,6 +105,7 @@ def test_flight_report_is_shown_once_it_is_made() -> None:
         "checks": [{**check, "kept": None}],
         "nearest_pairs": [],
         "tracking": [],
+        "traffic": [],
     }
     record.report_state = ReportState(CheckState.DONE, report=TypeAdapter(ReportBody).validate_python(report))
     reported = api("GET", "/api/v1/replay/report").json()
