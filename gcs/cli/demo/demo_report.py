@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from gcs.formation.repulsion import energy, nearest_m
+from gcs.model.errors import GcsError
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array, Mask
@@ -81,8 +82,13 @@ def shape(truth: GroundTruth, commanded: Commanded) -> dict[str, float]:
 
     Returns: energy and nearest distance relative to those of the best known configuration; in metres the mean
         radius error of the worst vehicle about the commanded centre, and how far that is from the sphere's.
+    Raises: GcsError where no formation flew in a part of the window.
     """
     desired = commanded.at(truth.time_s)
+    flew = np.isfinite(desired.center_m).all(axis=1)
+    if not flew.all():
+        text = f"for {1.0 - flew.mean():.0%} of the time in which its shape counts"
+        raise GcsError(f"the formation was not flown {text}: control stood still, or the machine did")
     offset_m = truth.position_m - desired.center_m[:, None, :]
     radius_m = np.linalg.norm(offset_m, axis=2)
     error_m = np.abs(radius_m - desired.radius_m[:, None]).mean(axis=0).max()

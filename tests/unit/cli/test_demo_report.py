@@ -184,3 +184,11 @@ def test_the_summary_names_every_figure() -> None:
     assert [name for name, _ in lines] == ["violations", "minimum_separation_m", "landed"]
     assert float(lines[1][1]) == pytest.approx(3.1416, abs=2e-3)
     assert lines[2][1] == "8 of 8"
+
+
+def test_a_formation_that_was_not_flown_all_the_time_is_named() -> None:
+    here = flight(*(6.0 * best(4) + (0.0, 0.0, -20.0)))
+    center = commanded(np.array([0.0, 0.0, -20.0]), 6.0, np.zeros(2))
+    center.center_m[100:150] = np.nan  # control stood still
+    with pytest.raises(GcsError, match="not flown for 10% of the time in which its shape counts"):
+        shape(truth(here), center)
