@@ -103,7 +103,7 @@ class Memory:
     number: int = 0  # of ticks so far
     spin_rad_s: float = 0.0  # of the formation now, on its way to the plan's
     detour: Detour | None = None  # of the formation's centre round obstacles, None without any
-    law: str = ""  # whose state is kept
+    law: str = ""  # that the state belongs to
     law_state: object = None  # as the law returned it
     routes: GoalRoutes | None = None  # (all,) to goals and slots, None while no vehicle is lost
 

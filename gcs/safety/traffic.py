@@ -35,7 +35,7 @@ FURTHER = 2.0
 """A vehicle turns this many times as far as the miss lacks: the rest of its way leads back to its goal."""
 
 ASIDE_M = 3.0
-"""Two whose ways miss by much less than this turn to their right, by much more to the side they pass on."""
+"""Two vehicles turn to their right if their ways miss by much less, else to the side on which they pass."""
 
 
 class Traffic(Settings):

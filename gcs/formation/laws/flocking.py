@@ -52,7 +52,7 @@ EPSILON, FLAT = 0.1, 0.2
 
 @kernel
 def gradient(place: Array, reach: float) -> Array:
-    """(n, 3) sums of the action between neighbours whose rest is 1 apart, at (n, 3), within `reach`."""
+    """(n, 3) sums of the actions of neighbours within `reach`, at (n, 3); none acts at a distance of 1."""
     pushed = np.zeros_like(place)
     rest = (np.sqrt(1.0 + EPSILON) - 1.0) / EPSILON
     farthest = (np.sqrt(1.0 + EPSILON * reach * reach) - 1.0) / EPSILON

@@ -29,7 +29,7 @@ _beside: list[str] = []
 """The folder of code that may run beside what is installed; none unless `allow_code` has named it."""
 
 _declared: dict[str, FormationLaw] = {}
-"""What laws of other packages have said of themselves in their own processes."""
+"""What laws of other packages declare, received from their processes."""
 
 
 def allow_code(folder: Path) -> None:
@@ -94,7 +94,7 @@ class Plugin(FormationLaw):
 
 
 def declare(name: str, goal_shape: GoalShape, *, adds_spin: bool) -> None:
-    """Note what a law has said of itself."""
+    """Store what a law declares."""
     _declared[name] = Plugin(goal_shape, adds_spin=adds_spin)
 
 

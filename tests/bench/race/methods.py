@@ -6,6 +6,7 @@ contradict each other, all of ORCA's are eased alike.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Final, Protocol, TypeVar, cast
 
 import numba
@@ -37,9 +38,6 @@ def compiled(function: F) -> F:
 
 
 class Method(Protocol):
-    name: str
-    paper: str
-
     def velocity_m_s(
         self, position_m: Array, velocity_m_s: Array, goal_m: Array, speed_m_s: float
     ) -> Array: ...
@@ -54,30 +52,30 @@ def preferred_m_s(position_m: Array, goal_m: Array, speed_m_s: float) -> Array:
 
 
 class Straight:
-    """No avoidance: what the task is without it."""
-
-    name, paper = "straight", "none: every vehicle flies to its goal"
+    """No avoidance: every vehicle flies to its goal."""
 
     def velocity_m_s(self, position_m: Array, velocity_m_s: Array, goal_m: Array, speed_m_s: float) -> Array:
         return preferred_m_s(position_m, goal_m, speed_m_s)
 
 
-class Orca:
-    name = "ORCA"
-    paper = "van den Berg, Guy, Lin, Manocha 2011, Reciprocal n-body collision avoidance, in three dimensions"
+Choice = Callable[[Array, Array, Array, float, float], Array]
+"""Velocities from positions, velocities, those desired, greatest speed and least distance of two."""
 
-    def __init__(self, apart_m: float) -> None:
-        self._apart_m = apart_m
+
+@dataclass(frozen=True, slots=True)
+class Memoryless:
+    """A method that keeps nothing from one tick to the next: `orca` or `voronoi_cells`."""
+
+    choose: Choice
+    apart_m: float
 
     def velocity_m_s(self, position_m: Array, velocity_m_s: Array, goal_m: Array, speed_m_s: float) -> Array:
-        desired = preferred_m_s(position_m, goal_m, speed_m_s)
-        return np.asarray(_orca(position_m, velocity_m_s, desired, speed_m_s, self._apart_m))
+        desired_m_s = preferred_m_s(position_m, goal_m, speed_m_s)
+        return self.choose(position_m, velocity_m_s, desired_m_s, speed_m_s, self.apart_m)
 
 
 class Rvo2:
-    """The authors' own library, which is flat: for flights in which all keep one height."""
-
-    name, paper = "RVO2 (pyrvo)", "the same authors' RVO2 library, in the plane"
+    """The library of ORCA's authors, in the plane: for flights in which all keep one height."""
 
     def __init__(self, apart_m: float) -> None:
         self._apart_m, self._simulator = apart_m, cast("Any", None)
@@ -87,7 +85,7 @@ class Rvo2:
         if self._simulator is None:
             self._simulator = pyrvo.RVOSimulator()
             self._simulator.set_time_step(1e-9)  # others move the vehicles
-            around = NEAR_M, NEAREST, HORIZON_S, HORIZON_S, (self._apart_m) / 2.0, speed_m_s
+            around = NEAR_M, NEAREST, HORIZON_S, HORIZON_S, self._apart_m / 2.0, speed_m_s
             self._simulator.set_agent_defaults(*around)
             for row in rows:
                 self._simulator.add_agent(tuple(position_m[row, :2].tolist()))
@@ -101,28 +99,12 @@ class Rvo2:
         return desired
 
 
-class VoronoiCells:
-    """With the paper's rule against deadlocks: who stands before another passes on the right."""
-
-    name = "buffered Voronoi"
-    paper = "Zhou, Wang, Bandyopadhyay, Schwager 2017, Fast, on-line collision avoidance"
-
-    def __init__(self, apart_m: float) -> None:
-        self._apart_m = apart_m
-
-    def velocity_m_s(self, position_m: Array, velocity_m_s: Array, goal_m: Array, speed_m_s: float) -> Array:
-        desired = preferred_m_s(position_m, goal_m, speed_m_s)
-        return np.asarray(_cells(position_m, desired, speed_m_s, self._apart_m))
-
-
 class Barrier:
-    """Decentralised, of second order; its accelerations move a reference velocity.
+    """Wang, Ames, Egerstedt 2017, Safety barrier certificates for collisions-free multirobot systems.
 
-    With a consistent perturbation against deadlocks: who stands before another turns to the right.
+    Decentralised, of second order; its accelerations move a reference velocity. With a consistent
+    perturbation against deadlocks: a vehicle that stands before another one turns to the right.
     """
-
-    name = "CBF-QP"
-    paper = "Wang, Ames, Egerstedt 2017, Safety barrier certificates for collisions-free multirobot systems"
 
     def __init__(self, apart_m: float, dt_s: float) -> None:
         self._apart_m, self._dt_s = apart_m, dt_s
@@ -210,9 +192,10 @@ def _least_broken(desired: Array, normal: Array, offset: Array, most: float) -> 
 
 
 @compiled
-def _orca(
+def orca(
     position_m: Array, velocity_m_s: Array, desired_m_s: Array, speed_m_s: float, apart_m: float
 ) -> Array:
+    """van den Berg, Guy, Lin, Manocha 2011, Reciprocal n-body collision avoidance, in three dimensions."""
     result = np.empty_like(desired_m_s)
     for i in range(len(position_m)):
         others = _nearest(position_m, i)
@@ -241,7 +224,13 @@ def _orca(
 
 
 @compiled
-def _cells(position_m: Array, desired_m_s: Array, speed_m_s: float, apart_m: float) -> Array:
+def voronoi_cells(
+    position_m: Array, velocity_m_s: Array, desired_m_s: Array, speed_m_s: float, apart_m: float
+) -> Array:
+    """Zhou, Wang, Bandyopadhyay, Schwager 2017, Fast, on-line collision avoidance, by buffered Voronoi cells.
+
+    With the paper's rule against deadlocks: a vehicle that stands before another one passes it on the right.
+    """
     result = np.empty_like(desired_m_s)
     for i in range(len(position_m)):
         others = _nearest(position_m, i)

@@ -25,15 +25,15 @@ from gcs.simulation.decide import Decided
 from gcs.simulation.flight import GoalRun
 from gcs.simulation.metrics import metrics
 from gcs.simulation.scenario import GoalFlight, Scenario
-from tests.bench.race.methods import Barrier, Method, Orca, Rvo2, Straight, VoronoiCells
+from tests.bench.race.methods import Barrier, Memoryless, Method, Rvo2, Straight, orca, voronoi_cells
 
 PAGE: Final = Path(__file__).parents[3] / "docs" / "race.md"
 PLOT: Final = PAGE.with_suffix(".png")
 TABLE: Final = re.compile(r"(<!-- race -->\n).*?(<!-- end -->)", re.DOTALL)
 OURS: Final = "ours"
 METHODS: Final[Mapping[str, Callable[[float, float], Method]]] = {
-    "ORCA": lambda apart_m, _: Orca(apart_m),
-    "buffered Voronoi": lambda apart_m, _: VoronoiCells(apart_m),
+    "ORCA": lambda apart_m, _: Memoryless(orca, apart_m),
+    "buffered Voronoi": lambda apart_m, _: Memoryless(voronoi_cells, apart_m),
     "CBF-QP": Barrier,
     "straight": lambda *_: Straight(),
     "RVO2 (pyrvo)": lambda apart_m, _: Rvo2(apart_m),

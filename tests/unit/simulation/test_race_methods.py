@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from gcs.model.state import Array
-from tests.bench.race.methods import Barrier, Method, Orca, Rvo2, VoronoiCells
+from tests.bench.race.methods import Barrier, Memoryless, Method, Rvo2, orca, voronoi_cells
 
 DT_S, SPEED_M_S = 0.05, 2.0
 FLOOR_M = 3.0
 METHODS: Mapping[str, Callable[[], Method]] = {
-    "orca": lambda: Orca(FLOOR_M + 0.2),
+    "orca": lambda: Memoryless(orca, FLOOR_M + 0.2),
     "rvo2": lambda: Rvo2(FLOOR_M + 0.2),
-    "cells": lambda: VoronoiCells(FLOOR_M + 0.2),
+    "cells": lambda: Memoryless(voronoi_cells, FLOOR_M + 0.2),
     "barrier": lambda: Barrier(FLOOR_M + 0.2, DT_S),
 }
 
