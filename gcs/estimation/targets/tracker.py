@@ -60,8 +60,11 @@ FRESH_S, FRESH_PERIODS = 0.3, 1.6
 STEADY_S: Final = 12.0
 """Without reports a target that has moved alike is followed for as long again, and so long at most."""
 
-LEAST: Final = 1e-3
-"""A smaller standard deviation counts as this, in m and m/s: no receiver is better."""
+LEAST, GREATEST = 1e-3, 1e5
+"""A standard deviation beyond counts as these, in m and m/s: no receiver is better; worse says nothing."""
+
+FASTEST_M_S: Final = 1_000.0
+"""A greater reported velocity does not count, whatever else was reported."""
 
 FARTHEST_M: Final = 100_000.0
 """Farther from the show's origin a report is of another frame: degrees exchanged, or none."""
@@ -268,13 +271,13 @@ class Tracker:
 
     def _take_height(self, report: TargetReport, was_s: float) -> None:
         """Believe the height of a report with a place that is believed."""
-        if not isfinite(report.height_m):
+        if not abs(report.height_m) <= FARTHEST_M:  # written so that NaN does not count
             return
         deviation_m = report.height_deviation_m
         if not isfinite(deviation_m):
             sideways_m = report.deviation_m if isfinite(report.deviation_m) else self.deviation_m
             deviation_m = UP_SHARE * sideways_m
-        deviation_m = max(deviation_m, LEAST)
+        deviation_m = _bounded(deviation_m)
         believed = HeightBelief.begun if self.height is None else self.height.corrected
         self.height = believed(was_s, report.height_m, deviation_m)
 
@@ -312,13 +315,13 @@ class Tracker:
         return next((belief for time_s, _, _, belief in reversed(self._believed) if time_s <= was_s), None)
 
     def _values(self, report: TargetReport) -> tuple[Array, Array]:
-        deviation_m = max(report.deviation_m if isfinite(report.deviation_m) else self.deviation_m, LEAST)
-        if not all(map(isfinite, report.velocity_m_s)):
+        deviation_m = _bounded(report.deviation_m if isfinite(report.deviation_m) else self.deviation_m)
+        if not hypot(*report.velocity_m_s) <= FASTEST_M_S:  # written so that NaN does not count
             return np.array(report.position_m), np.array([deviation_m**2] * 2)
         deviation_m_s = report.velocity_deviation_m_s
         if not isfinite(deviation_m_s):
             deviation_m_s = VELOCITY_DEVIATION_M_S
-        variance = [deviation_m**2] * 2 + [max(deviation_m_s, LEAST) ** 2] * 2
+        variance = [deviation_m**2] * 2 + [_bounded(deviation_m_s) ** 2] * 2
         return np.array([*report.position_m, *report.velocity_m_s]), np.array(variance)
 
     def _insert(self, was_s: float, reported: Array, variance: Array, belief: TargetBelief | None) -> None:
@@ -329,7 +332,13 @@ class Tracker:
         for time_s, values, variances in again:
             believed = begun if belief is None else partial(corrected, belief)
             belief = believed(time_s, values, variances)
+            if not np.isfinite(belief.values).all():
+                belief = begun(time_s, values, variances)
             self._believed.append((time_s, values, variances, belief))
         self.belief, self.newest_s = belief, self._believed[-1][0]
         self.why, self._refused_s = "", nan
         self.accepted += 1
+
+
+def _bounded(deviation: float) -> float:
+    return min(max(deviation, LEAST), GREATEST)

@@ -243,6 +243,27 @@ def test_order_of_arrival_does_not_matter(order: list[int]) -> None:
         np.testing.assert_allclose(one.position_m, other.position_m, atol=1e-9)
 
 
+anything = st.floats() | st.sampled_from([0.0, 1e-300, 1e160, 1e300, -1e300])
+places = st.tuples(st.floats(-1e5, 1e5), st.floats(-1e5, 1e5)) | st.tuples(anything, anything)
+any_report = st.builds(
+    TargetReport,
+    st.floats(0.0, 60.0),
+    places,
+    st.tuples(anything, anything),
+    *[anything] * 5,
+)
+
+
+@given(st.lists(any_report, min_size=1, max_size=8))
+def test_any_reports_leave_a_target_that_can_be_followed(received: list[TargetReport]) -> None:
+    known = tracker()
+    for report in received:
+        known.take(report, 0.0)
+        motion = known.motion(60.0)
+        if motion is not None:
+            motion.target(60.0)  # refuses what is not finite
+
+
 @given(st.floats(0.01, 30.0), st.floats(0.01, 30.0))
 def test_uncertainty_grows_without_reports(first_s: float, more_s: float) -> None:
     belief = fed(10.0).belief
