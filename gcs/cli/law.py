@@ -5,6 +5,7 @@ import re
 import sys
 import time
 from itertools import pairwise
+from keyword import iskeyword
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -23,6 +24,15 @@ TICK_S: Final = 0.05
 
 TIMED: Final = 30
 """Vehicles with which the time of a law is measured."""
+
+TAKEN: Final = frozenset({"FormationLaw", "GoalShape", "LawAnswer", "LawInputs", "Positive", "Settings"})
+"""What a new law's file imports: its class cannot be called so."""
+
+
+def class_name(law: str) -> str:
+    """What the class of a new law is called."""
+    return "".join(map(str.capitalize, law.split("_")))
+
 
 SET: Final = ApiCall("law set", "change_formation", "choose the law, on the ground", ("law",), alone=True)
 
@@ -62,14 +72,17 @@ def _new(arguments: argparse.Namespace) -> int:
     from gcs.cli.law_template import FILES  # noqa: PLC0415 (for this command only)
     from gcs.formation.laws.registry import SHIPPED  # noqa: PLC0415 (loads numpy)
 
-    name, folder = arguments.name, Path(arguments.name)
-    if NAME.fullmatch(name) is None or name in SHIPPED:
-        raise ConfigError(
-            f"law {name}: lower-case letters, digits and _ are needed, and no name that is shipped"
-        )
+    name, folder, kind = arguments.name, Path(arguments.name), class_name(arguments.name)
+    if NAME.fullmatch(name) is None:
+        text = "it is no name of Python: lower-case letters, digits and _ are possible, a letter first"
+        raise ConfigError(f"law {name}: {text}, 31 at most")
+    if name in SHIPPED:
+        raise ConfigError(f"law {name}: a law of that name is shipped; take another name")
+    if iskeyword(name) or iskeyword(kind) or kind in TAKEN:
+        raise ConfigError(f"law {name}: {kind} is a word of Python, or of the law's file; take another name")
     if folder.exists():
         raise ConfigError(f"{folder}: it is there already; take another name, or remove it")
-    words = {"NAME": name, "MODULE": f"{name}_law", "CLASS": "".join(map(str.capitalize, name.split("_")))}
+    words = {"NAME": name, "MODULE": f"{name}_law", "CLASS": kind}
     folder.mkdir()
     written = []
     for file, content in FILES.items():

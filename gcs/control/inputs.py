@@ -116,6 +116,8 @@ class FormationState:
     spin_rad_s: float
     sides: dict[str, float]  # on which each obstacle is passed, by obstacle id
     place: Array  # (n, 3) slots, rows as in the tick's FleetState, NaN: not known
+    led_m_s: Array | None = None  # (n, 3) by a law that one station computes for all, relative to the
+    # centre; NaN: not known, and None: nothing is
 
 
 class ControlSettings(Settings):

@@ -10,8 +10,9 @@ from gcs.control.center import Lead
 from gcs.control.inputs import FormationState, TickInputs
 from gcs.control.memory import Memory
 from gcs.control.slot_space import LostSpace
+from gcs.formation.article import no_faster
 from gcs.formation.law import directions_from, goal_velocity, ramped_spin, spin_velocity
-from gcs.formation.laws.protocol import FormationLaw, LawAnswer, LawInputs, SlotsState
+from gcs.formation.laws.protocol import FormationLaw, LawAnswer, LawInputs, SlotsState, waits
 from gcs.formation.laws.registry import law_of
 from gcs.formation.neighbours import Sight
 from gcs.formation.orbit import Center
@@ -54,6 +55,7 @@ class Spread:
     velocity_m_s: Array  # (m, 3) of the m vehicles in formation
     answer: LawAnswer
     spin_rad_s: float = 0.0  # as in Memory
+    led_m_s: Array | None = None  # as in Memory
 
 
 def spread(
@@ -87,10 +89,10 @@ def spread(
         inputs = replace(inputs, led_place=shared.place)
     if law.takes_sight:
         inputs = replace(inputs, sight=sight)
-    answer = law.velocity(inputs) if runner is None else runner(inputs)
+    answer, led_m_s = _answered(now, inputs, law, shared, runner)
     if answer.holds:
         held = Held.of(now, memory.law_state)
-        return Spread(held.velocity_m_s(now), LawAnswer(answer.velocity_m_s, held), spin_rad_s)
+        return Spread(held.velocity_m_s(now), LawAnswer(answer.velocity_m_s, held), spin_rad_s, led_m_s)
     own_m_s = now.ours(answer.velocity_m_s)
     if spin_rad_s and not law.adds_spin:
         direction, distance_m = directions_from(inputs.position_m, center.position_m)
@@ -106,7 +108,28 @@ def spread(
         limits.down_m_s,
         now.of_formed(now.traits.speed_max_m_s),
     )
-    return Spread(flown_m_s, answer, spin_rad_s)
+    return Spread(flown_m_s, answer, spin_rad_s, led_m_s)
+
+
+def _answered(
+    now: TickInputs,
+    inputs: LawInputs,
+    law: FormationLaw,
+    shared: FormationState | None,
+    runner: LawRunner | None,
+) -> tuple[LawAnswer, Array | None]:
+    """The law's answer, and `led_m_s` as in Memory; at a follower of a `led` law what the lead sent."""
+    for_all = law.stations == "led" and not law.has_slots
+    if for_all and shared is not None:
+        led_m_s = None if shared.led_m_s is None else now.of_sphere(shared.led_m_s)
+        if led_m_s is None or np.isnan(led_m_s).all():
+            return waits(len(inputs.ids)), None
+        return LawAnswer(no_faster(np.nan_to_num(led_m_s), inputs.own_speed_max_m_s)), None
+    answer = law.velocity(inputs) if runner is None else runner(inputs)
+    if not for_all:
+        return answer, None
+    all_m_s = np.full_like(answer.velocity_m_s, np.nan) if answer.holds else answer.velocity_m_s
+    return answer, now.for_sphere(all_m_s, np.nan)
 
 
 def _inputs(

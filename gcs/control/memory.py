@@ -105,6 +105,10 @@ class Memory:
     detour: Detour | None = None  # of the formation's centre round obstacles, None without any
     law: str = ""  # that the state belongs to
     law_state: object = None  # as the law returned it
+    led_m_s: Array | None = (
+        None  # (all, 3) its velocities for vehicles of other stations as well, relative to
+    )
+    # the centre, NaN: they hold; None: it is not computed for others
     routes: GoalRoutes | None = None  # (all,) to goals and slots, None while no vehicle is lost
 
     @property

@@ -225,6 +225,7 @@ def _remember(
         engaged_time_s=lead.engaged_time_s,
         law=mine.plan.formation.law,
         law_state=law_state,
+        led_m_s=places.led_m_s,
         trim_m_s=trim_m_s,
         expected_m_s=expected_m_s,
         pace=pace,

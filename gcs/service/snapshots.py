@@ -97,7 +97,7 @@ class CueFigures:
         Measured, Field(description="Least separation, in the metric of the separation ellipsoid.")
     ]
     speed_m_s: Measured  # greatest horizontal speed of any vehicle
-    radius_error_m: Measured  # median over time of the vehicle that is farthest from the sphere
+    radius_error_m: Measured  # median over time of the vehicle that is farthest from the law's shape
     center_off_m: Measured  # at its end, from orbit or target
     held_back: int  # most vehicles at a time that the safety filter limited
 

@@ -4,14 +4,24 @@ import json
 from collections.abc import Sequence
 from functools import cached_property
 from hashlib import sha256
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Any, Literal, TypeAlias
 
 import numpy as np
-from pydantic import AfterValidator, Discriminator, Field, StrictInt, StrictStr, Tag
+from pydantic import (
+    AfterValidator,
+    Discriminator,
+    Field,
+    StrictInt,
+    StrictStr,
+    Tag,
+    ValidationInfo,
+    field_validator,
+)
 
 from gcs.config.sections import OrbitSettings, ShowFrameSettings
 from gcs.control import ControlSettings
 from gcs.formation.laws.registry import LawName
+from gcs.formation.laws.settings import of_law
 from gcs.model.plan import DEFAULT_LAW, MAX_OBSTACLES, Direction
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array
@@ -229,14 +239,28 @@ class Show(Settings):
     limits: ShowLimits = ShowLimits()
     fence: ShowFence
     law: LawName = DEFAULT_LAW  # of the formation, for the whole show
+    law_settings: dict[str, Any] = Field(default_factory=dict)  # of that law, by its own model
     timeline: Annotated[tuple[Cue, ...], Field(min_length=1, max_length=MAX_CUES)]
     loops: tuple[Loop, ...] = ()
     duration_s: Positive  # as written, loops played once
 
+    @field_validator("law_settings")
+    @classmethod
+    def _of_the_law(cls, given: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
+        if given and "law" in info.data:
+            of_law(info.data["law"], given)
+        return given
+
+    @property
+    def laws(self) -> dict[str, Settings]:
+        """Settings of the show's law, as in `FlownLawSettings.laws`; empty: its defaults."""
+        return {self.law: of_law(self.law, self.law_settings)} if self.law_settings else {}
+
     @cached_property
     def digest(self) -> str:
         """SHA-256, hexadecimal, of everything that is flown (docs/decisions/shows.md)."""
-        content = self.model_dump(mode="json", exclude={"about"})
+        unsaid = {"about"} if self.law_settings else {"about", "law_settings"}
+        content = self.model_dump(mode="json", exclude=unsaid)
         return sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
     @property
@@ -270,23 +294,26 @@ class Show(Settings):
     @property
     def control(self) -> ControlSettings:
         """Control settings for this show: the defaults, within the show's limits and fence."""
-        return control_of(self.limits, self.fence)
+        return control_of(self)
 
 
 def control_of(
-    limits: ShowLimits,
-    fence: ShowFence,
+    show: Show,
     usual: ControlSettings | None = None,
     areas: Sequence[FencedArea] = (),
 ) -> ControlSettings:
-    """Return `usual` law and safety, or their defaults, within these limits, this fence and these areas."""
-    usual = usual or ControlSettings()
+    """Return `usual` law and safety, or their defaults, within the show's limits, its fence and these areas.
+
+    Settings of a law by its own model are the show's: those with which it was checked.
+    """
+    usual, limits, fence = usual or ControlSettings(), show.limits, show.fence
     law, floor = usual.law, usual.safety.floor
     law_within = {
         "speed_m_s": min(law.speed_m_s, limits.speed_max_m_s),
         "center_speed_max_m_s": limits.formation_speed_max_m_s,
         "center_acceleration_max_m_s2": limits.formation_acceleration_max_m_s2,
         "climb_max_m_s": limits.formation_climb_max_m_s,
+        "laws": {name: own for name, own in law.laws.items() if name != show.law} | show.laws,
     }
     least_m = limits.separation_min_m
     up_m = floor.vertical_m * (least_m / floor.horizontal_m)

@@ -29,6 +29,13 @@ class Decider(Protocol):
     ) -> Decided:
         """One tick of every flight, with what has arrived by then; the arguments are of the whole fleet."""
 
+    @property
+    def law_failed(self) -> str:
+        """Which flight does not rely on its law any more, and why; empty: all do, or it is shipped."""
+
+    def close(self) -> None:
+        """End the processes of the flights' laws."""
+
 
 Divide: TypeAlias = Callable[[Divided, TrueWorld, int], Decider]
 """Makes the flights of a scenario, with a seed."""

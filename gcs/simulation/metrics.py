@@ -251,9 +251,7 @@ def formation(record: FlightRecord, shape: Shape) -> FormationFigures:
     whole = [t for t in ticks if record.formed[t].sum() == rows.sum()]
     offset_m = [record.position_m[t][record.formed[t]] - record.center_m[t] for t in whole]
     goal = goal_of(record)
-    off_m = [
-        _off_shape_m(goal, each_m, record.radius_m[t]) for t, each_m in zip(whole, offset_m, strict=True)
-    ]
+    off_m = [off_shape_m(goal, each_m, record.radius_m[t]) for t, each_m in zip(whole, offset_m, strict=True)]
     radius_error_m = float(np.mean(off_m, axis=0).max())
     if goal is not GoalShape.SPHERE:
         return FormationFigures(
@@ -275,7 +273,7 @@ def formation(record: FlightRecord, shape: Shape) -> FormationFigures:
     )
 
 
-def _off_shape_m(goal: GoalShape, offset_m: Array, radius_m: float) -> Array:
+def off_shape_m(goal: GoalShape, offset_m: Array, radius_m: float) -> Array:
     """(n,) distances of vehicles at (n, 3) from the centre from the shape; NaN for other shapes."""
     if goal is GoalShape.SPHERE:
         off_m: Array = np.abs(np.linalg.norm(offset_m, axis=1) - radius_m)

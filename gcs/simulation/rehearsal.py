@@ -7,12 +7,15 @@ from math import hypot
 import numpy as np
 
 from gcs.control import Task, Tasks
+from gcs.control.law_step import LawRunner
 from gcs.failsafe.policy import Action, Cause, FailsafePolicy
 from gcs.flight.commands.spares import climb_is_free, replacements
 from gcs.flight.maneuvers.maneuvers import UP_SHARE
-from gcs.flight.state.flight import stands
+from gcs.flight.state.flight import SETTLES_S, in_shape
 from gcs.flight.state.running_show import ShowFleet, ShowRun
-from gcs.model.errors import RefusedError
+from gcs.formation.laws.protocol import GoalShape
+from gcs.formation.laws.registry import law_of
+from gcs.model.errors import ConfigError, RefusedError, ShowError
 from gcs.model.plan import Obstacle, Plan
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.return_paths.planner import closed_places
@@ -79,6 +82,8 @@ class Rehearsal(SimulatedFlight):
         self.flaws: list[Flaw] = []
         self._refused: set[str] = set()
         self._named = 0  # failsafes that acted, and are among the flaws
+        self._law_named = False  # which is among them
+        self._shaped_s = np.inf  # since when the vehicles are where the law leads, where that is no sphere
         first = timeline.plan_at(0.0)
         scenario = _scenario(loaded, world, adversity, first, spares=len(places_m) - count)
         start_m = places_m.copy()
@@ -117,6 +122,7 @@ class Rehearsal(SimulatedFlight):
             words = f"failsafe '{cause}' acts {when_s:.0f} s after the assembly began: {action}"
             self.flaws.append(Flaw(("timeline", 0), words))
         self._named = len(self.record.failsafes)
+        self._name_law_failure()
         if self.ended_s is None:
             self._replace_lost()
             leads = self._follow()
@@ -131,6 +137,28 @@ class Rehearsal(SimulatedFlight):
             if begin:
                 self._exchange_pads()
             self.come_home(self.loaded.show.fleet.takeoff_height_m, begin=begin)
+
+    def _runner(self) -> LawRunner | None:
+        """Raises: ShowError when the law's process does not begin: its settings do not fit, or it fails."""
+        try:
+            return super()._runner()
+        except ConfigError as error:
+            key = "law_settings" if self.loaded.show.law_settings else "law"
+            raise ShowError(self.loaded.file, [self.loaded.problem(Flaw((key,), str(error)))]) from None
+
+    def _name_law_failure(self) -> None:
+        """Have all return, as an operator does, once the law is not relied on any more: all hold."""
+        if self.record.law_failed is None:
+            return
+        if not self._law_named:
+            when_s, why = self.record.law_failed
+            words = f"law {self.plan.formation.law} fails {when_s:.0f} s after the assembly began: {why}"
+            self.flaws.append(Flaw(("law",), words))
+        self._law_named = True
+        if self.began_s is None:
+            self._begin()  # for one tick: what is judged is the show
+        else:
+            self.return_now()
 
     @property
     def steered(self) -> Mask:
@@ -227,19 +255,24 @@ class Rehearsal(SimulatedFlight):
 
     def _assemble(self, drawn: bool) -> None:
         """Begin the show once its first shape, or the first place of its drawing, is reached."""
-        center = self.memory.center
-        charge = np.array(self.traits.charge)
-        if drawn:
-            begins = self.run.there
-        elif center is not None and stands(
-            self.world.received_m - center.position_m, self.memory.radius_m, charge
-        ):
-            begins = True
-        elif begins := self.time_s > ASSEMBLED_BY_S:
-            words = f"the sphere does not stand after {ASSEMBLED_BY_S:g} s"
+        begins = self.run.there if drawn else self._stands()
+        if not (begins or drawn) and self.time_s > ASSEMBLED_BY_S:
+            begins, goal = True, law_of(self.plan.formation.law).goal_shape
+            shape = "formation" if goal is GoalShape.NONE else goal.value
+            words = f"the {shape} does not stand after {ASSEMBLED_BY_S:g} s"
             self.flaws.append(Flaw(("timeline", 0), words))
         if begins:
             self._begin()
+
+    def _stands(self) -> bool:
+        """Whether the vehicles are where the law leads: those of no sphere for a time, as in flight."""
+        center, goal = self.memory.center, law_of(self.plan.formation.law).goal_shape
+        if center is None:
+            return False
+        offset_m = self.world.received_m - center.position_m
+        shaped = in_shape(goal, offset_m, self.memory.radius_m, np.array(self.traits.charge))
+        self._shaped_s = min(self._shaped_s, self.time_s) if shaped else np.inf
+        return shaped and (goal is GoalShape.SPHERE or self.time_s - self._shaped_s >= SETTLES_S)
 
     def _begin(self) -> None:
         self.began_s, self.center_moves = self.time_s, True
@@ -289,7 +322,7 @@ def _scenario(
         flight=flight,
         judged=Judged(vehicles=(show.fleet.vehicles,)),
         world=world,
-        control=control_of(show.limits, show.fence, areas=loaded.timeline.areas),
+        control=control_of(show, areas=loaded.timeline.areas),
         failsafes=FailsafePolicy(),
     )
 

@@ -131,9 +131,6 @@ class SimulatedFlight:
         self.memory = Memory.fresh(n, 0.0)
         alike = Traits.alike(n, layout.reported_uncertainty_m(scenario))
         self.traits = replace(alike, response=responses(scenario.world, n))
-        if scenario.divided.count > 1 and plan.formation.law not in SHIPPED:
-            text = "several flights fly a law that is shipped only"
-            raise ConfigError(f"{scenario.name}: law {plan.formation.law}: {text}")
         self.law: LawProcess | None = None  # of a law that is not shipped, once the flight has begun
         self.decided: Decided | None = None  # by the newest tick
         self.proposed_m_s: Array | None = None  # (n, 3) for those that are `steered`; None: none are
@@ -168,9 +165,21 @@ class SimulatedFlight:
                 if on_progress is not None:
                     on_progress(self.share_flown())
         self.record.busy_s = time.process_time() - began_s
-        if self.law is not None:
-            self.law.close()
+        self.close()
         return self.record
+
+    def close(self) -> None:
+        """End the processes of laws that are not shipped."""
+        for runs in (self.law, self._decider):
+            if runs is not None:
+                runs.close()
+
+    @property
+    def _law_failed(self) -> str:
+        """Why the law is not relied on any more; empty: it is."""
+        if self._decider is not None:
+            return self._decider.law_failed
+        return "" if self.law is None else self.law.failed
 
     def get_ready(self) -> None:
         """Compile or load the kernels."""
@@ -247,7 +256,7 @@ class SimulatedFlight:
             self.world.in_air & self.present & ~self.losses.known,
             self.descending.copy(),
             self.losses.segments_m.copy(),
-            center_moves=self.center_moves and not paused and not (self.law and self.law.failed),
+            center_moves=self.center_moves and not paused and not self._law_failed,
             formation_waits=paused,
             follows_planned_path=self._follows_planned_path(),
             segments_of=self.losses.segments_of,
@@ -265,7 +274,9 @@ class SimulatedFlight:
     def _decide(self, fleet: FleetState, tasks: Tasks) -> Decided:
         """Compute the tick of the flight, or of each of several."""
         if self._decider is not None:
-            return self._decider.decide(fleet, tasks, self.plan, self.traits, self.settings)
+            decided = self._decider.decide(fleet, tasks, self.plan, self.traits, self.settings)
+            self._note_law()
+            return decided
         sight = self.sight()
         began_s = time.thread_time()
         proposed_m_s = self.proposed_m_s
@@ -284,9 +295,12 @@ class SimulatedFlight:
         )
         memory = result.memory
         took_s = time.thread_time() - began_s
-        if self.law is not None and self.law.failed and self.record.law_failed is None:
-            self.record.law_failed = round(self.time_s, 3), self.law.failed
+        self._note_law()
         return Decided(result.setpoints, memory, result.limited_by, (took_s,))
+
+    def _note_law(self) -> None:
+        if self._law_failed and self.record.law_failed is None:
+            self.record.law_failed = round(self.time_s, 3), self._law_failed
 
     def _runner(self) -> LawRunner | None:
         """What computes a law that is not shipped. Raises: ConfigError when its process does not begin."""

@@ -18,7 +18,7 @@ from gcs.service.snapshots import CueFigures, ShowFigures, VerticalOverlap
 from gcs.shows import Flaw, Played
 from gcs.shows.drawn_checks import DrawnFigures, drawn_within, examine
 from gcs.simulation.control_loss import ControlLoss, control_loss, described, sampled
-from gcs.simulation.metrics import Lag, rounded
+from gcs.simulation.metrics import Lag, goal_of, off_shape_m, rounded
 from gcs.simulation.record import penetrations_and_clearance_m
 from gcs.simulation.rehearsal import TAKEOFF_M_S, Rehearsal, Replacement
 
@@ -108,7 +108,8 @@ class _Judge:
         show, timeline = self._loaded.show, self._loaded.timeline
         up_m_s = -self._velocity_m_s[:, :, 2]
         away_m, margin_m = self._fence()
-        cues = tuple(self._cue(*each) for each in self._passages())
+        flown = [each for each in self._passages() if len(self._ticks(*each[1:]))]  # it may end early
+        cues = tuple(self._cue(*each) for each in flown)
         home_s, need, columns = self._home_s(), self._battery(), self._columns()
         self._reached()
         self._apart()
@@ -231,17 +232,20 @@ class _Judge:
             height_m=_short(-self._flown_m(ticks[-1])[:, 2].mean() if drawn else plan.formation.height_m),
             separation_m=_short(float(self._closest_m[ticks].min())),
             speed_m_s=_short(float(speed_m_s.max())),
-            radius_error_m=None if drawn else self._median_radius_error_m(ticks),
+            radius_error_m=None if drawn else self._median_shape_error_m(ticks),
             center_off_m=None if drawn else _short(self._off_m(int(ticks[-1]), plan)),
             held_back=int(np.array(self._record.limited)[ticks].max()),
         )
 
-    def _median_radius_error_m(self, ticks: NDArray[np.intp]) -> float:
-        return _short(float(np.median([self._radius_error_m(tick) for tick in ticks[::5].tolist()])))
+    def _median_shape_error_m(self, ticks: NDArray[np.intp]) -> float | None:
+        """None for a law that ends in a shape of which no distance is defined."""
+        off_m = float(np.median([self._shape_error_m(tick) for tick in ticks[::5].tolist()]))
+        return _short(off_m) if np.isfinite(off_m) else None
 
-    def _radius_error_m(self, tick: int) -> float:
+    def _shape_error_m(self, tick: int) -> float:
+        """Distance of the vehicle that is farthest from the law's shape; NaN as above."""
         offset_m = self._flown_m(tick) - self._record.center_m[tick]
-        return float(np.abs(np.linalg.norm(offset_m, axis=1) - self._record.radius_m[tick]).max())
+        return float(off_shape_m(goal_of(self._record), offset_m, self._record.radius_m[tick]).max())
 
     def _flown_m(self, tick: int) -> Array:
         """(k, 3) True positions of the vehicles that fly with the show, or did."""

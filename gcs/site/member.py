@@ -31,7 +31,7 @@ from gcs.site.roles import SiteRoles, station_fleets, without_control
 from gcs.site.sender import NOT_CHECKED, WHY_LENGTH, SiteSender
 from gcs.stations.letters import Letters
 from gcs.stations.messages import PHASE_CODE, PHASES
-from gcs.stations.publishing import FORMATION, SLOTS, STATES
+from gcs.stations.publishing import FORMATION, SLOTS, STATES, VELOCITIES
 from gcs.stations.recognition import may_be_valid
 from gcs.stations.reported_vehicles import Rows
 from gcs.stations.return_messages import ReturnMessage
@@ -43,7 +43,7 @@ CHANGED_AGAIN_S: Final = 2.0
 """A follower shows its own change of the plan until the lead confirms it, for this time at most."""
 
 OF_VEHICLES: Final = frozenset({STATES, FORMATION, "homes"})
-"""Topics that the site takes; slots as well."""
+"""Topics that the site takes; slots and velocities as well."""
 
 ARRIVES_WITHIN_S: Final = 0.1
 """The times of a repeated plan differ by up to this much: by the ticks that collect it, and by delays."""
@@ -106,7 +106,7 @@ class SiteMember(Elsewhere):
         for message in self.bus.newest():
             topic, sender, payload = message.topic, message.sender, message.payload
             try:
-                if topic in OF_VEHICLES or topic.startswith(SLOTS):
+                if topic in OF_VEHICLES or topic.startswith((SLOTS, VELOCITIES)):
                     site.receive(sender, topic, payload, message.time_s)
                 elif sender not in site.stations or site.stations[sender].batch is None:
                     site.refused += 1  # no station of this site, as far as its batches have shown

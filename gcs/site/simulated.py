@@ -10,12 +10,16 @@ from numpy.typing import NDArray
 
 from gcs.config.sections import OperationSettings
 from gcs.control import ControlSettings, Memory, Tasks, tick
+from gcs.control.law_step import LawRunner
+from gcs.flight.laws.process import LawProcess
+from gcs.formation.laws.registry import SHIPPED
 from gcs.model.lifecycle import Phase
 from gcs.model.plan import Plan
 from gcs.model.state import Array, FleetState, Mode, Setpoints, Traits, VehicleId
 from gcs.model.vehicle_columns import SENT
 from gcs.simulation.decide import Decided
 from gcs.simulation.scenario import Divided
+from gcs.simulation.simulated_flight import law_process
 from gcs.simulation.world import TrueWorld
 from gcs.stations.messages import MODE_CODE, PHASE_CODE
 from gcs.stations.publishing import STATES, FormationMessages, Reported, batch
@@ -64,6 +68,7 @@ class _Station:
     order: NDArray[np.intp]  # (n,) of its own vehicles, then the others'
     memory: Memory
     formation: FormationMessages
+    law: LawProcess | None = None  # of a law that is not shipped
 
 
 class SimulatedStations:
@@ -79,7 +84,7 @@ class SimulatedStations:
         }
         operation = OperationSettings()
         alone = WithoutControl(operation.setpoint_loss_action, takeoff_height_m=operation.takeoff_height_m)
-        self._bus = _Bus(settings, seed)
+        self._bus, self._tick_s = _Bus(settings, seed), world.tick_s
         self._stations = []
         for number, (name, rows) in enumerate(zip(fleets, parts, strict=True)):
             others = np.concatenate([*parts[:number], *parts[number + 1 :]])
@@ -104,8 +109,8 @@ class SimulatedStations:
             self._bus.deliver(station.site, now_s)
             others = station.site.others(now_s)
             shared = station.site.formation(now_s, LEAD_SILENT_S)
-            before = replace(station.memory)
-            result = tick(own[0], own[1], plan, own[2], before, settings, None, others, shared)
+            before, runner = replace(station.memory), self._runner(station, plan, settings)
+            result = tick(own[0], own[1], plan, own[2], before, settings, None, others, shared, runner=runner)
             station.memory = result.memory
             sent.append(self._messages(station, *own))
             took_s.append(time.thread_time() - began_s)
@@ -117,6 +122,26 @@ class SimulatedStations:
             for topic, payload in messages:
                 self._bus.publish(station.site.own, receivers, topic, payload, now_s)
         return Decided(_joined(fleet, decided), self._of_all(), tuple(limited_by), tuple(took_s))
+
+    @property
+    def law_failed(self) -> str:
+        """Which station does not rely on its law any more, and why."""
+        laws = ((station.site.own, station.law) for station in self._stations)
+        return next((f"station {name}: {law.failed}" for name, law in laws if law and law.failed), "")
+
+    def close(self) -> None:
+        for station in self._stations:
+            if station.law is not None:
+                station.law.close()
+
+    def _runner(self, station: _Station, plan: Plan, settings: ControlSettings) -> LawRunner | None:
+        """What computes a law that is not shipped. Raises: ConfigError when its process does not begin."""
+        name = plan.formation.law
+        if name in SHIPPED:
+            return None
+        if station.law is None:
+            station.law = law_process(name, settings, len(station.order), self._tick_s)
+        return station.law.velocity
 
     def _messages(
         self, station: _Station, fleet: FleetState, tasks: Tasks, traits: Traits

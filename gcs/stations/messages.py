@@ -25,9 +25,9 @@ from gcs.model.vehicle_columns import SENT
 
 Codes: TypeAlias = NDArray[np.uint8]
 
-VERSION: Final = 3
+VERSION: Final = 4
 
-STATES, FORMATION, SLOTS, HOMES = 1, 2, 3, 4
+STATES, FORMATION, SLOTS, HOMES, VELOCITIES = 1, 2, 3, 4, 6
 """Kinds of messages."""
 
 PHASES: Final = tuple(Phase)
@@ -248,6 +248,33 @@ class SlotsMessage:
             raise LinkError(f"slots of {len(payload)} bytes for {count} vehicles")
         steps = np.frombuffer(payload, "<i2", offset=_SLOTS.size).reshape(count, 3)
         return SlotsMessage(site, term, lead, _directions(steps))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class VelocitiesMessage:
+    """Velocities of one station's vehicles by a law that the lead computes for all. Owns its array."""
+
+    site: int
+    term: int
+    lead: int  # place among the site's stations
+    velocity_m_s: Array  # (n, 3) relative to the centre; NaN: not in formation there, or all hold
+
+    def encode(self) -> bytes:
+        head = (VERSION, VELOCITIES, self.site, self.term, self.lead, len(self.velocity_m_s))
+        return _SLOTS.pack(*head) + self.velocity_m_s.astype("<f4").tobytes()
+
+    @staticmethod
+    def decode(payload: bytes) -> "VelocitiesMessage":
+        """Raises: LinkError for bytes that are no such message of this version."""
+        if len(payload) < _SLOTS.size:
+            raise LinkError(f"velocities of {len(payload)} bytes are too short")
+        version, kind, site, term, lead, count = _SLOTS.unpack_from(payload)
+        _check(version, kind, VELOCITIES)
+        if len(payload) != _SLOTS.size + 12 * count:
+            raise LinkError(f"velocities of {len(payload)} bytes for {count} vehicles")
+        sent_m_s = np.frombuffer(payload, "<f4", offset=_SLOTS.size).reshape(count, 3).astype(np.float64)
+        finite = np.isfinite(sent_m_s).all(axis=1, keepdims=True)
+        return VelocitiesMessage(site, term, lead, np.where(finite, sent_m_s, np.nan))
 
 
 def encode_homes(home_m: Array) -> bytes:

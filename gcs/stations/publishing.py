@@ -13,11 +13,18 @@ from gcs.model.jit import kernel
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.state import Array, FleetState, Mask
 from gcs.stations import reported_vehicles
-from gcs.stations.messages import BatchHead, Codes, FormationMessage, SlotsMessage, StateBatch
+from gcs.stations.messages import (
+    BatchHead,
+    Codes,
+    FormationMessage,
+    SlotsMessage,
+    StateBatch,
+    VelocitiesMessage,
+)
 from gcs.stations.site import Site
 
-STATES, FORMATION, SLOTS = "states", "formation", "slots."
-"""Topics; the name of a station follows the last."""
+STATES, FORMATION, SLOTS, VELOCITIES = "states", "formation", "slots.", "velocities."
+"""Topics; the name of a station follows the last two."""
 
 SLOTS_AGAIN_S: Final = 1.0
 """Slots that have not moved are sent again after this time."""
@@ -110,6 +117,12 @@ class FormationMessages:
             memory.sides,
         )
         yield FORMATION, message.encode()
+        if memory.led_m_s is not None:
+            own = len(memory.led_m_s) - site.count
+            for name, station in site.stations.items():
+                led_m_s = memory.led_m_s[station.rows + own]
+                made = VelocitiesMessage(site.site, lead.term, lead.number, led_m_s)
+                yield VELOCITIES + name, made.encode()
         if self._are_known(now_s, memory):
             return
         self._sent = now_s, memory.place

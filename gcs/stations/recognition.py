@@ -6,13 +6,20 @@ are made to look valid are not recognised here: against these the bus has certif
 
 from typing import Final
 
-from gcs.stations.messages import FORMATION, HOMES, SLOTS, STATES, VERSION
+from gcs.stations.messages import FORMATION, HOMES, SLOTS, STATES, VELOCITIES, VERSION
 from gcs.stations.return_messages import RETURN
 
-_KINDS: Final = {"states": STATES, "formation": FORMATION, "homes": HOMES, "slots": SLOTS, "return": RETURN}
+_KINDS: Final = {
+    "states": STATES,
+    "formation": FORMATION,
+    "homes": HOMES,
+    "slots": SLOTS,
+    "velocities": VELOCITIES,
+    "return": RETURN,
+}
 """By the first word of a topic."""
 
-_SITE_AT: Final = {STATES: 8, FORMATION: 2, SLOTS: 2}
+_SITE_AT: Final = {STATES: 8, FORMATION: 2, SLOTS: 2, VELOCITIES: 2}
 """Place of the site's number in a message."""
 
 _WRITTEN: Final = frozenset({"plan", "show", "parts", "info", "letters"})

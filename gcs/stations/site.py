@@ -20,6 +20,7 @@ from gcs.stations.messages import (
     Echo,
     FormationMessage,
     SlotsMessage,
+    VelocitiesMessage,
     decode_batch,
     decode_homes,
     site_number,
@@ -37,6 +38,9 @@ from gcs.stations.space_without_control import SpaceWithoutControl, WithoutContr
 LOST_S: Final = 0.5
 """A station without a batch for this time is lost: its vehicles are without control until they are seen."""
 
+
+LED_S: Final = 0.25
+"""Velocities that the lead computes for all are flown for this time; then the vehicles hold."""
 
 SHARES_S: Final = 0.3
 """Two stations count on each other's share of keeping apart while each has a batch of the other no older than
@@ -77,6 +81,7 @@ class _Led:
     made_s: float = -np.inf
     place: dict[int, tuple[float, Array]] = field(default_factory=dict)  # by station: made when, (m, 3)
     at_rest: Array | None = None  # (n + k, 3) all of them, while none arrives and nothing spins
+    velocity_m_s: tuple[float, Array] | None = None  # made when, (n, 3) of the own vehicles
 
 
 class Site:
@@ -156,6 +161,8 @@ class Site:
                 self._take_slots(
                     station, topic.removeprefix("slots."), SlotsMessage.decode(payload), arrived_s
                 )
+            elif topic == f"velocities.{self.own}":
+                self._take_velocities(station, VelocitiesMessage.decode(payload), arrived_s)
         except LinkError:
             self.refused += 1
 
@@ -219,6 +226,13 @@ class Site:
         made_s = arrived_s - self.delays.one_way_s(station.number)
         self._led.place[self.names.index(name)] = made_s, message.place
         self._led.at_rest = None
+
+    def _take_velocities(self, station: Station, message: VelocitiesMessage, arrived_s: float) -> None:
+        self._check_lead(station, message.site, message.term, message.lead)
+        if len(message.velocity_m_s) != len(self.own_ids):
+            raise LinkError(f"velocities for {len(message.velocity_m_s)} vehicles of {self.own}")
+        made_s = arrived_s - self.delays.one_way_s(station.number)
+        self._led.velocity_m_s = made_s, message.velocity_m_s
 
     def _check_lead(self, station: Station, site: int, term: int, lead: int) -> None:
         """Raises: LinkError unless the message is of this site, and of the lead that is obeyed."""
@@ -324,7 +338,17 @@ class Site:
             led.at_rest = None if message.spin_rad_s else place
         age_s = max(now_s - led.made_s, 0.0)
         center = None if message.center is None else message.center.later(age_s)
-        return FormationState(center, message.radius_m, message.spin_rad_s, message.sides, place)
+        led_m_s = self._led_m_s(now_s)
+        return FormationState(center, message.radius_m, message.spin_rad_s, message.sides, place, led_m_s)
+
+    def _led_m_s(self, now_s: float) -> Array | None:
+        """(n + k, 3) velocities of the own vehicles that the lead computed; None: none that count."""
+        newest = self._led.velocity_m_s
+        if newest is None or now_s - newest[0] > LED_S:
+            return None
+        led_m_s = np.full((len(self.own_ids) + self.count, 3), np.nan)
+        led_m_s[: len(self.own_ids)] = newest[1]
+        return led_m_s
 
     def _placed(self, spin_rad_s: float, now_s: float) -> Array:
         """(n + k, 3) the newest slots of all vehicles, turned on to `now_s`."""

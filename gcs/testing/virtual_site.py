@@ -29,6 +29,7 @@ from gcs.testing.copies import in_a_copy
 from gcs.testing.memory_bus import MemoryBus, MemoryNetwork, network
 from gcs.testing.virtual_link import STREAMS_HZ, VirtualLink, VirtualPorts
 from gcs.testing.virtual_show import (
+    LAW_WAIT_S,
     ORIGIN,
     POSITIONING,
     READY_AT_ONCE,
@@ -185,7 +186,9 @@ class VirtualStation:
 
     def _serve(self, links: Sequence[Link], record: Record | None = None, session: int = 1) -> None:
         membership = Membership(self.name, self._site, self._bus, session)
-        local = Orchestrator(self.config, links, record, unix_s=self.unix, planning=self.planning)
+        local = Orchestrator(
+            self.config, links, record, unix_s=self.unix, planning=self.planning, law_wait_s=LAW_WAIT_S
+        )
         self.service = SiteService(local, membership, self.planning)
         self.task = asyncio.create_task(self.service.run(), name=self.name, context=as_process(self.name))
 

@@ -1,4 +1,4 @@
-"""Laws that fly well for 2 s, and then do what no law may. Each runs in a process of its own."""
+"""Laws that fly well for some time, and then do what no law may. Each runs in a process of its own."""
 
 import os
 import signal
@@ -9,21 +9,38 @@ from pathlib import Path
 import numpy as np
 
 from gcs.formation.laws.protocol import FormationLaw, LawAnswer, LawInputs
+from gcs.model.settings import Settings
 from gcs.model.state import Array
 
 WELL_TICKS = 40
 
 
+class HostileSettings(Settings):
+    """When a law does what it may not, and where."""
+
+    well_ticks: int = WELL_TICKS
+    """So many ticks it flies well before."""
+    where: str = ""
+    """At stations whose first vehicle has a name that begins so; empty: at all."""
+    marks: str = ""
+    """A file that then has the time of the monotonic clock."""
+
+
 class Hostile(FormationLaw):
     """Flies onto the sphere; its state is the number of ticks so far."""
 
+    settings = HostileSettings
+
     def velocity(self, inputs: LawInputs) -> LawAnswer:
+        settings = HostileSettings.model_validate(inputs.settings)
         before = inputs.state if isinstance(inputs.state, int) else 0
         offset_m = inputs.position_m - inputs.center_m
         distance_m = np.linalg.norm(offset_m, axis=1, keepdims=True)
         well_m_s = np.clip(0.5 * (inputs.radius_m - distance_m), -2.0, 2.0) * offset_m / distance_m
-        asked_m_s = well_m_s if before < WELL_TICKS else self.after(inputs, well_m_s, before)
-        return LawAnswer(asked_m_s, before + 1)
+        well = before < settings.well_ticks or not inputs.ids[0].startswith(settings.where)
+        if not well and settings.marks and not Path(settings.marks).exists():
+            Path(settings.marks).write_text(str(time.monotonic()), encoding="ascii")
+        return LawAnswer(well_m_s if well else self.after(inputs, well_m_s, before), before + 1)
 
     def after(self, inputs: LawInputs, well_m_s: Array, tick: int) -> Array:
         return well_m_s
@@ -163,6 +180,14 @@ class TakesNoSignal(Hostile):
 class WritesToTheTerminal(Hostile):
     def after(self, inputs: LawInputs, well_m_s: Array, tick: int) -> Array:
         raise ValueError("\x1b[2Jall is\nwell")
+
+
+class LedFails(Fails):
+    stations = "led"
+
+
+class LedSleepsASecond(SleepsASecond):
+    stations = "led"
 
 
 class ToOnePoint(Hostile):

@@ -33,7 +33,8 @@ from gcs.config.sections import LinkSettings
 from gcs.config.site import station_config
 from gcs.control import warm_up
 from gcs.estimation.positioning import uncertainty_m
-from gcs.formation.laws.registry import allow_code, place_of
+from gcs.formation.laws.protocol import GoalShape
+from gcs.formation.laws.registry import allow_code, law_of, place_of
 from gcs.links.autopilots import AUTOPILOTS, DEFAULT
 from gcs.links.settings import SYSTEM_ID_MAX
 from gcs.model.errors import ConfigError, GcsError
@@ -276,7 +277,8 @@ async def _fly(
         raise failure
     table = np.array(rows, dtype=np.float64)
     commanded = report.Commanded(table[:, 0], table[:, 1:4], table[:, 4], table[:, 5:7])
-    figures = _judge(truth, commanded, marks, config)
+    law = config.formation.law if loaded is None else loaded.show.law
+    figures = _judge(truth, commanded, marks, config, law_of(law).goal_shape)
     figures |= {"tick_p99_ms": round(tick_p99_ms, 3), "setpoints_sent": sent}
     if loaded is not None and loaded.drawing is not None:
         true = report.ground_truth(truth, config.frame, len(config.ids))
@@ -352,7 +354,11 @@ def fake_fleet(
 
 
 def _judge(
-    truth_file: Path, commanded: report.Commanded, marks: Marks, config: configuration.Config
+    truth_file: Path,
+    commanded: report.Commanded,
+    marks: Marks,
+    config: configuration.Config,
+    goal: GoalShape,
 ) -> dict[str, object]:
     truth = report.ground_truth(truth_file, config.frame, len(config.ids))
     smallest_m, violations = report.separation(truth, config.control.safety.floor)
@@ -362,13 +368,15 @@ def _judge(
         "min_separation_m": round(smallest_m, 3),
         "separation_violations": violations,
     }
+    if goal is not GoalShape.SPHERE:
+        figures["goal_shape"] = goal.value
     shapes = {
-        name: report.shape(truth.between(*window), commanded)
+        name: report.shape(truth.between(*window), commanded, goal)
         for name, window in (("before", marks.before), ("after", marks.after))
         if window is not None
     }
     for name, worst in (("radius_error_m", max), ("energy_ratio", max), ("nearest_ratio", min)):
-        values = {part: round(shape[name], 5) for part, shape in shapes.items()}
+        values = {part: round(shape[name], 5) for part, shape in shapes.items() if name in shape}
         figures[name] = worst(values.values(), default=None)
         figures |= {f"{name}_{part}": value for part, value in values.items()}
     if marks.orbit is not None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from gcs.formation.laws.protocol import GoalShape
 from gcs.formation.repulsion import energy, nearest_m
 from gcs.model.errors import GcsError
 from gcs.model.frames import ShowFrame
@@ -74,7 +75,7 @@ def separation(truth: GroundTruth, floor: Floor) -> tuple[float, int]:
     return smallest_m, violations
 
 
-def shape(truth: GroundTruth, commanded: Commanded) -> dict[str, float]:
+def shape(truth: GroundTruth, commanded: Commanded, goal: GoalShape = GoalShape.SPHERE) -> dict[str, float]:
     """Measure the formation over a steady window, from each vehicle's mean position.
 
     Directions are those from the centre of the sphere through the vehicles: a barometer's scale error moves
@@ -82,6 +83,7 @@ def shape(truth: GroundTruth, commanded: Commanded) -> dict[str, float]:
 
     Returns: energy and nearest distance relative to those of the best known configuration; in metres the mean
         radius error of the worst vehicle about the commanded centre, and how far that is from the sphere's.
+        Nothing for a law with another goal.
     Raises: GcsError where no formation flew in a part of the window.
     """
     desired = commanded.at(truth.time_s)
@@ -89,6 +91,8 @@ def shape(truth: GroundTruth, commanded: Commanded) -> dict[str, float]:
     if not flew.all():
         text = f"for {1.0 - flew.mean():.0%} of the time in which its shape counts"
         raise GcsError(f"the formation was not flown {text}: control stood still, or the machine did")
+    if goal is not GoalShape.SPHERE:
+        return {}
     offset_m = truth.position_m - desired.center_m[:, None, :]
     radius_m = np.linalg.norm(offset_m, axis=2)
     error_m = np.abs(radius_m - desired.radius_m[:, None]).mean(axis=0).max()

@@ -13,6 +13,7 @@ from gcs.formation.laws.registry import SHIPPED
 from gcs.model.errors import GcsError, InvalidError
 from gcs.model.lifecycle import ON_THE_GROUND, ShowPhase
 from gcs.model.preflight_report import Check, State
+from gcs.model.settings import Settings
 from gcs.service.alarms import AlarmCause, Condition
 
 log = logging.getLogger(__name__)
@@ -37,6 +38,7 @@ class LawGuard(Feature):
         self._in_force, self._rows_max, self._tick_s, self._wait_s = in_force, rows_max, tick_s, wait_s
         self._process: LawProcess | None = None
         self._name, self._begun_s, self._why = "", -inf, ""  # why the law cannot be begun
+        self._settings: Settings | None = None  # with which it was begun
         self.pause: Callable[[str], object] = lambda _: None
 
     @property
@@ -52,9 +54,10 @@ class LawGuard(Feature):
     def lead(self, at: Instant) -> None:
         """Begin the law that the plan names, anew on the ground, and pause a show whose law has failed."""
         name, on_ground = self._in_force.plan.formation.law, at.show in ON_THE_GROUND
-        again = on_ground and self.failed and at.time_s - self._begun_s > AGAIN_S
-        if name != self._name or again:
-            self._name, self._begun_s = name, at.time_s
+        settings = self._in_force.control.law.laws.get(name)  # a written show has others
+        again = self.failed and at.time_s - self._begun_s > AGAIN_S
+        if name != self._name or (on_ground and (again or settings != self._settings)):
+            self._name, self._settings, self._begun_s = name, settings, at.time_s
             self._begin(name)
         if self._process is not None:
             self._process.begin()

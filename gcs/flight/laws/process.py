@@ -38,6 +38,9 @@ LATE_S: Final = 0.25
 TURNS_M_S, TURNS_MOST, TURNS_WITHIN = 1.0, 4, 8
 """A velocity that is reversed by more than this, so often within so many ticks, toggles."""
 
+ANEW_S: Final = 1.0
+"""A law that was not asked for so long has no state: the formation is new, or flies again."""
+
 BEGINS_S: Final = 20.0
 """A process that says nothing for so long after its begin has failed."""
 
@@ -112,7 +115,8 @@ class LawProcess:
         values = self._read(time.monotonic() + wait_s)
         if values is not None:
             shapes = [shape for shape in GoalShape if shape == values.get("goal_shape")]
-            declare(self.name, *shapes, adds_spin=values.get("adds_spin") is True)
+            led = values.get("stations") == "led"
+            declare(self.name, *shapes, adds_spin=values.get("adds_spin") is True, led=led)
             self.ready = True
         elif time.monotonic() - self._began_s > BEGINS_S:
             self.fail(f"it did not begin within {BEGINS_S:g} s")
@@ -157,8 +161,11 @@ class LawProcess:
         if len(inputs.ids) > len(self._table):
             self.fail(f"{len(inputs.ids)} vehicles are in formation, more than {len(self._table)}")
             return
-        named = inputs.ids != self._named
-        request = handed_over(inputs, self._table, named=named)
+        named, before = inputs.ids != self._named, self._inputs
+        anew = before is not None and inputs.time_s - before.time_s > ANEW_S
+        if anew:
+            self._last, self._last_m_s = {}, np.zeros((0, 3))
+        request = handed_over(inputs, self._table, named=named, anew=anew)
         try:
             sent = os.write(self._to, request)
         except OSError as error:  # its process has ended, or does not read

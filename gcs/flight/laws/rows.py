@@ -28,6 +28,7 @@ class Declared:
 
     goal_shape: str
     adds_spin: bool
+    stations: str
 
 
 def table_in(memory: mmap) -> Array:
@@ -43,13 +44,16 @@ def line(values: Any) -> bytes:
     return json.dumps(values, separators=(",", ":")).encode() + b"\n"
 
 
-def handed_over(inputs: LawInputs, table: Array, *, named: bool) -> bytes:
-    """Put the inputs of n vehicles into the table. Returns: the rest of them; `named`: with the ids."""
+def handed_over(inputs: LawInputs, table: Array, *, named: bool, anew: bool = False) -> bytes:
+    """Put the inputs of n vehicles into the table.
+
+    Returns: the rest of them; `named`: with the ids; `anew`: the law has no state any more.
+    """
     rows = table[: len(inputs.ids)]
     rows[:, 0:3], rows[:, 3:6] = inputs.position_m, inputs.velocity_m_s
     rows[:, 6], rows[:, 7], rows[:, 8] = inputs.charge, inputs.speed_max_m_s, inputs.engaged_s
     values = {name: np.asarray(getattr(inputs, name)).tolist() for name in SCALARS}
-    return line(values | ({"ids": inputs.ids} if named else {}))
+    return line(values | ({"ids": inputs.ids} if named else {}) | ({"anew": True} if anew else {}))
 
 
 def received(values: dict[str, Any], table: Array, before: LawInputs | None, settings: Settings) -> LawInputs:
@@ -67,6 +71,6 @@ def received(values: dict[str, Any], table: Array, before: LawInputs | None, set
         speed_max_m_s=rows[:, 7],
         engaged_s=rows[:, 8],
         settings=settings,
-        state=None if before is None else before.state,
+        state=None if before is None or "anew" in values else before.state,
         **(scalars | vectors),
     )

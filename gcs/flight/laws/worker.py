@@ -21,9 +21,10 @@ import numpy as np
 from pydantic import ValidationError
 
 from gcs.flight.laws.rows import ANSWER, Declared, line, received, table_in
-from gcs.formation.laws.conformance import sample
+from gcs.formation.laws.conformance import answered, sample
 from gcs.formation.laws.protocol import LawAnswer, LawInputs
 from gcs.formation.laws.registry import law_at
+from gcs.model.errors import InvalidError
 
 MEMORY_MAX: Final = 256 * 2**20
 """Bytes that a law may take beyond those of its process at the beginning."""
@@ -43,8 +44,12 @@ def main() -> None:
     def report(kind: type[BaseException], error: BaseException, trace: TracebackType | None) -> None:
         frames = traceback.extract_tb(trace)
         where = f" ({Path(frames[-1].filename).name}, line {frames[-1].lineno})" if frames else ""
-        text = f"{kind.__name__}: {str(error)[:200]}{where}"
-        answers.write(line({"error": _misfits(error) if isinstance(error, ValidationError) else text}))
+        text = ": ".join(filter(None, (kind.__name__, str(error)[:200]))) + where
+        if isinstance(error, ValidationError):
+            text = _misfits(error)
+        elif isinstance(error, InvalidError):  # of this program, about the law
+            text = str(error)
+        answers.write(line({"error": text}))
 
     sys.excepthook = report
     if sys.platform == "linux":
@@ -59,14 +64,14 @@ def main() -> None:
 def _serve(place: str, values: object, requests: BinaryIO, answers: BinaryIO, memory: mmap) -> None:
     law, table, before = law_at(place), table_in(memory), None
     settings = law.settings.model_validate(values)
-    law.velocity(sample(5, settings))  # imports and compiles what is done at the first call
-    answers.write(line(asdict(Declared(law.goal_shape.value, law.adds_spin))))
+    answered(law, sample(5, settings))  # imports and compiles what is done at the first call
+    answers.write(line(asdict(Declared(law.goal_shape.value, law.adds_spin, law.stations))))
     _bound_memory()
     for request in requests:
         inputs = received(json.loads(request), table, before, settings)
         signal.setitimer(signal.ITIMER_REAL, STUCK_S)
         began_s = time.process_time()
-        answer = law.velocity(inputs)
+        answer = answered(law, inputs)
         before = replace(inputs, state=answer.next_state())
         took_s = time.process_time() - began_s
         signal.setitimer(signal.ITIMER_REAL, 0.0)

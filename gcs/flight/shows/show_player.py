@@ -136,7 +136,7 @@ class ShowPlayer:
             self._reported = self.in_force.plan
         show, areas = show_run.timeline.show, show_run.timeline.areas
         self.show.run = show_run
-        self.in_force.control = control_of(show.limits, show.fence, self.config.control, areas)
+        self.in_force.control = control_of(show, self.config.control, areas)
 
     @with_alternative
     def deselect(self) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from gcs.formation.law import turned
 from gcs.formation.laws.protocol import FormationLaw, LawAnswer, LawInputs
+from gcs.model.errors import InvalidError
 from gcs.model.settings import Settings
 from gcs.model.state import Array
 
@@ -22,6 +23,9 @@ FASTEST: Final = 5.0
 """A law may ask for so many times the speed that it was given as its limit; the rest is cut off."""
 
 ANGLE_RAD: Final = 2.0
+
+OF_ROWS: Final = ("position_m", "velocity_m_s", "charge", "speed_max_m_s", "engaged_s")
+"""What each vehicle has a row in."""
 
 
 def sample(count: int, settings: Settings, *, far_m: float = 0.0) -> LawInputs:
@@ -51,10 +55,23 @@ def sample(count: int, settings: Settings, *, far_m: float = 0.0) -> LawInputs:
     )
 
 
+def answered(law: FormationLaw, inputs: LawInputs) -> LawAnswer:
+    """The law's answer, with an array of numbers. Raises: InvalidError for what is no answer."""
+    answer: object = law.velocity(inputs)
+    if not isinstance(answer, LawAnswer):
+        kind = "None" if answer is None else type(answer).__name__
+        raise InvalidError("velocity()", kind, "a LawAnswer is needed: return LawAnswer(velocities)")
+    array: object = answer.velocity_m_s
+    if not isinstance(array, np.ndarray) or array.dtype.kind not in "fiu":
+        kind = f"an array of {array.dtype}" if isinstance(array, np.ndarray) else type(array).__name__
+        raise InvalidError("LawAnswer.velocity_m_s", kind, "a numpy array of floats is needed, (n, 3)")
+    return answer
+
+
 def flown(law: FormationLaw, inputs: LawInputs, ticks: int) -> Iterator[tuple[LawInputs, LawAnswer]]:
-    """Fly vehicles that follow at once: the inputs of every tick, and the answer."""
+    """Fly vehicles that follow at once: the inputs of every tick, and the answer. Raises: InvalidError."""
     for _ in range(ticks):
-        answer = law.velocity(inputs)
+        answer = answered(law, inputs)
         yield inputs, answer
         inputs = replace(
             inputs,
@@ -68,6 +85,13 @@ def flown(law: FormationLaw, inputs: LawInputs, ticks: int) -> Iterator[tuple[La
 
 def problems(law: FormationLaw) -> Iterator[str]:
     """What the law does not keep, in words."""
+    try:
+        yield from _problems(law)
+    except InvalidError as error:
+        yield str(error)
+
+
+def _problems(law: FormationLaw) -> Iterator[str]:
     for count in COUNTS:
         for far_m in (0.0, 150.0):
             begin = sample(count, law.settings(), far_m=far_m)
@@ -76,7 +100,7 @@ def problems(law: FormationLaw) -> Iterator[str]:
                 if wrong:
                     yield f"{count} vehicles, {inputs.time_s:.2f} s: {wrong}"
                     return
-    for check in (_repeated, _unchanged, _turned, _rejoined):
+    for check in (_repeated, _unchanged, _turned, _reordered, _rejoined):
         yield from check(law, sample(7, law.settings()))
 
 
@@ -123,6 +147,16 @@ def _turned(law: FormationLaw, inputs: LawInputs) -> Iterator[str]:
         turned(law.velocity(inputs).velocity_m_s, ANGLE_RAD), law.velocity(there).velocity_m_s, atol=1e-6
     ):
         yield f"its velocities do not turn with vehicles that are turned by {ANGLE_RAD:g} rad"
+
+
+def _reordered(law: FormationLaw, inputs: LawInputs) -> Iterator[str]:
+    """Each station has its own vehicles first."""
+    order = np.roll(np.arange(len(inputs.ids)), 3)
+    rows = {name: getattr(inputs, name)[order] for name in OF_ROWS}
+    there = replace(inputs, ids=tuple(inputs.ids[row] for row in order.tolist()), **rows)
+    here_m_s, there_m_s = answered(law, inputs).velocity_m_s, answered(law, there).velocity_m_s
+    if law.stations == "local" and not np.allclose(here_m_s[order], there_m_s, atol=1e-6):
+        yield "its velocities depend on the order of the rows, which stations differ in: use `ids`, or led"
 
 
 def _rejoined(law: FormationLaw, inputs: LawInputs) -> Iterator[str]:

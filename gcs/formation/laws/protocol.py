@@ -8,7 +8,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final, Literal, Protocol
+from typing import Final, Literal, Protocol, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,10 @@ class GoalShape(StrEnum):
     GRID = "grid"
     HELIX = "helix"
     NONE = "none"
+
+
+Stations: TypeAlias = Literal["local", "led"]
+"""Which station of several computes a law: each for its own vehicles, or the lead for all."""
 
 
 class NoSettings(Settings):
@@ -147,8 +151,8 @@ class FormationLaw(ABC):
 
     settings: type[Settings] = NoSettings
     goal_shape: GoalShape = GoalShape.NONE
-    stations: Literal["local", "led"] = "local"  # of several stations each computes the velocities
-    # of its own vehicles among all; `led`: the lead sends them the slots
+    stations: Stations = "local"  # of several stations each computes the velocities of its own vehicles
+    # among all; `led`: the lead computes those of all, or the slots, and sends them
     has_slots: bool = False  # each vehicle has one, and the others make room where it is held
     adds_spin: bool = False  # its velocities contain the formation's spin
     takes_sight: bool = False  # can be computed from what vehicles receive from their neighbours

@@ -8,12 +8,13 @@ from functools import cache
 from importlib import import_module
 from importlib.metadata import entry_points
 from pathlib import Path
-from typing import Annotated, Final, TypeAlias
+from typing import Annotated, Final, TypeAlias, get_args
 
 from pydantic import AfterValidator, Field
 
-from gcs.formation.laws.protocol import FormationLaw, GoalShape, LawAnswer, LawInputs, waits
+from gcs.formation.laws.protocol import FormationLaw, GoalShape, LawAnswer, LawInputs, Stations, waits
 from gcs.model.errors import InvalidError
+from gcs.model.settings import Settings
 
 GROUP: Final = "gcs.laws"
 SHIPPED: Final = {
@@ -76,8 +77,21 @@ def law_at(place: str) -> FormationLaw:
     kind = getattr(import_module(module), name, None)
     if not (isinstance(kind, type) and issubclass(kind, FormationLaw)):
         raise InvalidError("law", place, "a class that inherits gcs.formation.laws.protocol.FormationLaw")
+    _check_words(place, kind)
     law: FormationLaw = kind()
     return law
+
+
+def _check_words(place: str, kind: type[FormationLaw]) -> None:
+    """Raises: InvalidError unless what a law says of itself is what a station reads."""
+    model: object = kind.settings
+    if not (isinstance(model, type) and issubclass(model, Settings)):
+        text = "a class that inherits gcs.model.settings.Settings, which refuses NaN"
+        raise InvalidError(f"{place}: settings", kind.settings, text)
+    if kind.goal_shape not in set(GoalShape):
+        raise InvalidError(f"{place}: goal_shape", kind.goal_shape, "one of " + ", ".join(GoalShape))
+    if kind.stations not in get_args(Stations):
+        raise InvalidError(f"{place}: stations", kind.stations, "one of " + ", ".join(get_args(Stations)))
 
 
 class Plugin(FormationLaw):
@@ -86,16 +100,21 @@ class Plugin(FormationLaw):
     The same stands for a law that this computer does not have, in a plan that another one made.
     """
 
-    def __init__(self, goal_shape: GoalShape = GoalShape.NONE, *, adds_spin: bool = False) -> None:
+    def __init__(
+        self, goal_shape: GoalShape = GoalShape.NONE, *, adds_spin: bool = False, led: bool = False
+    ) -> None:
         self.goal_shape, self.adds_spin = goal_shape, adds_spin
+        self.stations = "led" if led else "local"
 
     def velocity(self, inputs: LawInputs) -> LawAnswer:
         return waits(len(inputs.ids))
 
 
-def declare(name: str, goal_shape: GoalShape, *, adds_spin: bool) -> None:
+def declare(
+    name: str, goal_shape: GoalShape = GoalShape.NONE, *, adds_spin: bool = False, led: bool = False
+) -> None:
     """Store what a law declares."""
-    _declared[name] = Plugin(goal_shape, adds_spin=adds_spin)
+    _declared[name] = Plugin(goal_shape, adds_spin=adds_spin, led=led)
 
 
 def law_of(name: str) -> FormationLaw:

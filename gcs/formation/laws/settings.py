@@ -1,7 +1,9 @@
 """Settings of the law that flies: the rates that all share, and those of each law by its own model."""
 
+import json
 from collections.abc import Mapping
-from typing import Annotated, TypeAlias
+from math import isfinite
+from typing import Annotated, Final, TypeAlias
 
 from pydantic import BeforeValidator, ConfigDict, Field, SerializeAsAny, ValidationError
 
@@ -10,12 +12,17 @@ from gcs.formation.laws.registry import SHIPPED, law_at, place_of
 from gcs.model.errors import InvalidError
 from gcs.model.settings import Settings
 
+SETTINGS_MAX: Final = 32_768
+"""Characters of one law's settings, as JSON: they go to its process as one of its arguments."""
+
+DEPTH_MAX: Final = 8
+
 
 def _checked(given: object) -> object:
     """Settings by the name of their law, each made by the model of that law."""
     if not isinstance(given, Mapping):
         return given
-    return {name: _own(name, values) for name, values in given.items()}
+    return {name: of_law(name, values) for name, values in given.items()}
 
 
 class Unchecked(Settings):
@@ -24,11 +31,36 @@ class Unchecked(Settings):
     model_config = ConfigDict(extra="allow")
 
 
-def _own(name: str, values: object) -> Settings:
+def _check_values(key: str, value: object, depth: int = 0) -> None:
+    """Raises: ValueError unless it is what goes to a process: words, finite numbers, lists and groups."""
+    if isinstance(value, Mapping | list | tuple):
+        if depth >= DEPTH_MAX:
+            raise ValueError(f"{key}: groups in groups; at most {DEPTH_MAX} are possible")
+        pairs = value.items() if isinstance(value, Mapping) else enumerate(value)
+        for name, part in pairs:
+            _check_values(f"{key}.{name}", part, depth + 1)
+    elif isinstance(value, float) and not isfinite(value):
+        raise ValueError(f"{key} = {value}: a finite number is needed")
+    elif not (value is None or isinstance(value, str | int | float)):
+        raise ValueError(f"{key} = {value!r}: a word, a number, a list or a group is needed")
+    if depth == 0 and len(text := json.dumps(value)) > SETTINGS_MAX:
+        raise ValueError(f"{key}: {len(text)} characters; at most {SETTINGS_MAX} are possible")
+
+
+def of_law(name: str, values: object) -> Settings:
+    """Settings of one law. Raises: ValueError, in words, for what it cannot have."""
+    if name in LawSettings.model_fields:
+        raise ValueError(f"{name}: its settings are those of control.law.{name}")
     try:
         place = place_of(name)
+        given = values.model_dump() if isinstance(values, Settings) else values
         kind = law_at(place).settings if name in SHIPPED else Unchecked
-        return kind.model_validate(values.model_dump() if isinstance(values, Unchecked) else values)
+        if kind is LawSettings:
+            raise ValueError(f"{name}: its settings are those of control.law")
+        if name in SHIPPED:
+            return kind.model_validate(given)
+        _check_values(name, given)
+        return Unchecked.model_validate(given)
     except InvalidError as error:
         raise ValueError(f"{name}: {error.allowed}") from None
     except ValidationError as error:

@@ -2,16 +2,20 @@
 
 import json
 from pathlib import Path
+from typing import cast
 
+import numpy as np
 import pytest
 
+from gcs.cli.law import class_name
 from gcs.cli.main import main
 from gcs.config import schema
 from gcs.formation.laws import registry
-from gcs.formation.laws.conformance import problems
-from gcs.formation.laws.registry import SHIPPED, law_of
+from gcs.formation.laws.conformance import answered, problems, sample
+from gcs.formation.laws.protocol import LawAnswer, LawInputs
+from gcs.formation.laws.registry import SHIPPED, law_at, law_of
 from gcs.formation.laws.settings import FlownLawSettings
-from gcs.model.errors import ConfigError
+from gcs.model.errors import ConfigError, InvalidError
 from gcs.simulation import scenario as scenarios
 from gcs.simulation.batch import broken
 from gcs.simulation.flight import fly
@@ -95,14 +99,76 @@ def test_code_beside_a_configuration_runs_only_when_allowed(
     assert schema.load(file).formation.law == "ring_law:Ring"
 
 
-@pytest.mark.parametrize("name", ["slots", "Ring", "a b", "../x"])
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("slots", "a law of that name is shipped"),
+        *((name, "it is no name of Python") for name in ("Ring", "a b", "../x", "1a", "a-b", "", "_")),
+        *((name, "is a word of Python") for name in ("none", "true", "class", "import", "law_answer")),
+    ],
+)
 def test_a_new_law_needs_a_name_of_its_own(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    name: str, why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(["law", "new", name]) == 2
-    assert "no name that is shipped" in capsys.readouterr().err
+    assert why in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("name", ["match_", "a__b", "print", "np", "inputs", "own"])
+def test_whatever_name_is_accepted_is_valid_python(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path / name)
+    assert main(["law", "new", name]) == 0
+    for file in (tmp_path / name).glob("*.py"):
+        compile(file.read_text(), file, "exec")
+    law = law_at(f"{name}_law:{class_name(name)}")
+    assert answered(law, sample(5, law.settings())).velocity_m_s.shape == (5, 3)
+
+
+class NoAnswer(Hostile):
+    """Returns what it is asked to return."""
+
+    returned: object = None
+
+    def velocity(self, inputs: LawInputs) -> LawAnswer:
+        return cast("LawAnswer", self.returned)
+
+
+@pytest.mark.parametrize(
+    ("returned", "why"),
+    [
+        (None, "velocity() = None: a LawAnswer is needed: return LawAnswer(velocities)"),
+        (np.zeros((1, 3)), "velocity() = ndarray: a LawAnswer is needed"),
+        (LawAnswer([[0.0, 0.0, 0.0]]), "LawAnswer.velocity_m_s = list: a numpy array of floats"),  # type: ignore[arg-type]
+        (LawAnswer(np.array([["a", "b", "c"]])), "LawAnswer.velocity_m_s = an array of <U1: a numpy"),
+    ],
+)
+def test_what_is_no_answer_is_said_in_words(returned: object, why: str) -> None:
+    law = NoAnswer()
+    law.returned = returned
+    (problem,) = problems(law)
+    assert problem.startswith(why)
+
+
+@pytest.mark.parametrize(
+    ("attribute", "value", "why"),
+    [
+        ("settings", dict, "a class that inherits gcs.model.settings.Settings"),
+        ("goal_shape", "cube", "one of sphere, ring, grid, helix, none"),
+        ("stations", "each", "one of local, led"),
+    ],
+)
+def test_what_a_law_says_of_itself_is_checked(
+    attribute: str, value: object, why: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    law_at.cache_clear()
+    monkeypatch.setattr(Hostile, attribute, value)
+    with pytest.raises(InvalidError, match=f"{attribute} = .*: {why}"):
+        law_at("tests.support.hostile_laws:Hostile")
 
 
 def test_a_limit_that_a_law_cannot_meet_is_named(capsys: pytest.CaptureFixture[str]) -> None:

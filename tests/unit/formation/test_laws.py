@@ -2,12 +2,14 @@
 
 import ast
 from collections.abc import Iterator
+from math import inf, nan
 from pathlib import Path
 
 import pytest
 from pydantic import ValidationError
 
 from gcs.control import ControlSettings
+from gcs.formation.laws import registry
 from gcs.formation.laws.registry import SHIPPED, law_of, names, place_of
 from gcs.model.errors import InvalidError
 
@@ -53,3 +55,26 @@ def test_settings_of_a_law_are_checked_by_its_own_model() -> None:
     for wrong, text in (({"flocking": {"range": 1}}, "flocking.range"), ({"rnig": {}}, "one of slots")):
         with pytest.raises(ValidationError, match=text):
             ControlSettings.model_validate({"law": {"laws": wrong}})
+
+
+@pytest.mark.parametrize(
+    ("settings", "why"),
+    [
+        ({"turn_m_s": nan}, "hostile_laws:Hostile.turn_m_s = nan: a finite number is needed"),
+        ({"at": [1.0, {"x": inf}]}, "hostile_laws:Hostile.at.1.x = inf: a finite number is needed"),
+        ({"at": {1, 2}}, "a word, a number, a list or a group is needed"),
+        ({"text": "x" * 40_000}, "at most 32768 are possible"),
+        ({"in": [[[[[[[[[]]]]]]]]]}, "at most 8 are possible"),
+        ([1.0], "valid dictionary"),
+    ],
+)
+def test_settings_of_a_foreign_law_are_what_a_file_can_say(
+    settings: object, why: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(registry, "_beside", [])
+    registry.allow_code(ROOT / "tests" / "support")
+    with pytest.raises(ValidationError, match=why):
+        ControlSettings.model_validate({"law": {"laws": {"hostile_laws:Hostile": settings}}})
+    kept = {"turn_m_s": 2.0, "names": ["a"], "off": False, "none": None}
+    control = ControlSettings.model_validate({"law": {"laws": {"hostile_laws:Hostile": kept}}})
+    assert control.law.given("hostile_laws:Hostile") == kept

@@ -16,13 +16,14 @@ from gcs.stations.messages import (
     FormationMessage,
     SlotsMessage,
     StateBatch,
+    VelocitiesMessage,
     decode_batch,
     numbers_of,
     site_number,
 )
 from gcs.stations.reported_vehicles import ReportedVehicles, take
 
-DECODE = (decode_batch, FormationMessage.decode, SlotsMessage.decode)
+DECODE = (decode_batch, FormationMessage.decode, SlotsMessage.decode, VelocitiesMessage.decode)
 
 
 HEAD = BatchHead(
@@ -106,6 +107,16 @@ def test_formation_and_slots_arrive_as_they_were() -> None:
     place = np.array([[0.6, 0.0, 0.8], [np.nan] * 3, [0.0, -1.0, 0.0]])
     slots = SlotsMessage.decode(SlotsMessage(9, 2, 1, place).encode())
     assert slots.place == pytest.approx(place, abs=1e-4, nan_ok=True)
+
+
+def test_velocities_arrive_as_they_were_and_none_is_infinite() -> None:
+    sent_m_s = np.array([[1.25, -4.0, 0.001], [np.nan] * 3, [np.inf, 0.0, 0.0]])
+    received = VelocitiesMessage.decode(VelocitiesMessage(9, 2, 1, sent_m_s).encode())
+    assert (received.site, received.term, received.lead) == (9, 2, 1)
+    assert received.velocity_m_s[0] == pytest.approx(sent_m_s[0], abs=1e-6)
+    assert np.isnan(received.velocity_m_s[1:]).all()
+    with pytest.raises(LinkError, match="for 3 vehicles"):
+        VelocitiesMessage.decode(VelocitiesMessage(9, 2, 1, sent_m_s).encode()[:-1])
 
 
 @given(st.binary(max_size=300))

@@ -3,7 +3,7 @@
 import pytest
 
 from gcs.model.lifecycle import ShowPhase
-from gcs.stations.messages import FormationMessage, SlotsMessage, encode_homes
+from gcs.stations.messages import FormationMessage, SlotsMessage, VelocitiesMessage, encode_homes
 from gcs.stations.recognition import may_be_valid
 from tests.unit.stations.test_messages import batch
 
@@ -13,6 +13,7 @@ VALID = {
     "states": batch(3).encode(),
     "formation": FormationMessage(SITE, 1, 0, 1, ShowPhase.RUNNING, None, 5.0, 0.0, {}).encode(),
     "slots.south": SlotsMessage(SITE, 1, 0, batch(3).position_m).encode(),
+    "velocities.south": VelocitiesMessage(SITE, 1, 0, batch(3).velocity_m_s).encode(),
     "homes": encode_homes(batch(3).position_m),
     "letters.south": b"{}",
 }
@@ -31,6 +32,6 @@ def test_junk_is_not_recognised(topic: str, junk: bytes) -> None:
     assert not may_be_valid(topic, junk, SITE)
 
 
-@pytest.mark.parametrize("topic", ["states", "formation", "slots.south"])
+@pytest.mark.parametrize("topic", ["states", "formation", "slots.south", "velocities.south"])
 def test_message_of_another_site_is_not_recognised(topic: str) -> None:
     assert not may_be_valid(topic, VALID[topic], SITE + 1)

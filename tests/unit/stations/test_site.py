@@ -8,7 +8,14 @@ import pytest
 from gcs.formation.orbit import Center
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.stations.lead import SiteLead
-from gcs.stations.messages import PHASE_CODE, BatchHead, Echo, FormationMessage, SlotsMessage
+from gcs.stations.messages import (
+    PHASE_CODE,
+    BatchHead,
+    Echo,
+    FormationMessage,
+    SlotsMessage,
+    VelocitiesMessage,
+)
 from gcs.stations.site import LOST_S, SHARES_S, Site, StationFleet
 from gcs.stations.space_without_control import WithoutControl
 from tests.unit.stations.test_messages import HEAD, batch
@@ -188,6 +195,30 @@ def test_follower_knows_the_formation_of_the_lead_only() -> None:
     assert np.isnan(known.place[3:]).all()
     assert south.plan_version() == 5
     assert south.formation(101.5, 1.0) is None  # the lead is silent
+
+
+def test_velocities_of_the_lead_are_flown_for_a_quarter_second() -> None:
+    south, sent_m_s = site("south"), np.array([[1.0, 0.0, -2.0], [0.5, 0.5, 0.0], [np.nan] * 3])
+    of_north = VelocitiesMessage(south.site, 1, 0, sent_m_s).encode()
+    south.receive("north", "formation", formation(south, 1, 0), 100.0)
+    south.receive("west", "velocities.south", VelocitiesMessage(south.site, 1, 2, sent_m_s).encode(), 100.0)
+    south.receive(
+        "north", "velocities.south", VelocitiesMessage(south.site, 1, 0, sent_m_s[1:]).encode(), 100.0
+    )
+    south.receive("north", "velocities.west", of_north, 100.0)
+    led = south.formation(100.1, 1.0)
+    assert led is not None
+    assert led.led_m_s is None, "west does not lead, two rows are too few, the third is for west"
+    assert south.refused == 2
+    south.receive("north", "velocities.south", of_north, 100.1)
+    led = south.formation(100.3, 1.0)
+    assert led is not None
+    assert led.led_m_s is not None
+    assert led.led_m_s[:3] == pytest.approx(sent_m_s, nan_ok=True)
+    assert np.isnan(led.led_m_s[3:]).all()
+    led = south.formation(100.4, 1.0)
+    assert led is not None
+    assert led.led_m_s is None
 
 
 def test_highest_term_leads_and_the_name_decides_within_one() -> None:
