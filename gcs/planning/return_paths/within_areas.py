@@ -7,7 +7,7 @@ import numpy as np
 
 from gcs.control.path_search import along_m, find_corners, from_paths_m
 from gcs.model.state import Array, Mask
-from gcs.safety.fenced_areas import FencedArea
+from gcs.safety.fenced_areas import FencedArea, beyond_m
 
 CELL_M: Final = 0.5
 """Places this near to each other are looked at once."""
@@ -30,10 +30,21 @@ def keep_off(areas: Sequence[FencedArea], place_m: Array, clear_m: float) -> Mas
     """
     if not areas:
         return np.ones(len(place_m), dtype=np.bool_)
-    edges_m = _edges_m(areas)
-    at, back = np.unique(np.rint(place_m[:, :2] / CELL_M) @ (1.0, 1.0j), return_inverse=True)
-    cell_m = CELL_M * np.column_stack([at.real, at.imag, np.zeros(len(at))])
-    return np.array([from_paths_m(each_m, edges_m).min() >= clear_m for each_m in cell_m], np.bool_)[back]
+    clear = np.ones(len(place_m), dtype=np.bool_)
+    if with_heights := [area for area in areas if not _is_tall(area)]:
+        clear &= beyond_m(with_heights, place_m) <= -clear_m
+    if tall := [area for area in areas if _is_tall(area)]:
+        edges_m = _edges_m(tall)
+        at, back = np.unique(np.rint(place_m[:, :2] / CELL_M) @ (1.0, 1.0j), return_inverse=True)
+        cell_m = CELL_M * np.column_stack([at.real, at.imag, np.zeros(len(at))])
+        off = [from_paths_m(each_m, edges_m).min() >= clear_m for each_m in cell_m]
+        clear &= np.array(off, np.bool_)[back]
+    return clear
+
+
+def _is_tall(area: FencedArea) -> bool:
+    """Whether it has no heights: its edges are walls from the ground up."""
+    return area.height_min_m is None and area.height_max_m is None
 
 
 def way_within(areas: Sequence[FencedArea], one_m: Array, other_m: Array, clear_m: float) -> Array:
