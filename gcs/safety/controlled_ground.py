@@ -14,7 +14,17 @@ from gcs.model.response import FleetResponse
 from gcs.model.state import TINY, Array, Mask
 from gcs.safety.constraints import DECELERATION, ESCAPE, LEAD, NO_ROW, REACTION, Braking, Constraints
 from gcs.safety.fenced_areas import LED_SHARE, ON_EDGE_M, FencedArea, beyond_m, edges_seen, inward, shapes_of
-from gcs.safety.impact import AHEAD, SPREAD, Impacts, ImpactSettings, Reach, impacts, looked_up, reach_of
+from gcs.safety.impact import (
+    AHEAD,
+    SPREAD,
+    Impacts,
+    ImpactSettings,
+    Reach,
+    hover_reach_m,
+    impacts,
+    looked_up,
+    reach_of,
+)
 from gcs.safety.neighbours import Rows
 
 REASON = "where it would fall"
@@ -42,6 +52,24 @@ def ground_margins(
     located = np.isfinite(falls.spread_m)
     margin_m = -beyond_m((ground,), falls.place_m) - falls.spread_m
     return GroundMargins(np.where(located, margin_m, np.nan), falls)
+
+
+def falls_within(place_m: Array, ground: FencedArea, settings: ImpactSettings) -> Mask:
+    """(n,) At which places (n, 3) a vehicle at rest would fall inside the hard line."""
+    kept_m = hover_reach_m(-place_m[:, 2], settings) + settings.hard_m
+    return np.asarray(-beyond_m((ground,), place_m[:, :2]) >= kept_m)
+
+
+def ground_for_sites(
+    ground: FencedArea | None, settings: ImpactSettings, highest_m: float
+) -> tuple[FencedArea, float] | None:
+    """The ground, and how far inside its edge vehicles land; None: no ground.
+
+    They come from heights of up to `highest_m`, and fly to above their sites at these.
+    """
+    if ground is None or not np.isfinite(highest_m):
+        return None
+    return ground, float(hover_reach_m(np.array([highest_m]), settings)[0]) + settings.soft_m
 
 
 def kept_in_m(height_m: Array, settings: ImpactSettings, speed_m_s: float = 0.0) -> Array:
