@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from gcs.safety.impact import Airframe, ImpactSettings, hover_reach_m, impacts
-from tests.support.falls import fallen
+from gcs.simulation.falls import fallen
 
 LIGHT = Airframe(mass_kg=0.35, drag_area_m2=0.018, dimension_m=0.35)
 MIDDLE = Airframe(mass_kg=1.3, drag_area_m2=0.035, dimension_m=0.5)

@@ -1,4 +1,4 @@
-"""Falls by an integration of its own: drag on the velocity through the air, in wind, with plain arrays."""
+"""Falls of vehicles, integrated without the code that flies: drag on the velocity through air that moves."""
 
 import numpy as np
 
