@@ -14,7 +14,7 @@ from matplotlib.patches import Circle
 
 from gcs.cli.output import kinds
 from gcs.recording.flight_report import SMOOTHED_S, TOLERATED, TOLERATED_M_S, TOLERATED_M_S2, FlightReport
-from gcs.service.snapshots import TargetTracking, TrackPassed
+from gcs.service.snapshots import GroundKept, TargetTracking, TrackPassed
 
 SHOWN_PATHS: Final = 80
 POINTS_MAX: Final = 1500
@@ -60,6 +60,7 @@ From {escape(source)}; judged {datetime.now(UTC):%Y-%m-%d %H:%M} UTC. Speeds and
 {_checks(flight_report)}
 {_listed("Targets that were followed", flight_report.trajectories.tracking)}
 {_listed("Traffic that came near", flight_report.trajectories.traffic)}
+{_listed("Controlled ground", () if flight_report.ground is None else (flight_report.ground,))}
 {svg[svg.index("<svg") :]}
 {_pairs(flight_report)}
 </html>
@@ -82,7 +83,9 @@ def _checks(flight_report: FlightReport) -> str:
     return f"<table>{head}{''.join(rows)}</table>"
 
 
-def _listed(title: str, each_of: tuple[TargetTracking, ...] | tuple[TrackPassed, ...]) -> str:
+def _listed(
+    title: str, each_of: tuple[TargetTracking, ...] | tuple[TrackPassed, ...] | tuple[GroundKept, ...]
+) -> str:
     texts = [f"<li>{escape(each.text)}" for each in each_of]
     return f"<h2>{title}</h2><ul>{''.join(texts)}</ul>" if texts else ""
 

@@ -77,6 +77,19 @@ class GoalRoutes:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class AreaWays:
+    """Ways within the fence's areas, for vehicles that do not see their goals. Rows as in FleetState."""
+
+    corner_m: Array  # (n, 2) the next corner, NaN: none
+    asked_s: Array  # (n,) when it was looked up
+
+    @staticmethod
+    def none(count: int) -> "AreaWays":
+        """No vehicle has a way."""
+        return AreaWays(np.full((count, 2), np.nan), np.full(count, -np.inf))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Memory:
     """State that one tick passes to the next. Owns its arrays.
 
@@ -110,6 +123,7 @@ class Memory:
     )
     # the centre, NaN: they hold; None: it is not computed for others
     routes: GoalRoutes | None = None  # (all,) to goals and slots, None while no vehicle is lost
+    ways: AreaWays | None = None  # (all,) within the fence's areas, None without any
 
     @property
     def slots(self) -> SlotsState | None:

@@ -9,12 +9,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.control.area_routes import lead_within
 from gcs.control.center import Lead, move_center
 from gcs.control.desired_velocity import desired_velocity
 from gcs.control.goal_routes import follow_routes
 from gcs.control.inputs import ControlSettings, FormationState, Task, Tasks, TickInputs
 from gcs.control.law_step import LawRunner, Spread, slots_m, spread
-from gcs.control.memory import GoalRoutes, Memory
+from gcs.control.memory import AreaWays, GoalRoutes, Memory
 from gcs.control.others import Others
 from gcs.control.round_obstacles import round_obstacles
 from gcs.control.round_obstacles import warm_up as obstacles_warm_up
@@ -84,6 +85,7 @@ class Aims(NamedTuple):
     aiming: NDArray[np.intp]  # (k,) rows that do
     straight: Mask  # (n,) flies straight there: out of the way of a box that moves
     routes: GoalRoutes | None
+    ways: AreaWays | None
 
 
 def tick(
@@ -130,7 +132,7 @@ def tick(
     shaped = shape_setpoints(mine, allowed_m_s, lead.center, memory, knows_center=knows_center, yields=yields)
     sent = Velocities(desired_m_s, reached_m_s, allowed_m_s, shaped.setpoint_m_s, yields)
     yaw = _yaw(mine, memory)
-    remember = partial(_remember, mine, memory, authority, lead, places, aims.routes, sent, shaped, yaw)
+    remember = partial(_remember, mine, memory, authority, lead, places, aims, sent, shaped, yaw)
     return _made(now, mine, sent, yaw, limited_by, remember)
 
 
@@ -161,8 +163,9 @@ def _inputs(
 def _aims(now: TickInputs, memory: Memory, lead: Lead, places: Spread) -> Aims:
     slot_m = slots_m(now, lead, places)
     aim_m, aiming, routes = follow_routes(now, memory.routes, slot_m)
+    aim_m, aiming, ways = lead_within(now, memory.ways, aim_m, aiming, slot_m)
     past = round_obstacles(now, aim_m, aiming, slot_m, stands=lead.stands, stuck=lead.is_stuck)
-    return Aims(slot_m, *past, routes)
+    return Aims(slot_m, *past, routes, ways)
 
 
 def _desired(now: TickInputs, lead: Lead, places: Spread, aims: Aims) -> Array:
@@ -201,7 +204,7 @@ def _remember(
     authority: Authority,
     lead: Lead,
     places: Spread,
-    routes: GoalRoutes | None,
+    aims: Aims,
     sent: Velocities,
     shaped: ShapedSetpoints,
     yaw: tuple[Array, Array],
@@ -235,7 +238,8 @@ def _remember(
         number=memory.number + 1,
         spin_rad_s=places.spin_rad_s,
         detour=lead.detour,
-        routes=routes,
+        routes=aims.routes,
+        ways=aims.ways,
     )
 
 

@@ -208,7 +208,7 @@ def look(seen: Seen, memory: Known, settings: FailsafePolicy) -> tuple[Known, Ma
         (seen.fence.distance_max_m, seen.fence.height_min_m, seen.fence.height_max_m),
     )
     if seen.fence.areas:
-        soon_m = np.asarray(seen.position_m + fence.within_s * seen.velocity_m_s)[:, :2]
+        soon_m = np.asarray(seen.position_m + fence.within_s * seen.velocity_m_s)
         on[OUT] |= beyond_m(seen.fence.areas, soon_m) > fence.beyond_m
     too_windy = bool(strays and strays >= wind.share * commanded)
     # Late setpoints also make velocities differ: it is wind only where links are on time.

@@ -34,6 +34,7 @@ def distinct_sites_m(
     spacing_m: float,
     ellipses: Mapping[str, Ellipse],
     areas: Sequence[FencedArea] = (),
+    ground: tuple[FencedArea, float] | None = None,
 ) -> Array:
     """Return landing sites near the vehicles, no two closer than `spacing_m`, none near an obstacle.
 
@@ -46,13 +47,14 @@ def distinct_sites_m(
         spacing_m: between any two.
         ellipses: obstacles with their margins; sites keep CLEAR_M to them.
         areas: of the fence, within which sites are.
+        ground: the controlled ground, and how far inside its edge sites are; None: that is not kept.
 
     Returns: (n, 2), rows as in `desired_m`; NaN where that is NaN.
     """
     place_m = np.array(desired_m, dtype=np.float64)
     located = np.isfinite(place_m).all(axis=1)
     if not located.all():
-        place_m[located] = distinct_sites_m(place_m[located], taken_m, spacing_m, ellipses, areas)
+        place_m[located] = distinct_sites_m(place_m[located], taken_m, spacing_m, ellipses, areas, ground)
         place_m[~located] = np.nan
         return place_m
     taken_m = taken_m.reshape(-1, 2)
@@ -60,7 +62,10 @@ def distinct_sites_m(
     n = len(place_m)
 
     def are_within(place_m: Array) -> Mask:
-        return np.asarray(beyond_m(areas, place_m) <= -INSIDE_M)
+        within = beyond_m(areas, place_m) <= -INSIDE_M
+        if ground is not None:
+            within &= beyond_m(ground[:1], place_m) <= -ground[1]
+        return np.asarray(within)
 
     # two equal positions have no direction in which to separate: a fixed, tiny spiral gives them one
     angle_rad = np.arange(n) * 2.399963
@@ -78,7 +83,7 @@ def distinct_sites_m(
         push_m = (offset_m * share).sum(axis=2).T + (outward * inside_m).sum(axis=2).T
         length_m = np.linalg.norm(push_m, axis=1, keepdims=True)
         place_m = place_m + push_m * np.minimum(0.5, spacing_m / 4.0 / np.maximum(length_m, TINY))
-    return _nearest_free_m(place_m, taken_m, spacing_m, walls, are_within if areas else None)
+    return _nearest_free_m(place_m, taken_m, spacing_m, walls, are_within if areas or ground else None)
 
 
 def open_places_m(

@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 from gcs.model.errors import GcsError
 from gcs.model.jit import kernel
 from gcs.model.state import Array, Mask
+from gcs.recording.ground_kept import beyond_areas_m, ground_kept
 from gcs.recording.mcap_reader import Standard
 from gcs.recording.trajectories import FlownTrajectories, OnProgress, Single
 from gcs.safety.floor import Floor
-from gcs.service.snapshots import NearestPair, ReportBody, ReportCheck
+from gcs.service.snapshots import GroundKept, NearestPair, ReportBody, ReportCheck
 
 EXIT_CODES: Final[dict[str, int]] = {"kept": 0, "broken": 1, "incomplete": 3}
 """Exit codes of `gcs report`, by verdict; 2: no flight, or no limits to judge by."""
@@ -78,6 +79,7 @@ class FlightReport:
     pairs: PairDistances
     least_m: Single  # (k,) least distance of all pairs
     checks: tuple[ReportCheck, ...]  # broken ones first
+    ground: GroundKept | None = None  # None: no controlled ground
 
     @property
     def standard(self) -> Standard:
@@ -132,6 +134,7 @@ class FlightReport:
             ),
             trajectories.tracking,
             trajectories.traffic,
+            self.ground,
         )
 
 
@@ -162,14 +165,17 @@ def make_flight_report(
         )
     standards = tuple(standard.under(limits) for limits in trajectories.held)
     pairs, least_m = _approaches(trajectories, standards, on_progress)
+    ground = ground_kept(trajectories, standards)
     checks = (
         _separation(trajectories, pairs),
         *_fence(trajectories, standards),
+        *_areas(trajectories, standards),
+        *_ground(ground),
         *_speeds(trajectories, standards),
         *_setpoints(trajectories, standards),
     )
     broken_first = tuple(sorted(checks, key=lambda check: check.kept is not False))
-    return FlightReport(trajectories, standards, pairs, least_m, broken_first)
+    return FlightReport(trajectories, standards, pairs, least_m, broken_first, ground)
 
 
 def _approaches(
@@ -242,6 +248,23 @@ def _fence(trajectories: FlownTrajectories, standards: Sequence[Standard]) -> li
             worst=None if lowest.worst is None else -lowest.worst,
         ),
     ]
+
+
+def _areas(trajectories: FlownTrajectories, standards: Sequence[Standard]) -> list[ReportCheck]:
+    """Check the areas of the fence, where there were any."""
+    over_m = beyond_areas_m(trajectories, standards)
+    if over_m is None:
+        return []
+    none_m = np.zeros(len(trajectories.time_s))
+    return [_most("beyond an area of the fence", none_m, over_m, trajectories.airborne, trajectories, "m")]
+
+
+def _ground(ground: GroundKept | None) -> list[ReportCheck]:
+    """Check that no vehicle could have fallen beyond the controlled ground, where there was some."""
+    if ground is None:
+        return []
+    named, worst_m = ("impact beyond controlled ground", 0.0, 0.0), -ground.margin_m
+    return [ReportCheck(*named, worst_m, "m", ground.vehicle, ground.at_s, kept=worst_m <= 0.0)]
 
 
 def _directions(

@@ -1,13 +1,15 @@
-"""Areas of the ground that vehicles stay inside of, or outside: polygons of any shape. Pure.
+"""Areas that vehicles stay inside of, or outside: polygons of any shape, some with heights. Pure.
 
 Sources: even-odd rule for the inside; the nearest point of each edge, by projection.
 """
 
 from collections.abc import Sequence
-from typing import Annotated, NamedTuple, TypeAlias
+from functools import lru_cache
+from typing import Annotated, Final, NamedTuple, TypeAlias
 
 import numpy as np
-from pydantic import Field
+from numpy.typing import NDArray
+from pydantic import Field, model_validator
 
 from gcs.model.jit import kernel
 from gcs.model.response import FleetResponse
@@ -25,8 +27,22 @@ from gcs.safety.constraints import (
 )
 from gcs.safety.neighbours import Rows
 
-CORNERS_MAX = 60
-AREAS_MAX = 4
+CORNERS_MAX: Final = 64
+AREAS_MAX: Final = 24
+CORNERS_IN_ALL: Final = 320
+"""Of all areas together: those of a site, and those of a drawing."""
+
+ON_EDGE_M: Final = 1e-6
+"""Nearer to an edge than this a vehicle is on it: the way off it is across the edge."""
+
+PASSES_M: Final = 3.0
+"""A vehicle passes over or under an area where the fence leaves it so much height."""
+
+OPPOSITE: Final = -0.5
+"""Walls whose normals agree less than this face each other."""
+
+LED_SHARE: Final = 0.5
+"""Of the greatest speed: a vehicle far on the wrong side is led back so fast, and can still give way."""
 
 Corner: TypeAlias = tuple[float, float]
 
@@ -38,42 +54,147 @@ class FencedArea(Settings):
     """x and y of each corner, in order, in m."""
     inside: bool = True
     """Vehicles stay inside; false: outside."""
+    height_min_m: float | None = None
+    """Least height above the origin, in m: of flight inside, or of closed space; null: the ground."""
+    height_max_m: float | None = None
+    """Greatest height, in m, likewise; null: no limit. Above it closed space is flown over."""
+
+    @model_validator(mode="after")
+    def _has_height(self) -> "FencedArea":
+        low_m, high_m = self.heights_m
+        if not low_m < high_m:
+            raise ValueError(f"height_max_m = {high_m:g}: above height_min_m = {low_m:g}")
+        return self
+
+    @property
+    def heights_m(self) -> tuple[float, float]:
+        """Least and greatest height; infinite where there is no limit."""
+        return (
+            -np.inf if self.height_min_m is None else self.height_min_m,
+            np.inf if self.height_max_m is None else self.height_max_m,
+        )
 
 
-class _Seen(NamedTuple):
-    """n places and the m edges of an area."""
+class Shapes(NamedTuple):
+    """All areas as arrays: m corners, a areas."""
 
-    off_m: Array  # (n, m, 2) from the nearest point of each edge
-    away_m: Array  # (n, m)
-    allowed: Mask  # (n,) on the side on which vehicles stay
+    corner_m: Array  # (m, 2)
+    first: NDArray[np.intp]  # (a + 1,) index of the first corner of each, and m
+    inside: Mask  # (a,) vehicles stay inside
+    heights_m: Array  # (a, 2)
+    turn: Array  # (a,) 1 where the corners turn from x to y, else -1
 
 
-def _seen(area: FencedArea, place_m: Array) -> _Seen:
-    begin_m = np.array(area.corners_m)
-    along_m = np.roll(begin_m, -1, axis=0) - begin_m
-    from_m = place_m[:, None] - begin_m
-    squared_m2 = np.maximum((along_m**2).sum(axis=1), TINY)
-    share = np.clip((from_m * along_m).sum(axis=2) / squared_m2, 0.0, 1.0)
-    off_m = from_m - share[:, :, None] * along_m
-    y_m, to_y_m = begin_m[:, 1], begin_m[:, 1] + along_m[:, 1]
-    spans = (y_m > place_m[:, None, 1]) != (to_y_m > place_m[:, None, 1])
-    rise_m = np.where(along_m[:, 1] == 0.0, TINY, along_m[:, 1])
-    crossed = spans & (from_m[:, :, 0] < from_m[:, :, 1] * along_m[:, 0] / rise_m)
-    is_inside = crossed.sum(axis=1) % 2 == 1
-    return _Seen(off_m, np.linalg.norm(off_m, axis=2), is_inside == area.inside)
+@lru_cache(maxsize=16)
+def shapes_of(areas: tuple[FencedArea, ...]) -> Shapes:
+    """The arrays of these areas, without corners that repeat the one before."""
+    rings_m = [_ring_m(area) for area in areas]
+    turns = [_signed_m2(ring_m) for ring_m in rings_m]
+    return Shapes(
+        np.concatenate([*rings_m, np.zeros((0, 2))]),
+        np.append(0, np.cumsum([len(ring_m) for ring_m in rings_m], dtype=np.intp)),
+        np.array([area.inside for area in areas], np.bool_),
+        np.array([area.heights_m for area in areas], np.float64).reshape(-1, 2),
+        np.where(np.array(turns) < 0.0, -1.0, 1.0),
+    )
+
+
+def _ring_m(area: FencedArea) -> Array:
+    ring_m = np.array(area.corners_m, np.float64)
+    moves = (np.abs(ring_m - np.roll(ring_m, 1, axis=0)) > ON_EDGE_M).any(axis=1)
+    return ring_m[moves] if moves.sum() >= 3 else ring_m
+
+
+def _signed_m2(ring_m: Array) -> float:
+    after_m = np.roll(ring_m, -1, axis=0)
+    return float((ring_m[:, 0] * after_m[:, 1] - after_m[:, 0] * ring_m[:, 1]).sum())
+
+
+@lru_cache(maxsize=16)
+def passable(areas: tuple[FencedArea, ...], heights_m: tuple[float, float]) -> tuple[FencedArea, ...]:
+    """The areas; those that no flight passes over, or under, within a fence reach up, or down, for ever."""
+    low_m, high_m = heights_m
+    led = list[FencedArea]()
+    for area in areas:
+        changes = dict[str, None]()
+        if not area.inside and area.height_max_m is not None and area.height_max_m > high_m - PASSES_M:
+            changes["height_max_m"] = None
+        if not area.inside and area.height_min_m is not None and area.height_min_m < low_m + PASSES_M:
+            changes["height_min_m"] = None
+        led.append(area.model_copy(update=changes) if changes else area)
+    return tuple(led)
 
 
 def beyond_m(areas: Sequence[FencedArea], place_m: Array) -> Array:
-    """(n,) By how much each place (n, 2) is on the wrong side of an area; negative: how far it is from that.
+    """(n,) By how much each place is on the wrong side of an area; negative: how far it is from that.
 
-    Minus infinity without an area. NaN places are on no wrong side.
+    Places (n, 3), show frame, are judged with their heights, but for the least height of areas that vehicles
+    stay inside of: they land below it. Of places (n, 2) areas count at all heights. Minus infinity without an
+    area. NaN places are on no wrong side.
     """
-    most_m = np.full(len(place_m), -np.inf)
-    for area in areas:
-        seen = _seen(area, place_m)
-        nearest_m = seen.away_m.min(axis=1)
-        most_m = np.fmax(most_m, np.where(seen.allowed, -nearest_m, nearest_m))
+    if not areas:
+        return np.full(len(place_m), -np.inf)
+    level = place_m.shape[1] == 2
+    within_m = np.column_stack([place_m, np.zeros(len(place_m))]) if level else np.array(place_m, order="C")
+    return _beyond_m(within_m, shapes_of(tuple(areas)), level)
+
+
+@kernel
+def _beyond_m(place_m: Array, shapes: tuple[Array, Rows, Mask, Array, Array], level: bool) -> Array:
+    """(n,) as `beyond_m`, of places (n, 3); `level`: heights do not count."""
+    corner_m, first, inside, heights_m, _ = shapes
+    off_m, most_m = np.empty((len(corner_m), 3)), np.full(len(place_m), -np.inf)
+    for i in range(len(place_m)):
+        if not np.isfinite(place_m[i].sum()):
+            continue
+        for area in range(len(inside)):
+            x_m, y_m, height_m = place_m[i, 0], place_m[i, 1], -place_m[i, 2]
+            over_m = -np.inf if level else height_m - heights_m[area, 1]
+            under_m = -np.inf if level else heights_m[area, 0] - height_m
+            is_inside, nearest = edges_seen(x_m, y_m, corner_m, first[area], first[area + 1], off_m)
+            away_m = np.sqrt(off_m[nearest, 2])
+            apart_m = max(over_m, under_m)
+            if inside[area]:
+                wrong_m = max(-away_m if is_inside else away_m, over_m)
+            elif is_inside:
+                wrong_m = -apart_m if apart_m > 0.0 else min(away_m, -apart_m)
+            else:
+                wrong_m = -np.hypot(away_m, max(apart_m, 0.0))
+            most_m[i] = max(most_m[i], wrong_m)
     return most_m
+
+
+@kernel
+def edges_seen(
+    x_m: float, y_m: float, corner_m: Array, begin: int, end: int, off_m: Array
+) -> tuple[bool, int]:
+    """Whether a place is inside the polygon of the corners `begin` to `end`, and the nearest of its edges.
+
+    `off_m` (m, 3) is set for these edges: the way from the nearest point of each, and its square.
+    """
+    is_inside, nearest = False, begin
+    for edge in range(begin, end):
+        after = edge + 1 if edge + 1 < end else begin
+        along_x, along_y = corner_m[after, 0] - corner_m[edge, 0], corner_m[after, 1] - corner_m[edge, 1]
+        from_x, from_y = x_m - corner_m[edge, 0], y_m - corner_m[edge, 1]
+        share = (from_x * along_x + from_y * along_y) / max(along_x * along_x + along_y * along_y, TINY)
+        share = min(max(share, 0.0), 1.0)
+        off_x, off_y = from_x - share * along_x, from_y - share * along_y
+        off_m[edge, 0], off_m[edge, 1], off_m[edge, 2] = off_x, off_y, off_x * off_x + off_y * off_y
+        if off_m[edge, 2] < off_m[nearest, 2]:
+            nearest = edge
+        if (from_y < 0.0) != (from_y < along_y) and from_x < from_y * along_x / along_y:
+            is_inside = not is_inside
+    return is_inside, nearest
+
+
+@kernel
+def inward(corner_m: Array, edge: int, begin: int, end: int, turn: float) -> tuple[float, float]:
+    """The level unit vector across an edge, into its polygon."""
+    after = edge + 1 if edge + 1 < end else begin
+    along_x, along_y = corner_m[after, 0] - corner_m[edge, 0], corner_m[after, 1] - corner_m[edge, 1]
+    length = max(np.sqrt(along_x * along_x + along_y * along_y), TINY)
+    return -turn * along_y / length, turn * along_x / length
 
 
 def area_constraints(
@@ -86,10 +207,13 @@ def area_constraints(
     standoff_m: Array,
     response: FleetResponse | None = None,
     fastest_m_s: float = np.inf,
+    descending: Mask | None = None,
+    heights_m: tuple[float, float] = (-np.inf, np.inf),
 ) -> Constraints:
-    """Bound the speed towards every edge to the speed that can still be braked, as `fence_constraints` does.
+    """Bound the speed towards every wall to the speed that can still be braked, as `fence_constraints` does.
 
-    A vehicle on the wrong side is led over the nearest edge.
+    A vehicle on the wrong side is led over the nearest edge; out of closed space over its top or below it
+    where that is nearer, and flight is allowed there.
 
     Args:
         position_m: (n, 3), show frame.
@@ -100,18 +224,15 @@ def area_constraints(
         standoff_m: (n,) how far from the edges each is kept.
         response: (n,) in what they differ from `braking`; None: in nothing.
         fastest_m_s: greatest speed of any vehicle: what it does not break is left out.
+        descending: (n,) may go below the least height of the areas that they stay inside of; None: none may.
+        heights_m: least and greatest height in which the fence allows flight.
     """
     if not areas:
         return Constraints.none()
-    sizes = np.array([len(area.corners_m) for area in areas])
     rows, which, normal, bound_m_s = _area_rows(
         (np.array(position_m), np.array(velocity_m_s)),
-        np.array(commanded),
-        (
-            np.array([corner for area in areas for corner in area.corners_m]),
-            np.append(0, np.cumsum(sizes)),
-            np.array([area.inside for area in areas]),
-        ),
+        (np.array(commanded), np.zeros_like(commanded) if descending is None else np.array(descending)),
+        shapes_of(passable(tuple(areas), heights_m)),
         np.array(standoff_m),
         braking.of_each(len(position_m), response),
         fastest_m_s,
@@ -123,58 +244,141 @@ def area_constraints(
 @kernel
 def _area_rows(
     motion: tuple[Array, Array],
-    commanded: Mask,
-    shapes: tuple[Array, Rows, Mask],
+    roles: tuple[Mask, Mask],
+    shapes: tuple[Array, Rows, Mask, Array, Array],
     standoff_m: Array,
     each: Array,
     possible_m_s: float,
 ) -> tuple[Rows, Rows, Array, Array]:
-    """Rows (k,), areas (k,), normals (k, 3), bounds (k,) of all edges that could bind.
+    """Rows (k,), areas (k,), normals (k, 3), bounds (k,) of all walls that could bind.
 
-    `motion` are positions and velocities (n, 3). `shapes` are the corners (m, 2) of all areas, the first of
-    each (a + 1,), and whether vehicles stay inside (a,). `each` (4, n) is that of `Braking.of_each`.
+    `motion` are positions and velocities (n, 3), `roles` which are commanded, and which descend (n,). `each`
+    (4, n) is that of `Braking.of_each`.
     """
-    position_m, velocity_m_s = motion
-    corner_m, first, inside = shapes
-    most = len(position_m) * len(corner_m)
+    (position_m, velocity_m_s), (commanded, descending) = motion, roles
+    corner_m, first, inside, heights_m, turn = shapes
+    most, kept = 64, 0
     rows, which = np.empty(most, np.intp), np.empty(most, np.intp)
-    normal, bound_m_s = np.zeros((most, 3)), np.empty(most)
-    off_m, away_m = np.empty((len(corner_m), 2)), np.empty(len(corner_m))
-    kept = 0
+    normal, bound_m_s = np.empty((most, 3)), np.empty(most)
+    walls = len(corner_m) + 2 * len(inside)
+    off_m, wall, owner = np.empty((len(corner_m), 3)), np.empty((walls, 4)), np.empty(walls, np.intp)
     for i in range(len(position_m)):
         if not commanded[i]:
             continue
+        x_m_s, y_m_s, z_m_s = velocity_m_s[i, 0], velocity_m_s[i, 1], velocity_m_s[i, 2]
+        speed_m_s = np.sqrt(x_m_s * x_m_s + y_m_s * y_m_s + z_m_s * z_m_s)
+        near_m = _within_m(each[:, i], possible_m_s, speed_m_s) + standoff_m[i]
+        count = 0
         for area in range(len(inside)):
-            is_inside, nearest = False, first[area]
-            for edge in range(first[area], first[area + 1]):
-                end = edge + 1 if edge + 1 < first[area + 1] else first[area]
-                along_x, along_y = corner_m[end, 0] - corner_m[edge, 0], corner_m[end, 1] - corner_m[edge, 1]
-                from_x, from_y = position_m[i, 0] - corner_m[edge, 0], position_m[i, 1] - corner_m[edge, 1]
-                share = (from_x * along_x + from_y * along_y) / max(
-                    along_x * along_x + along_y * along_y, TINY
-                )
-                share = min(max(share, 0.0), 1.0)
-                off_m[edge, 0], off_m[edge, 1] = from_x - share * along_x, from_y - share * along_y
-                away_m[edge] = np.sqrt(off_m[edge, 0] ** 2 + off_m[edge, 1] ** 2)
-                if away_m[edge] < away_m[nearest]:
-                    nearest = edge
-                if (from_y < 0.0) != (from_y < along_y) and from_x < from_y * along_x / along_y:
-                    is_inside = not is_inside
-            allowed = is_inside == inside[area]
-            side = 1.0 if allowed else -1.0
-            for edge in range(first[area], first[area + 1]):
-                if not allowed and edge != nearest:
-                    continue
-                x = side * off_m[edge, 0] / max(away_m[edge], TINY)
-                y = side * off_m[edge, 1] / max(away_m[edge], TINY)
-                closing_m_s = max(-(x * velocity_m_s[i, 0] + y * velocity_m_s[i, 1]), 0.0)
-                gap_m = side * away_m[edge] - standoff_m[i] - each[LEAD, i] * closing_m_s
-                allowed_m_s = allowed_speed_m_s(
-                    gap_m, each[REACTION, i], each[DECELERATION, i], each[ESCAPE, i]
-                )
-                if not allowed_m_s <= possible_m_s:
-                    continue
-                rows[kept], which[kept], bound_m_s[kept] = i, area, -allowed_m_s
-                normal[kept, 0], normal[kept, 1] = x, y
-                kept += 1
+            before = count
+            count = _walls_of(
+                (position_m[i, 0], position_m[i, 1], -position_m[i, 2]),
+                (corner_m, first[area], first[area + 1]),
+                (inside[area], turn[area], descending[i]),
+                (heights_m[area, 0], heights_m[area, 1]),
+                near_m,
+                off_m,
+                wall,
+                count,
+            )
+            owner[before:count] = area
+        for k in range(count):
+            closing_m_s = max(-(wall[k, 0] * x_m_s + wall[k, 1] * y_m_s + wall[k, 2] * z_m_s), 0.0)
+            own_m = 0.0 if _is_squeezed(wall, k, count, standoff_m[i]) else standoff_m[i]
+            gap_m = wall[k, 3] - own_m - each[LEAD, i] * closing_m_s
+            allowed_m_s = allowed_speed_m_s(gap_m, each[REACTION, i], each[DECELERATION, i], each[ESCAPE, i])
+            if not allowed_m_s <= possible_m_s:
+                continue
+            if kept == most:
+                rows, which = np.append(rows, rows), np.append(which, which)
+                normal, bound_m_s = np.concatenate((normal, normal)), np.append(bound_m_s, bound_m_s)
+                most *= 2
+            rows[kept], which[kept] = i, owner[k]
+            bound_m_s[kept] = min(-allowed_m_s, LED_SHARE * possible_m_s)
+            normal[kept, 0], normal[kept, 1], normal[kept, 2] = wall[k, 0], wall[k, 1], wall[k, 2]
+            kept += 1
     return rows[:kept], which[:kept], normal[:kept], bound_m_s[:kept]
+
+
+@kernel
+def _is_squeezed(wall: Array, k: int, count: int, standoff_m: float) -> bool:
+    """Whether wall k of (w, 4) and one opposite leave no room to keep off both: it is flown between."""
+    if not 0.0 <= wall[k, 3] < 2.0 * standoff_m:
+        return False
+    for other in range(count):
+        across = wall[k, 0] * wall[other, 0] + wall[k, 1] * wall[other, 1] + wall[k, 2] * wall[other, 2]
+        if across < OPPOSITE and 0.0 <= wall[other, 3] < 2.0 * standoff_m - wall[k, 3]:
+            return True
+    return False
+
+
+@kernel
+def _within_m(each: Array, possible_m_s: float, closing_m_s: float) -> float:
+    """The gap beyond which no speed that is possible breaks a wall; see `allowed_speed_m_s`."""
+    stop_m = possible_m_s * each[REACTION] + possible_m_s**2 / (2.0 * each[DECELERATION])
+    gap_m: float = stop_m + each[LEAD] * closing_m_s
+    return gap_m
+
+
+@kernel
+def _walls_of(
+    place: tuple[float, float, float],
+    ring: tuple[Array, int, int],
+    kind: tuple[bool, float, bool],
+    heights_m: tuple[float, float],
+    near_m: float,
+    off_m: Array,
+    wall: Array,
+    count: int,
+) -> int:
+    """Write the walls of one area near a place into `wall` (w, 4): normal and gap. Returns the new number.
+
+    Args:
+        place: x, y and height.
+        ring: corners (m, 2), the first and the last + 1 of this area.
+        kind: stays inside; the sense of its turn; descends to land.
+        heights_m: of the area.
+        near_m: walls farther away are left out.
+        off_m: (m, 3) as of `edges_seen`.
+        wall: changed.
+        count: of the walls before.
+    """
+    (x_m, y_m, height_m), (corner_m, begin, end), (inside, turn, descends) = place, ring, kind
+    is_inside, nearest = edges_seen(x_m, y_m, corner_m, begin, end, off_m)
+    over_m, under_m = height_m - heights_m[1], heights_m[0] - height_m
+    apart_m = max(over_m, under_m)
+    if inside:
+        if -over_m < near_m:
+            wall[count, 0], wall[count, 1], wall[count, 2], wall[count, 3] = 0.0, 0.0, 1.0, -over_m
+            count += 1
+        if -under_m < near_m and not descends:
+            wall[count, 0], wall[count, 1], wall[count, 2], wall[count, 3] = 0.0, 0.0, -1.0, -under_m
+            count += 1
+        apart_m = 0.0
+    elif is_inside and apart_m > 0.0:
+        wall[count, 0], wall[count, 1] = 0.0, 0.0
+        wall[count, 2], wall[count, 3] = (-1.0 if over_m > 0.0 else 1.0), apart_m
+        count += 1
+    elif is_inside and -apart_m < np.sqrt(off_m[nearest, 2]):  # out of closed space up or down
+        wall[count, 0], wall[count, 1] = 0.0, 0.0
+        wall[count, 2], wall[count, 3] = (-1.0 if over_m >= under_m else 1.0), apart_m
+        return count + 1
+    rise_m = max(apart_m, 0.0)
+    allowed = is_inside == inside or rise_m > 0.0
+    side = 1.0 if allowed else -1.0
+    for edge in range(begin, end):
+        if not allowed and edge != nearest:
+            continue
+        square_m2 = off_m[edge, 2] + rise_m * rise_m
+        if allowed and square_m2 > near_m * near_m:
+            continue
+        away_m = np.sqrt(square_m2)
+        if away_m > ON_EDGE_M:
+            wall[count, 0], wall[count, 1] = side * off_m[edge, 0] / away_m, side * off_m[edge, 1] / away_m
+            wall[count, 2] = (-rise_m if over_m > 0.0 else rise_m) / away_m
+        else:
+            across_x, across_y = inward(corner_m, edge, begin, end, turn if inside else -turn)
+            wall[count, 0], wall[count, 1], wall[count, 2] = across_x, across_y, 0.0
+        wall[count, 3] = side * away_m
+        count += 1
+    return count

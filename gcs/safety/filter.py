@@ -18,7 +18,10 @@ from gcs.model.state import TINY, Array, Mask
 from gcs.safety.across_stations import with_reports
 from gcs.safety.authority import AuthoritySettings, reach_constraints
 from gcs.safety.constraints import NO_ROW, Braking, Constraints, any_broken, nearest, shortened, tightest
+from gcs.safety.controlled_ground import ground_constraints, ground_margins
+from gcs.safety.fenced_areas import FencedArea, area_constraints
 from gcs.safety.floor import Floor, minimum_separation
+from gcs.safety.impact import ImpactSettings
 from gcs.safety.near_traffic import Evading, NearTraffic, track_constraints
 from gcs.safety.neighbours import FEW, Rows, near_pairs
 from gcs.safety.separation import Pairs, separation_constraints
@@ -63,6 +66,8 @@ class SafetySettings(Settings):
     """The space around each vehicle that no other may enter, and its margins."""
     fence: Fence = Fence()
     """The volume that no vehicle may leave."""
+    impact: ImpactSettings = ImpactSettings()
+    """Where vehicles would fall; the fence says where they may (`controlled_ground`)."""
     braking: Braking = Braking()
     """How a vehicle stops."""
     traffic: Traffic = Traffic()
@@ -282,6 +287,7 @@ def _walls(
         response=here.response,
         fastest_m_s=fastest_m_s,
     )
+    ground = _ground(position_m, here, settings, braking)
     slow = set() if here.near_traffic is None else {box.id for box in here.near_traffic.boxes}
     obstacles = Constraints.joined(
         *(
@@ -312,7 +318,7 @@ def _walls(
         for target in here.targets
         if target.clearance_m
     )
-    walls = Constraints.joined(keepout, fence, obstacles, *clear_of_targets)
+    walls = Constraints.joined(keepout, fence, ground, obstacles, *clear_of_targets)
     if here.near_traffic is None:
         return walls
     evading = Evading(
@@ -325,6 +331,23 @@ def _walls(
         settings.fence.distance_max_m,
     )
     return Constraints.joined(walls, track_constraints(evading, here.near_traffic))
+
+
+def _ground(position_m: Array, here: Surroundings, settings: SafetySettings, braking: Braking) -> Constraints:
+    """Constraints on where vehicles would fall; none without controlled ground."""
+    if settings.fence.controlled_ground is None:
+        return Constraints.none()
+    return ground_constraints(
+        position_m,
+        here.commanded,
+        settings.fence.controlled_ground,
+        settings.impact,
+        braking,
+        velocity_m_s=np.nan_to_num(here.velocity_m_s),
+        standoff_m=settings.floor.standoff_m(np.array(here.uncertainty_m)),
+        response=here.response,
+        fastest_m_s=settings.limits.fastest_m_s,
+    )
 
 
 def _reach(here: Surroundings, walls: Constraints, settings: SafetySettings) -> Constraints:
@@ -462,3 +485,10 @@ def warm_up() -> None:
     )
     minimum_separation(position_m, all_rows, settings.floor)
     near_pairs(all_rows, position_m, all_rows, zero)
+    ring = FencedArea(corners_m=((0.0, 0.0), (9.0, 0.0), (0.0, 9.0)))
+    braking, impact = settings.braking, settings.impact
+    area_constraints(position_m, all_rows, (ring,), braking, velocity_m_s=velocity_m_s, standoff_m=zero)
+    ground_constraints(
+        position_m, all_rows, ring, impact, braking, velocity_m_s=velocity_m_s, standoff_m=zero
+    )
+    ground_margins(position_m, velocity_m_s, ring, settings.impact)

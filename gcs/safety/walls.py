@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from typing import Annotated
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from gcs.formation.obstacles import Ellipse, Outlines
 from gcs.model.jit import kernel
@@ -23,9 +23,13 @@ from gcs.safety.constraints import (
     along_m_s,
     stopping_speed_m_s,
 )
-from gcs.safety.fenced_areas import AREAS_MAX, FencedArea, area_constraints
+from gcs.safety.fenced_areas import AREAS_MAX, CORNERS_IN_ALL, FencedArea, area_constraints
 from gcs.safety.floor import Floor
+from gcs.safety.impact import HEIGHT_MAX_M
 from gcs.safety.neighbours import Rows
+
+ABOVE_GROUND_M = 100.0
+"""Left of the tables of impacts above the fence, for ground that falls away and vehicles that climb."""
 
 
 class Fence(Settings):
@@ -39,6 +43,30 @@ class Fence(Settings):
     """Greatest distance from the origin over the ground, in m."""
     areas: Annotated[tuple[FencedArea, ...], Field(max_length=AREAS_MAX)] = ()
     """Areas that no vehicle leaves, or enters; those of a drawing come with the drawing."""
+    controlled_ground: FencedArea | None = None
+    """Where vehicles may fall if their motors stop: no other people are on it; null: that is not kept."""
+
+    @model_validator(mode="after")
+    def _fits(self) -> "Fence":
+        corners = sum(len(area.corners_m) for area in self.areas)
+        if corners > CORNERS_IN_ALL:
+            raise ValueError(f"areas: {corners} corners in all: at most {CORNERS_IN_ALL}")
+        ground = self.controlled_ground
+        if ground is None:
+            return self
+        if not ground.inside or ground.height_min_m is not None or ground.height_max_m is not None:
+            raise ValueError("controlled_ground: inside: true, and no heights: it is ground")
+        if self.height_max_m > HEIGHT_MAX_M - ABOVE_GROUND_M:
+            most_m = HEIGHT_MAX_M - ABOVE_GROUND_M
+            raise ValueError(
+                f"height_max_m = {self.height_max_m:g}: with controlled_ground at most {most_m:g}"
+            )
+        return self
+
+    @property
+    def heights_m(self) -> tuple[float, float]:
+        """Least and greatest height of flight."""
+        return self.height_min_m, self.height_max_m
 
 
 def fence_constraints(
@@ -93,6 +121,8 @@ def fence_constraints(
         standoff_m=np.zeros(n) if standoff_m is None else standoff_m,
         response=response,
         fastest_m_s=fastest_m_s,
+        descending=descending,
+        heights_m=fence.heights_m,
     )
     return Constraints.joined(sides_of_it, areas)
 

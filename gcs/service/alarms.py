@@ -40,9 +40,11 @@ class AlarmCause(StrEnum):
     VEHICLES_LOST = "vehicles-lost"
     CRITICAL_BATTERY = "critical-battery"
     OUTSIDE_FENCE = "outside-fence"
+    GROUND_LEFT = "ground-left"
     VEHICLE_LOST = "vehicle-lost"
     LOW_BATTERY = "low-battery"
     BAD_POSITION = "bad-position"
+    GROUND_NEAR = "ground-near"
     LAND_NOW = "land-now"
     WIND = "wind"
     LINKS_LATE = "links-late"
@@ -171,6 +173,14 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         E, "{vehicles} about to leave the fence", "Land [it if it does|those that do] not turn back.",
         action=X.LAND,
     ),
+    AlarmCause.GROUND_LEFT: CauseRow(
+        E,
+        "{vehicles} could fall outside the controlled ground",
+        "Land [it if it does|those that do] not turn back. [If it flies|Those that fly] on outward: kill [it|"
+        "them] now, farther out [it falls|they fall] among people.",
+        action=X.LAND,
+        past="{vehicles} could have fallen outside the controlled ground",
+    ),
     AlarmCause.VEHICLE_LOST: CauseRow(
         W,
         "{vehicles} lost",
@@ -188,6 +198,12 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "{vehicles} without a trusted position",
         "Watch [it; land it where it is if it drifts|them; land those that drift where they are].",
         action=X.LAND,
+    ),
+    AlarmCause.GROUND_NEAR: CauseRow(
+        W,
+        "{vehicles} near the edge of where [it|they] may fall",
+        "Pause the show; land [it if it does|those that do] not turn back.",
+        action=X.PAUSE,
     ),
     AlarmCause.LAND_NOW: CauseRow(
         W,

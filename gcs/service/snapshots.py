@@ -24,6 +24,7 @@ from gcs.service.histograms import Collected, TickHistogram
 from gcs.service.vehicle_table import VehicleTable
 
 if TYPE_CHECKING:
+    from gcs.safety.fenced_areas import FencedArea
     from gcs.safety.filter import SafetySettings
 
 T = TypeVar("T")
@@ -317,10 +318,12 @@ class ActiveFailsafe:
 
 @dataclass(frozen=True, slots=True)
 class FenceArea:
-    """A polygon on the ground, at every height."""
+    """A polygon on the ground, with heights if it has some."""
 
     corners_m: Annotated[tuple[tuple[float, float], ...], Field(description="x and y, show frame.")]
     inside: Annotated[bool, Field(description="Vehicles stay inside; false: outside.")]
+    height_min_m: Annotated[float | None, Field(description="null: from the ground up.")] = None
+    height_max_m: Annotated[float | None, Field(description="null: no limit.")] = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -339,8 +342,11 @@ class FlightEnvelope:
     margin_m: Annotated[float, Field(description="Added sideways, and in proportion up and down.")]
     areas: Annotated[
         tuple[FenceArea, ...],
-        Field(description="Of the selected drawing's fence; empty: only height and distance count."),
+        Field(description="Of the site and the selected drawing; empty: only height and distance count."),
     ] = ()
+    controlled_ground: Annotated[
+        FenceArea | None, Field(description="Where vehicles may fall; null: that is not kept.")
+    ] = None
 
     @staticmethod
     def of(safety: "SafetySettings") -> "FlightEnvelope":
@@ -352,8 +358,13 @@ class FlightEnvelope:
             floor.horizontal_m,
             floor.vertical_m,
             floor.margin_m,
-            tuple(FenceArea(area.corners_m, area.inside) for area in fence.areas),
+            tuple(map(_shown, fence.areas)),
+            None if fence.controlled_ground is None else _shown(fence.controlled_ground),
         )
+
+
+def _shown(area: "FencedArea") -> FenceArea:
+    return FenceArea(area.corners_m, area.inside, area.height_min_m, area.height_max_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -533,6 +544,26 @@ class TrackPassed:
 
 
 @dataclass(frozen=True, slots=True)
+class GroundKept:
+    """Whether vehicles would have fallen on controlled ground, whenever their motors had stopped."""
+
+    contacts: Annotated[int, Field(description="How often an impact came inside the hard line.")]
+    vehicles: Annotated[int, Field(description="Vehicles of these contacts.")]
+    margin_m: Annotated[float, Field(description="Least, of an impact to the edge; negative: beyond it.")]
+    vehicle: VehicleId
+    at_s: Annotated[float, Field(description="Time of the least margin since the beginning of the record.")]
+    energy_max_j: Annotated[float, Field(description="Greatest energy of an impact, in J.")]
+
+    @property
+    def text(self) -> str:
+        """All of it, in words."""
+        where = f"{abs(self.margin_m):g} m {'inside' if self.margin_m >= 0.0 else 'BEYOND'} the edge"
+        contacts = f"hard line contacted {self.contacts} times, vehicles: {self.vehicles}"
+        least = f"{self.vehicle} would have fallen nearest to it, {where}, at {self.at_s:g} s"
+        return f"{contacts}; {least}; impacts of up to {self.energy_max_j:g} J"
+
+
+@dataclass(frozen=True, slots=True)
 class ReportBody:
     """The flight report, as `gcs report --json` prints it."""
 
@@ -561,6 +592,9 @@ class ReportBody:
     traffic: Annotated[
         tuple[TrackPassed, ...], Field(description="Each track of which operators were alarmed; empty: none.")
     ]
+    ground: Annotated[
+        GroundKept | None, Field(description="Where vehicles would have fallen; null: no controlled ground.")
+    ] = None
 
 
 @dataclass(frozen=True, slots=True)

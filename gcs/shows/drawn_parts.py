@@ -4,13 +4,15 @@ from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from gcs.safety.fenced_areas import AREAS_MAX, CORNERS_MAX
 from gcs.shows.drawn import DrawnShow
 from gcs.shows.flaws import Flaw, of_value
 from gcs.shows.format import Cue, Show
 
 NEARLY = 1e-6
 """Tolerance for rounding errors."""
+
+AREAS_MAX, CORNERS_MAX = 4, 60
+"""Most areas of the fence of a drawing, and corners of each."""
 
 OF_THE_LAW = ("over_s", "radius_m", "height_m", "target", "orbit", "spin", "lights")
 """Keys of a cue that a drawn part has no use for: it says where each vehicle is, and its light."""

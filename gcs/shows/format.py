@@ -321,7 +321,11 @@ def control_of(
     safety_within = {
         "limits": Limits(horizontal_m_s=limits.speed_max_m_s, up_m_s=up_m_s, down_m_s=down_m_s),
         "floor": floor.model_copy(update={"horizontal_m": least_m, "vertical_m": up_m}),
-        "fence": Fence(**fence.model_dump(), areas=(*usual.safety.fence.areas, *areas)),
+        "fence": Fence(
+            **fence.model_dump(),
+            areas=(*usual.safety.fence.areas, *areas),
+            controlled_ground=usual.safety.fence.controlled_ground,
+        ),
     }
     within = {
         "radius_rate_m_s": limits.radius_rate_max_m_s,

@@ -15,6 +15,7 @@ from gcs.simulation.article import ArticleRun
 from gcs.simulation.decide import Divide
 from gcs.simulation.formation_run import FormationRun
 from gcs.simulation.metrics import FlightMetrics, metrics
+from gcs.simulation.random_sites import drawn_site, places_m
 from gcs.simulation.record import FlightDetails
 from gcs.simulation.rehearsal import Rehearsal
 from gcs.simulation.result import FlightResult
@@ -42,7 +43,13 @@ class GoalRun(SimulatedFlight):
     ) -> None:
         self.flight = flight
         self._random = np.random.default_rng([seed, 1])
-        start_m, goal_m = layout.goals_m(flight, count, self._random)
+        if flight.site is None:
+            start_m, goal_m = layout.goals_m(flight, count, self._random)
+        else:
+            drawn = drawn_site(scenario, flight.site, self._random)
+            scenario, out = drawn.scenario, round(flight.site.outside_share * count)
+            start_m = places_m(drawn, flight.site, count, flight.spacing_m, self._random, out)
+            goal_m = places_m(drawn, flight.site, count, flight.spacing_m, self._random)
         middle_m = start_m.mean(axis=0)
         plan = Plan(Formation(10.0, float(-middle_m[2])))
         super().__init__(scenario, start_m, goal_m, plan, seed, divide)

@@ -16,6 +16,7 @@ from gcs.simulation import initial_states as layout
 from gcs.simulation.crossing import Crossing
 from gcs.simulation.decide import Divide
 from gcs.simulation.obstacle_worlds import draw_world
+from gcs.simulation.random_sites import drawn_site
 from gcs.simulation.record import THROUGH_M, approaching
 from gcs.simulation.scenario import (
     Carried,
@@ -59,6 +60,11 @@ class FormationRun(SimulatedFlight):
             self._boxes = list(zip(drawn.boxes, drawn.appear_s, strict=True))
             self._target_m = np.array(drawn.target_m)
             start_m = start_m + np.array([drawn.orbit_radius_m, 0.0, 0.0])
+        if flight.site is not None:
+            half_m = float(np.abs(start_m[:, :2]).max(initial=0.0)) + radius_m
+            around = drawn_site(scenario, flight.site, self._random, half_m)
+            scenario = around.scenario
+            self._target_m = around.room_m[int(self._random.integers(len(around.room_m)))]
         plan = Plan(Formation(radius_m, height_m, law=flight.law), orbit)
         super().__init__(scenario, start_m, np.full((total, 3), np.nan), plan, seed, divide)
         if flight.pads == "shuffled":

@@ -27,6 +27,8 @@ from gcs.simulation.record import (
 )
 from gcs.simulation.reference_shapes import SEARCHED_MOST, best, best_figures, energy_and_nearest
 from gcs.simulation.scenario import ArticleFlight, FormationFlight, GoalFlight, Judged, ShowFlight
+from gcs.simulation.site_figures import SiteFigures
+from gcs.simulation.site_figures import figures as site_figures
 
 SETTLED_ENERGY = 1.005
 SETTLED_RADIUS = 0.02
@@ -656,6 +658,7 @@ class FlightMetrics:
     track: TrackFigures | None = None
     tick: TickFigures
     traffic: TrafficFigures | None = None
+    site: SiteFigures | None = None
     failsafes: tuple[ActedFailsafe, ...] | None = None
     goal_shape: str | None = None  # of a law that ends in no sphere
     law_failed: LawFailed | None = None  # when the law was relied on no more
@@ -676,6 +679,7 @@ def metrics(record: FlightRecord) -> FlightMetrics:
         arrival=arrival(record),
         article=article_figures(record),
         traffic=None if record.passages is None else crossing_figures(record.passages),
+        site=site_figures(record),
         failsafes=tuple(ActedFailsafe(rounded(when_s), why, what) for when_s, why, what in record.failsafes)
         or None,
         goal_shape=None if goal_of(record) is GoalShape.SPHERE else goal_of(record).value,

@@ -72,6 +72,7 @@ class FlightRecord:
     changed_s: float = 0.0  # start of settling: engagement, or the last event
     planning_s: float | None = None  # processor time of the collective return's plan; None: none was made
     details: FlightDetails | None = None
+    within_m_s: list[Array] | None = None  # (n, 3) true velocities within a site; None: there is none
 
     def __post_init__(self) -> None:
         self.expected = np.ones(len(self.start_m), dtype=np.bool_)

@@ -22,6 +22,7 @@ from gcs.planning.return_paths.planner import closed_places
 from gcs.shows import Flaw, LoadedShow, Played
 from gcs.shows.following import APPROACH_MAX_S, TrackErrors, assigned
 from gcs.shows.format import control_of
+from gcs.simulation.random_sites import drawn_site
 from gcs.simulation.scenario import Adversity, FormationFlight, Judged, Scenario, ScenarioBox, Wind, World
 from gcs.simulation.simulated_flight import SimulatedFlight
 
@@ -86,6 +87,10 @@ class Rehearsal(SimulatedFlight):
         self._shaped_s = np.inf  # since when the vehicles are where the law leads, where that is no sphere
         first = timeline.plan_at(0.0)
         scenario = _scenario(loaded, world, adversity, first, spares=len(places_m) - count)
+        if adversity.site is not None:
+            open_m = float(np.linalg.norm(places_m[:, :2], axis=1).max()) + first.formation.radius_m
+            random = np.random.default_rng([seed, 7])
+            scenario = drawn_site(scenario, adversity.site, random, open_m).scenario
         start_m = places_m.copy()
         start_m[:count, 2] -= show.fleet.takeoff_height_m
         super().__init__(scenario, start_m, np.full_like(start_m, np.nan), first, seed)

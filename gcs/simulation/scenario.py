@@ -149,6 +149,21 @@ class CrossingTraffic(Cylinder):
     silent_share: Share = 0.0  # of the tracks are not reported any more from a place on
 
 
+class RandomSite(Settings):
+    """A random concave site for every seed: areas of the fence, the controlled ground, or both."""
+
+    kinds: tuple[Literal["star", "u", "ell", "slalom"], ...] = ("star", "u", "ell", "slalom")  # at random
+    extent_min_m: Positive = 60.0  # from the middle to the farthest corners
+    extent_max_m: Positive = 110.0
+    areas: bool = True  # the shape is an area that vehicles stay inside of
+    ground: bool = False  # the shape is the controlled ground; with `areas` it is that, grown
+    beyond_m: Positive = 30.0  # by so much the ground is then wider
+    towers_max: Annotated[int, Field(ge=0, le=6)] = 3  # closed spaces with heights
+    outside_share: Share = 0.0  # of the vehicles begin outside, and are led in
+    height_min_m: Positive = 8.0  # of starts and goals
+    height_max_m: Positive = 35.0
+
+
 class ScenarioSpin(Settings):
     """The formation's spin from a time on."""
 
@@ -245,6 +260,9 @@ class FormationFlight(Settings):
     traffic: CrossingTraffic | None = None
     spins: tuple[ScenarioSpin, ...] = ()
     boxes: tuple[ScenarioBox, ...] = ()
+    site: RandomSite | None = (
+        None  # its target is then at random within it, if `center_moves_from_s` is reached
+    )
     random_obstacles: RandomObstacles | None = (
         None  # also set target, orbit and speed; only with start: sphere
     )
@@ -270,6 +288,7 @@ class GoalFlight(Settings):
     spacing_m: Positive = 6.0  # least distance between positions
     lowest_m: Positive = 10.0  # height of the lowest position
     arrived_m: Positive = 1.0
+    site: RandomSite | None = None  # instead of the layout: starts and goals anywhere within it
     loss: ScenarioLoss = ScenarioLoss()
 
 
@@ -295,6 +314,7 @@ class Adversity(Settings):
 
     loss: ScenarioLoss = ScenarioLoss()  # its time counts from the beginning of the assembly
     boxes: tuple[ScenarioBox, ...] = ()
+    site: RandomSite | None = None
 
 
 class ShowFlight(Adversity):

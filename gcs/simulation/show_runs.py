@@ -13,6 +13,7 @@ from gcs.simulation.metrics import (
 from gcs.simulation.record import penetrations_and_clearance_m
 from gcs.simulation.rehearsal import Rehearsal
 from gcs.simulation.scenario import Scenario
+from gcs.simulation.site_figures import figures as site_figures
 from gcs.simulation.verdict import LAG_REPORTED_M, lags
 
 
@@ -34,4 +35,5 @@ def show_metrics(scenario: Scenario, run: Rehearsal) -> FlightMetrics:
             tuple(lag for lag in lags(run) if lag.max_m >= LAG_REPORTED_M),
         ),
         obstacles=passed_boxes,
+        site=site_figures(record),
     )

@@ -40,6 +40,7 @@ from gcs.planning.return_paths.planner import (
     return_planner,
 )
 from gcs.planning.return_paths.planner import warm_up as warm_up_planner
+from gcs.safety.controlled_ground import ground_for_sites
 from gcs.safety.floor import Floor, pairs_that_count, scaled_distance_m
 from gcs.safety.near_traffic import NearTraffic
 from gcs.simulation import initial_states as layout
@@ -106,6 +107,9 @@ class SimulatedFlight:
         self.settings: ControlSettings = over_links(scenario)
         self.world = TrueWorld(start_m, scenario.world, seed)
         self.record = FlightRecord(scenario, seed, start_m, goal_m, self.floor.horizontal_m)
+        fence = scenario.control.safety.fence
+        if fence.areas or fence.controlled_ground is not None:
+            self.record.within_m_s = []
         self.task = np.full(n, Task.NONE, dtype=np.int8)
         self.goal_m = np.array(goal_m)
         self.descending = np.zeros(n, dtype=bool)
@@ -340,8 +344,10 @@ class SimulatedFlight:
         spacing_m = OperationSettings.model_fields["landing_site_spacing_m"].default
         sites_m = np.zeros_like(here_m)
         ellipses = ellipses_of(self.plan, self.settings, self.time_s)
-        areas = self.settings.safety.fence.areas
-        sites_m[rows, :2] = distinct_sites_m(here_m[rows, :2], taken_m, spacing_m, ellipses, areas)
+        fence, impact = self.settings.safety.fence, self.settings.safety.impact
+        areas = fence.areas
+        ground = ground_for_sites(fence.controlled_ground, impact, float(-here_m[rows, 2].min(initial=0.0)))
+        sites_m[rows, :2] = distinct_sites_m(here_m[rows, :2], taken_m, spacing_m, ellipses, areas, ground)
         return sites_m
 
     def _lead_down(self, rows: Mask, site_m: Array, *, returns: bool = False) -> None:
@@ -384,6 +390,8 @@ class SimulatedFlight:
                 closed = self.losses.apart_m(slot_m, self.floor) <= kept_m
                 off_m[closed & (off_m > THROUGH_M)] = np.nan
             record.off_slot_m.append(off_m)
+        if record.within_m_s is not None:
+            record.within_m_s.append(self.world.velocity_m_s.copy())
         record.tick_s.extend(decided.took_s)
         record.time_s.append(self.time_s)
         record.position_m.append(self.world.position_m.astype(np.float32))

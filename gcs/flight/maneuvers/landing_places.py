@@ -18,6 +18,7 @@ from gcs.model.plan import Obstacle
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.landing_sites import are_covered, distinct_sites_m
 from gcs.planning.return_paths.planner import closed_places, return_places_m
+from gcs.safety.controlled_ground import ground_for_sites
 from gcs.safety.target_clearance import kept_clear_m
 
 
@@ -54,8 +55,11 @@ class LandingPlaces:
         spacing_m = self.operation.landing_site_spacing_m
         ellipses = self._ellipses()
         taken_m = self._taken_m(vehicles, frozenset({Phase.LANDING}))
-        areas = self.in_force.control.safety.fence.areas
-        places_m = distinct_sites_m(desired_m, taken_m, spacing_m, ellipses, areas)
+        safety = self.in_force.control.safety
+        rows = [vehicle.row for vehicle in vehicles]
+        highest_m = float(np.nanmax(-self.newest.state.position_m[rows, 2], initial=0.0))
+        ground = ground_for_sites(safety.fence.controlled_ground, safety.impact, highest_m)
+        places_m = distinct_sites_m(desired_m, taken_m, spacing_m, ellipses, safety.fence.areas, ground)
         ground_z_m = [0.0 if v.home_m is None else float(v.home_m[2]) for v in vehicles]
         sites_m = np.column_stack([places_m, ground_z_m])
         return {vehicle.id: site_m for vehicle, site_m in zip(vehicles, sites_m, strict=True)}

@@ -17,6 +17,7 @@ from gcs.failsafe.autopilots.texts import Meaning, meaning_of
 from gcs.failsafe.policy import Action, Cause
 from gcs.failsafe.triggers import OF_THE_SHOW
 from gcs.flight.monitors.accuracy_alarms import BLIND, NO_FIX, AccuracyAlarms
+from gcs.flight.monitors.ground_alarms import GroundAlarms
 from gcs.flight.monitors.space_alarms import SpaceAlarms, of_routes, of_the_centre
 from gcs.flight.state.flight import FLIES, NOT_CHOSEN, Flight
 from gcs.flight.state.vehicle import Vehicle
@@ -147,6 +148,7 @@ class AlarmMonitor:
         self._poor = np.zeros(len(self.flight.vehicles), np.bool_)
         flight = self.flight
         self._space = SpaceAlarms(flight.newest, flight.in_force, flight.vehicles)
+        self._ground = GroundAlarms(flight.newest, flight.in_force, flight.vehicles)
         self._accuracy = accuracy_alarms_of(flight)
         self._texts: Sequence[Sequence[StatusText]] = ()  # as of the last round, and the urgent ones of these
         self._urgent: list[tuple[int, StatusText]] = []
@@ -166,6 +168,7 @@ class AlarmMonitor:
             *self._space.of_distances(tick),
             *self._space.of_obstacles(),
             *self._space.of_the_target(),
+            *self._ground.conditions(),
             *of_the_centre(tick),
             *of_routes(tick, self.flight.newest.state.ids + tick.elsewhere),
             *self._accuracy.of_positions(findings.failsafes),

@@ -24,8 +24,9 @@ from gcs.planning.return_paths.candidates import (
 from gcs.planning.return_paths.conflicts import chosen_paths
 from gcs.planning.return_paths.paths import STEP_S, WELL_IN_PLACE_M, ReturnPaths
 from gcs.planning.return_paths.round_boxes import WaysRound
-from gcs.planning.return_paths.within_areas import keep_off
-from gcs.safety.fenced_areas import beyond_m
+from gcs.planning.return_paths.within_areas import in_pieces, keep_off
+from gcs.safety.controlled_ground import falls_within, kept_in_m
+from gcs.safety.fenced_areas import beyond_m, passable
 from gcs.safety.filter import Limits
 from gcs.safety.floor import Floor
 from gcs.safety.neighbours import Rows
@@ -322,17 +323,24 @@ def return_planner(
         reserve_m=control.safety.floor.worst_reserve_m(uncertainty_m),
         are_free=_are_free(control, ellipses_of(plan, control, time_s)),
         closed=None if lost is None else _closed(control.safety.floor, uncertainty_m, *lost),
-        ways=_round_boxes(control, plan, time_s),
+        ways=_round_boxes(control, plan, time_s, float(-home_m[:, 2].min()) + heights_m[0]),
     )
 
 
-def _round_boxes(control: ControlSettings, plan: Plan, time_s: float) -> WaysRound | None:
-    """Ways round the obstacles at `time_s`, within the areas of the fence; None: there is neither."""
+def _round_boxes(control: ControlSettings, plan: Plan, time_s: float, least_m: float) -> WaysRound | None:
+    """Ways round the obstacles at `time_s`, within areas and controlled ground; None: there is none of these.
+
+    `least_m` is the least height of these ways.
+    """
     fence, ellipses = control.safety.fence, tuple(ellipses_of(plan, control, time_s).values())
     within_m, highest_m = fence.distance_max_m - INSIDE_FENCE_M, fence.height_max_m - INSIDE_FENCE_M
-    if not ellipses and not fence.areas:
+    if not ellipses and not fence.areas and fence.controlled_ground is None:
         return None
-    return WaysRound(ellipses, CLEAR_M, within_m, highest_m, control.law.speed_m_s, fence.areas)
+    ground, impact = None, control.safety.impact
+    if fence.controlled_ground is not None:
+        ground = fence.controlled_ground, float(kept_in_m(np.array([least_m]), impact)[0])
+    areas = passable(fence.areas, fence.heights_m)
+    return WaysRound(ellipses, CLEAR_M, within_m, highest_m, control.law.speed_m_s, areas, ground)
 
 
 PAD_CLOSED_M = WELL_IN_PLACE_M / 2.0
@@ -412,13 +420,16 @@ def _closed(floor: Floor, uncertainty_m: Array, segments_m: Array, lost_m: Array
 
 def _are_free(control: ControlSettings, ellipses: Mapping[str, Ellipse]) -> AreFree:
     """Return a function for which positions are inside the fence and clear of obstacles that move on."""
-    fence, around = control.safety.fence, tuple(ellipses.values())
+    fence, impact, around = control.safety.fence, control.safety.impact, tuple(ellipses.values())
 
     def are_free(place_m: Array, after_s: Array) -> Mask:
         height_m = -place_m[:, 2]
         free = np.hypot(place_m[:, 0], place_m[:, 1]) <= fence.distance_max_m - INSIDE_FENCE_M
         free &= height_m <= fence.height_max_m - INSIDE_FENCE_M
         free &= keep_off(fence.areas, place_m, OFF_AREAS_M)
+        if fence.controlled_ground is not None:
+            within = [falls_within(part_m, fence.controlled_ground, impact) for part_m in in_pieces(place_m)]
+            free &= np.concatenate(within)
         for ellipse in around:
             low = np.flatnonzero(height_m < ellipse.top_height_m)
             moved_m = np.minimum(after_s[low], AHEAD_S)[:, None] * ellipse.velocity_m_s

@@ -9,7 +9,7 @@ import numpy as np
 from gcs.formation.obstacles import Ellipse, Outlines
 from gcs.formation.ways_round import passes, way_round
 from gcs.model.state import Array
-from gcs.planning.return_paths.within_areas import way_within
+from gcs.planning.return_paths.within_areas import cross_edges, way_within
 from gcs.safety.fenced_areas import FencedArea
 
 OFF_EDGES_M: Final = 1.0
@@ -44,6 +44,7 @@ class WaysRound:
         highest_m: height to which it allows flight.
         speed_m_s: of the vehicles: a box that moves counts where it will be when one can be there.
         areas: of the fence, within which ways stay.
+        ground: the controlled ground, and what is kept from its edges at the least height; None: none.
     """
 
     ellipses: Sequence[Ellipse]
@@ -52,6 +53,7 @@ class WaysRound:
     highest_m: float
     speed_m_s: float
     areas: Sequence[FencedArea] = ()
+    ground: tuple[FencedArea, float] | None = None
 
     def lead(self, start_m: Array, above_m: Array) -> Array:
         """(WAYS, k, 3) places to fly to one after the other, the last is above the pad.
@@ -71,8 +73,8 @@ class WaysRound:
         for at, (spare_m, later) in enumerate(SPARES):
             semi_m = outlines.semi_m + self.clear_m + spare_m
             moved_m = center_m + later * there_s[:, None] * outlines.velocity_m_s
-            if self.areas and (at == 0 or not self.ellipses):
-                level_m = way_within(self.areas, one_m, other_m, OFF_EDGES_M + 0.5 * spare_m)
+            if (self.areas or self.ground) and (at == 0 or not self.ellipses):
+                level_m = way_within(self.areas, one_m, other_m, OFF_EDGES_M + 0.5 * spare_m, self.ground)
             else:
                 level_m, _ = way_round(one_m, other_m, moved_m, semi_m, self.within_m)
             for share in HEIGHTS:
@@ -81,8 +83,19 @@ class WaysRound:
         grown_m = outlines.semi_m + self.clear_m
         met = [not passes(one_m, other_m, center_m[at], grown_m[at]) for at in range(len(outlines))]
         top_m = float(outlines.top_height_m[met].max(initial=-own_z_m))
+        top_m = max([top_m, *self._tops_m(start_m, above_m)])
         for more_m in OVER_M:
             over_z_m = min(own_z_m, -min(top_m + more_m, self.highest_m))
             ways_m.append(np.array([[*one_m, over_z_m], [*other_m, over_z_m]]))
         longest = max(map(len, ways_m))
         return np.stack([np.vstack([np.tile(start_m, (longest - len(way), 1)), way]) for way in ways_m])
+
+    def _tops_m(self, start_m: Array, above_m: Array) -> list[float]:
+        """The tops of closed spaces that the straight way over the ground passes."""
+        return [
+            area.height_max_m
+            for area in self.areas
+            if area.height_max_m is not None
+            and not area.inside
+            and cross_edges((area,), start_m[None], above_m[None])[0]
+        ]

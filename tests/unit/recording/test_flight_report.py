@@ -391,3 +391,39 @@ def test_terminal_shows_percent_on_standard_error_not_with_json(
     if not is_shown:
         assert shown == b""
         assert json.loads(out)["verdict"]
+
+
+def site_config(folder: Path) -> Path:
+    """The demo's configuration, with an area of the fence and controlled ground."""
+    text = configuration.find("demo").read_text()
+    ring = "[[-64, -64], [64, -64], [64, 64], [-64, 64]]"
+    within = "[[-40, -40], [40, -40], [40, 40], [-40, 40]]"
+    fence = f"fence: {{areas: [{{corners_m: {within}}}], controlled_ground: {{corners_m: {ring}}}}}"
+    assert "control:" not in text
+    (folder / "site.yaml").write_text(f"{text}\ncontrol: {{safety: {{{fence}}}}}\n")
+    return folder / "site.yaml"
+
+
+@pytest.mark.parametrize(
+    ("velocity", "code", "contacts", "beyond_area"),
+    [((1.0, 0.0, 0.0), 0, 0, False), ((4.0, 0.0, 0.0), 1, 0, True), ((8.0, 0.0, 0.0), 1, 1, True)],
+)
+def test_contacts_of_the_controlled_ground_are_counted(
+    tmp_path: Path, velocity: tuple[float, float, float], code: int, contacts: int, beyond_area: bool
+) -> None:
+    """At 1, 4 and 8 m/s for 4 s from 27 m before the area's edge, and 30 m high."""
+    paths = moves(27.0, 0, -30, velocity), stands(0, 0, -30)
+    file = truth(tmp_path / "truth-1.jsonl", *paths)
+    result, report = judged(file, "--config", site_config(tmp_path))
+    assert result == code
+    assert report["ground"]["contacts"] == contacts
+    assert check(report, "beyond an area")["kept"] is not beyond_area
+    assert check(report, "impact beyond controlled ground")["kept"] is not bool(contacts)
+    assert report["ground"]["vehicle"] == "1"
+    assert report["ground"]["energy_max_j"] > 100.0
+
+
+def test_a_flight_without_a_site_has_no_ground(tmp_path: Path) -> None:
+    _, report = judged(truth(tmp_path / "truth-1.jsonl", stands(0, 0, -20)), "--config", "demo")
+    assert report["ground"] is None
+    assert not any("area" in each["name"] or "ground" in each["name"] for each in report["checks"])

@@ -52,7 +52,7 @@ export interface components {
          * @description Cause of an alarm.
          * @enum {string}
          */
-        AlarmCause: "killed" | "terminated" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "land-now" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "target-lost" | "target-outruns" | "target-beyond" | "target-sources" | "target-near" | "target-no-room" | "traffic-manned" | "traffic-near" | "traffic-crowded" | "traffic-unknown" | "tak-not-sent" | "obstacle-near" | "obstacle-waits" | "law-failed" | "no-headway" | "no-way" | "radius-small" | "uncertain-position" | "little-authority" | "slow-vehicle" | "slow-answers" | "height-differs" | "moved-on-pad" | "corrections-stopped" | "timecode" | "clock-doubtful" | "silent" | "poor-link" | "no-heartbeat" | "input-flooded" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
+        AlarmCause: "killed" | "terminated" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "ground-left" | "vehicle-lost" | "low-battery" | "bad-position" | "ground-near" | "land-now" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "target-lost" | "target-outruns" | "target-beyond" | "target-sources" | "target-near" | "target-no-room" | "traffic-manned" | "traffic-near" | "traffic-crowded" | "traffic-unknown" | "tak-not-sent" | "obstacle-near" | "obstacle-waits" | "law-failed" | "no-headway" | "no-way" | "radius-small" | "uncertain-position" | "little-authority" | "slow-vehicle" | "slow-answers" | "height-differs" | "moved-on-pad" | "corrections-stopped" | "timecode" | "clock-doubtful" | "silent" | "poor-link" | "no-heartbeat" | "input-flooded" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
         /** @description All alarms, and the overall severity. */
         AlarmList: {
             /** @description Lasting alarms before ended ones; the most severe first, of one severity the newest. */
@@ -280,13 +280,17 @@ export interface components {
             timecode: components["schemas"]["TimecodeView"] | null;
             traffic: components["schemas"]["TrafficView"] | null;
         };
-        /** @description A polygon on the ground, at every height. */
+        /** @description A polygon on the ground, with heights if it has some. */
         FenceArea: {
             /** @description x and y, show frame. */
             corners_m: [
                 number,
                 number
             ][];
+            /** @description null: no limit. */
+            height_max_m?: number | null;
+            /** @description null: from the ground up. */
+            height_min_m?: number | null;
             /** @description Vehicles stay inside; false: outside. */
             inside: boolean;
         };
@@ -343,8 +347,10 @@ export interface components {
         };
         /** @description The volume that no vehicle may leave, and the ellipsoid around a vehicle that no other may enter. */
         FlightEnvelope: {
-            /** @description Of the selected drawing's fence; empty: only height and distance count. */
+            /** @description Of the site and the selected drawing; empty: only height and distance count. */
             areas: components["schemas"]["FenceArea"][];
+            /** @description Where vehicles may fall; null: that is not kept. */
+            controlled_ground?: components["schemas"]["FenceArea"] | null;
             /** @description Horizontal distance from the show's origin. */
             distance_max_m: number;
             /** @description Horizontal half-axis of the ellipsoid. */
@@ -410,6 +416,20 @@ export interface components {
             longitude_deg: number;
             velocity_east_m_s: number;
             velocity_north_m_s: number;
+        };
+        /** @description Whether vehicles would have fallen on controlled ground, whenever their motors had stopped. */
+        GroundKept: {
+            /** @description Time of the least margin since the beginning of the record. */
+            at_s: number;
+            /** @description How often an impact came inside the hard line. */
+            contacts: number;
+            /** @description Greatest energy of an impact, in J. */
+            energy_max_j: number;
+            /** @description Least, of an impact to the edge; negative: beyond it. */
+            margin_m: number;
+            vehicle: string;
+            /** @description Vehicles of these contacts. */
+            vehicles: number;
         };
         /** @description The map of the ground, as tiles in web mercator. */
         GroundMap: {
@@ -1960,6 +1980,8 @@ export interface components {
             checks: components["schemas"]["ReportCheck"][];
             duration_s: number;
             flew: number;
+            /** @description Where vehicles would have fallen; null: no controlled ground. */
+            ground: components["schemas"]["GroundKept"] | null;
             /** @description What could not be judged, and why; with times and bytes. */
             missing: string[];
             nearest_pairs: components["schemas"]["NearestPair"][];
