@@ -11,7 +11,14 @@ from gcs.control.detour import follow_detour
 from gcs.control.inputs import FormationState, Task, TickInputs
 from gcs.control.memory import Detour, Memory
 from gcs.control.scene import Scene
-from gcs.formation.following import CenterLimits, closing_velocity, fleet_limits, following_velocity
+from gcs.formation.following import (
+    BESIDE_TRAFFIC,
+    BRAKING_SHARE,
+    CenterLimits,
+    closing_velocity,
+    fleet_limits,
+    following_velocity,
+)
 from gcs.formation.law import desired_center_velocity
 from gcs.formation.obstacles import Outlines
 from gcs.formation.orbit import (
@@ -208,7 +215,8 @@ def _following(now: TickInputs, ahead: Center, reach_m: float, pace: float, limi
         target_m_s2 = np.zeros(2)  # it is followed along the fence
     off_m = ahead.position_m[:2] - target_m
     if orbit.radius_m == 0.0:
-        relative_m_s = closing_velocity(-off_m, limits.acceleration_m_s2, target.deviation_m_s)
+        share = BRAKING_SHARE if now.tasks.near_traffic is None else BESIDE_TRAFFIC
+        relative_m_s = closing_velocity(-off_m, share * limits.acceleration_m_s2, target.deviation_m_s)
     else:
         field = partial(
             orbit_velocity,

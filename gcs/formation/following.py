@@ -32,8 +32,8 @@ DAMPED: Final = 4.0
 KNOWN_M_S: Final = 0.3
 """A velocity with a smaller standard deviation than this is known well."""
 
-BRAKING_SHARE: Final = 0.9
-"""Share of the acceleration with which the distance is closed; the rest corrects."""
+BRAKING_SHARE, BESIDE_TRAFFIC = 0.6, 0.9
+"""Shares of the acceleration with which the distance is closed, and beside traffic; the rest corrects."""
 
 
 INSIDE_SPEED, INSIDE_ACCELERATION = 0.95, 0.85
@@ -92,9 +92,9 @@ def inside_circle(target: Target, limits: CenterLimits) -> Target:
     )
 
 
-def closing_velocity(off_m: Array, acceleration_m_s2: float, deviation_m_s: float) -> Array:
+def closing_velocity(off_m: Array, braking_m_s2: float, deviation_m_s: float) -> Array:
     """(2,) velocity relative to the target that closes the distance (2,) to it, and can still be braked."""
-    away_m, braking_m_s2 = hypot(off_m[0], off_m[1]), BRAKING_SHARE * acceleration_m_s2
+    away_m = hypot(off_m[0], off_m[1])
     closing_per_s = answer_per_s(deviation_m_s) / DAMPED
     near_m = braking_m_s2 / closing_per_s**2
     if away_m <= near_m:

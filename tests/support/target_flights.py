@@ -27,6 +27,8 @@ COAST_S: Final = 5.0
 FAULT_S: Final = 25.0
 """After so long the formation follows, and what fails begins to."""
 
+EXACT_S: Final = 20.0
+
 Fault = Callable[[Report], Sequence[Report]]
 """What a receiver sends in place of a report; nothing: it is silent."""
 
@@ -155,6 +157,29 @@ class FailingTarget(MovingTarget):
         return target
 
 
+class ThenExact(FailingTarget):
+    """The same, but from each return of its receivers on the target's present motion is exact for a while."""
+
+    returns_s: Sequence[float] = ()
+
+    def seen(self, now_s: float, was: Target, limits: CenterLimits) -> Target:
+        target = super().seen(now_s, was, limits)
+        if not any(at <= now_s < at + EXACT_S for at in self.returns_s):
+            return target
+        place, before = self._motion(now_s), self._motion(now_s - TICK_S)
+        return replace(
+            target,
+            x_m=place.north_m,
+            y_m=place.east_m,
+            velocity_x_m_s=place.north_m_s,
+            velocity_y_m_s=place.east_m_s,
+            acceleration_x_m_s2=(place.north_m_s - before.north_m_s) / TICK_S,
+            acceleration_y_m_s2=(place.east_m_s - before.east_m_s) / TICK_S,
+            deviation_m_s=0.0,
+            time_s=now_s,
+        )
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class FollowedFlight:
     """What was flown; k ticks."""
@@ -177,12 +202,23 @@ class FollowedFlight:
         return np.asarray(np.hypot(*np.diff(self.center_m, axis=0).T))
 
 
-def follow(moving: Moving, senders: Sequence[Sender], seconds: float, seed: int = 0) -> FollowedFlight:
-    """Follow the target for so long; its receivers fail from `FAULT_S` on."""
+def follow(
+    moving: Moving,
+    senders: Sequence[Sender],
+    seconds: float,
+    seed: int = 0,
+    *,
+    exact_from_s: Sequence[float] = (),
+) -> FollowedFlight:
+    """Follow the target for so long; its receivers fail from `FAULT_S` on.
+
+    From `exact_from_s` on, each time for `EXACT_S`, the estimate is the truth.
+    """
     scenario = load(SCENARIO).model_copy(update={"duration_s": seconds}).in_world_of(seed)
     assert isinstance(scenario.flight, FormationFlight)
     run = FormationRun(scenario, scenario.flight, COUNT, seed)
-    run.tracked = target = FailingTarget(moving, senders, seed)
+    run.tracked = target = ThenExact(moving, senders, seed)
+    target.returns_s = exact_from_s
     record = run.fly()
     truth_m = np.array(record.target_m)
     off_m = np.hypot(*(np.array(record.position_m)[:, :, :2].mean(axis=1) - truth_m).T)
@@ -220,12 +256,16 @@ DROP_OUTS_S: Final = ((25.0, 26.0), (41.0, 44.0), (59.0, 69.0))
 LASTS_S: Final = 95.0
 
 
-def drop_outs(name: str, seed: int = 0, later_s: float = 0.0) -> DroppedOut:
-    """Fly over a target with drop-outs, which begin so much later than usual."""
+def drop_outs(name: str, seed: int = 0, later_s: float = 0.0, *, exact: bool = False) -> DroppedOut:
+    """Fly over a target with drop-outs, which begin so much later than usual.
+
+    With `exact` its motion is exact after each of them.
+    """
     moving = MOVING[name]
     spans_s = [(begins_s + later_s, ends_s + later_s) for begins_s, ends_s in DROP_OUTS_S]
     sender = Sender(moving.errors, silent(*spans_s), seed)
-    flown = follow(moving, [sender], LASTS_S + later_s, seed)
+    returns_s = [ends_s + moving.errors.delay_s for _, ends_s in spans_s] if exact else []
+    flown = follow(moving, [sender], LASTS_S + later_s, seed, exact_from_s=returns_s)
     near, stays = flown.off_m <= moving.p95_m, round(1.0 / TICK_S)
     back_s, least_s = [], []
     for _, ends_s in spans_s:
