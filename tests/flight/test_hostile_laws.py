@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -105,6 +106,19 @@ def ticks_with_a_law_that_sleeps_s() -> Array:
     assert answer.holds
     assert law.failed.startswith(REASONS["SleepsASecond"])
     return np.where(any(held[: WELL_TICKS + 4]), np.inf, took_s)
+
+
+@pytest.mark.parametrize(("pause_s", "fails"), [(0.5, True), (2.0, False)])
+def test_a_law_that_was_not_asked_for_a_second_begins_anew(pause_s: float, fails: bool) -> None:
+    """Its state is the number of its ticks: it fails when they are more than `WELL_TICKS`."""
+    law = LawProcess("hostile_laws:Fails", {}, COUNT, TICK_S, 1.0)
+    law.begin(BEGINS_S)
+    inputs, well = sample(COUNT, NoSettings()), WELL_TICKS - 5
+    for tick in range(2 * well):
+        time_s = tick * TICK_S + (pause_s if tick >= well else 0.0)
+        law.velocity(replace(inputs, time_s=time_s))
+    law.close()
+    assert bool(law.failed) is fails
 
 
 def statuses() -> Iterator[tuple[int, str, int, int]]:

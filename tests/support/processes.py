@@ -129,15 +129,15 @@ def vehicles(
 
 
 @contextmanager
-def service(config: configuration.Config, folder: Path) -> Iterator[tuple[Client, Started]]:
-    """Run `gcs serve` in a separate process; its recording and its log are in `folder`.
+def service(config: configuration.Config, folder: Path, *options: str) -> Iterator[tuple[Client, Started]]:
+    """Run `gcs serve` in a separate process; its configuration, its recording and its log are in `folder`.
 
     In the folder of a service that has ended, the same service starts again.
     """
     folder.mkdir(exist_ok=True)
     raw = config.model_dump(mode="json") | {"record": {"folder": str(folder)}}
     (folder / "config.yaml").write_text(yaml.safe_dump(raw), encoding="utf-8")
-    words = ("serve", "--config", str(folder / "config.yaml"), "--quiet")
+    words = ("serve", "--config", str(folder / "config.yaml"), "--quiet", *options)
     with (folder / "log").open("a") as log:
         process = Started("gcs", *words, stdout=PIPE, stderr=log)
     try:
