@@ -51,7 +51,7 @@ class GoalRun(SimulatedFlight):
             start_m = places_m(drawn, flight.site, count, flight.spacing_m, self._random, out)
             goal_m = places_m(drawn, flight.site, count, flight.spacing_m, self._random)
         middle_m = start_m.mean(axis=0)
-        plan = Plan(Formation(10.0, float(-middle_m[2])))
+        plan = Plan(Formation(10.0, float(-middle_m[2])), obstacles=layout.obstacles_of(flight.boxes))
         super().__init__(scenario, start_m, goal_m, plan, seed, divide)
         self.task[:] = Task.GOAL
         self._since_s = np.inf

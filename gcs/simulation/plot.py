@@ -47,7 +47,8 @@ def draw(record: FlightRecord, file: Path) -> dict[str, object]:
         draw_article(page, record, record.scenario.flight)
     else:
         _draw_flight(page, record)
-    page.suptitle(f"{record.scenario.name}, {record.count} vehicles, seed {record.seed}")
+    law = f", law {record.law}" if record.law else ""
+    page.suptitle(f"{record.scenario.name}{law}, {record.count} vehicles, seed {record.seed}")
     page.savefig(file, dpi=130)
     return figures
 

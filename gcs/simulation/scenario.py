@@ -289,6 +289,7 @@ class GoalFlight(Settings):
     lowest_m: Positive = 10.0  # height of the lowest position
     arrived_m: Positive = 1.0
     site: RandomSite | None = None  # instead of the layout: starts and goals anywhere within it
+    boxes: tuple[ScenarioBox, ...] = ()  # known from the beginning
     loss: ScenarioLoss = ScenarioLoss()
 
 
