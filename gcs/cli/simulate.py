@@ -17,7 +17,8 @@ from gcs.model.jit import is_compiled
 from gcs.shows import LoadedShow, find, load
 from gcs.shows.drawn_checks import examine
 from gcs.simulation import scenario as scenarios
-from gcs.simulation.batch import Run, judged_runs, on_all_cores, passed, run_once, summary
+from gcs.simulation.batch import Run, judged_runs, passed, run_once, summary
+from gcs.simulation.cores import on_all_cores
 from gcs.simulation.flight import prepared
 from gcs.simulation.rehearsal import rehearse
 from gcs.simulation.scenario import Adversity, Scenario, ShowFlight

@@ -12,7 +12,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 from numpy.typing import NDArray
 from PIL import Image
 
-from gcs.model.plan import Obstacle
+from gcs.model.plan import DEFAULT_LAW, Obstacle
 from gcs.model.state import Array
 from gcs.simulation.metrics import report
 from gcs.simulation.record import FlightRecord
@@ -133,7 +133,8 @@ def _draw(axes: Axes3D, shot: Shot, frame: int) -> None:
     if low_m == 0.0:
         axes.scatter(here_m[:, 0], here_m[:, 1], 0.0, color=BOX, s=3, alpha=0.35, depthshade=False)
     axes.scatter(*here_m.T, color=shot.colours, s=max(4.0, 26.0 - 0.1 * len(here_m)), depthshade=False)
-    text = f"{record.scenario.name}, {record.count} vehicles, {record.time_s[tick]:.0f} s"
+    law = "" if record.law in {None, DEFAULT_LAW} else f", law {record.law}"
+    text = f"{record.scenario.name}{law}, {record.count} vehicles, {record.time_s[tick]:.0f} s"
     axes.text2D(0.5, 0.15, text, transform=axes.transAxes, color="white", ha="center", fontsize=9)
 
 

@@ -26,7 +26,7 @@ from gcs.model.plan import Obstacle, Target
 from gcs.model.state import Array
 from gcs.safety.floor import Floor, scaled_distance_m
 from gcs.simulation.article_forces import acceleration, avoiding_force, feed_forward_force, formation_force
-from gcs.simulation.initial_states import scattered_m
+from gcs.simulation.initial_states import obstacles_of, scattered_m
 from gcs.simulation.record import FlightRecord
 from gcs.simulation.scenario import ArticleFlight, Scenario
 
@@ -107,9 +107,7 @@ class Course:
 
     @staticmethod
     def of(flight: ArticleFlight, count: int) -> "Course":
-        boxes = tuple(
-            Obstacle(f"box {number}", **box.model_dump()) for number, box in enumerate(flight.boxes, 1)
-        )
+        boxes = obstacles_of(flight.boxes)
         avoidance = flight.avoidance
         ellipses = {
             box.id: Ellipse.around(box, margin_m=avoidance.margin_m, headroom_m=avoidance.headroom_m)

@@ -1,30 +1,25 @@
 """Runs many flights on all cores, judges each by its scenario's limits, and formats them as a table."""
 
-import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from functools import partial
-from multiprocessing import get_context
-from pathlib import Path
+from itertools import islice
 from statistics import median
-from typing import TypeVar
+from typing import Final
 
-from rich.console import Console
-from rich.progress import track
-
-from gcs.formation.laws.registry import allow_code, code_folder
-from gcs.model.errors import InvalidError
+from gcs.model.errors import InvalidError, quoted
+from gcs.simulation.cores import on_all_cores
 from gcs.simulation.decide import Divide
-from gcs.simulation.flight import fly, measured, prepared
+from gcs.simulation.flight import SEED_MAX, fly, measured, prepared, whole_number
 from gcs.simulation.result import FlightResult
 from gcs.simulation.scenario import FigureGate, Scenario
 
-S = TypeVar("S")
-T = TypeVar("T")
-
 MISSES_ALLOWED = 0.05
 """Share of a scenario's runs of one fleet that may be outside the gates in `mostly`."""
+
+FLIGHTS_MAX: Final = 1_000_000
+"""Flights of one batch: the seeds are kept."""
+
+WORKERS_MAX: Final = 1024
 
 SHAPE_FACTOR, SHAPE_SPARE_S = 2.0, 5.0
 """`formation.in_time` of `must`: settled within twice the straight-line time plus five seconds."""
@@ -72,32 +67,6 @@ def judged_runs(scenario: Scenario, divide: Divide | None = None) -> list[Run]:
     ]
 
 
-def on_all_cores(
-    do: Callable[[S], T],
-    runs: Sequence[S],
-    workers: int | None = None,
-    *,
-    progress: bool = False,
-    console: Console | None = None,
-) -> Iterator[T]:
-    """Yield what `do` returns, in the order of the runs; `progress`: on a terminal or in a notebook."""
-    console = console or Console(stderr=True)
-    shown = progress and (console.is_terminal or console.is_jupyter)
-    text = f"flying {len(runs)} in virtual time"
-    done = _done(do, runs, workers)
-    yield from track(done, text, len(runs), console=console, transient=True, disable=not shown)
-
-
-def _done(do: Callable[[S], T], runs: Sequence[S], workers: int | None) -> Iterable[T]:
-    if len(runs) == 1 or workers == 1:
-        yield from map(do, runs)
-        return
-    folder, spawn = code_folder(), get_context("spawn")
-    begin = partial(allow_code, Path(folder)) if folder else None
-    with ProcessPoolExecutor(workers or os.cpu_count(), mp_context=spawn, initializer=begin) as pool:
-        yield from pool.map(do, runs)
-
-
 def fly_many(
     scenario: Scenario,
     vehicles: int | None = None,
@@ -114,21 +83,32 @@ def fly_many(
     Args:
         scenario: as of `fly`, and `vehicles`, `divide` likewise.
         vehicles: their number.
-        seeds: of the flights.
+        seeds: of the flights, at most `FLIGHTS_MAX`.
         workers: processes; None: as many as there are cores. 1: none, this one flies.
         progress: shown on a terminal or in a notebook.
         divide: of several stations.
 
-    Returns: an iterator over the flights, in the order of the seeds; those that were taken are not kept.
+    Returns: an iterator over the flights, in the order of the seeds; those that were taken are not kept. The
+    processes end with it, by Ctrl-C as well.
 
-    Raises: InvalidError, ConfigError as of `fly`: at once for the first seed, else when its flight is taken.
+    Raises: InvalidError, ConfigError as of `fly`: at once for the arguments and the first flight, else when a
+        flight is taken. RefusedError when a process ended.
     """
-    runs = [Run(scenario, vehicles, seed, divide) for seed in seeds]
-    if workers is not None and workers < 1:
-        raise InvalidError("workers", workers, "at least 1")
+    if workers is not None:
+        workers = whole_number("workers", workers, 1, WORKERS_MAX)
+    runs = [Run(scenario, vehicles, seed, divide) for seed in _checked(seeds)]
     for run in runs[:1]:
         prepared(run.scenario, run.vehicles, run.seed, run.divide)
     return on_all_cores(flown, runs, workers, progress=progress)
+
+
+def _checked(seeds: Iterable[int]) -> list[int]:
+    if isinstance(seeds, str | bytes) or not isinstance(seeds, Iterable):
+        raise InvalidError("seeds", quoted(seeds), "several whole numbers, such as range(10)")
+    several = list(islice(seeds, FLIGHTS_MAX + 1))
+    if len(several) > FLIGHTS_MAX:
+        raise InvalidError("seeds", f"more than {FLIGHTS_MAX}", f"at most {FLIGHTS_MAX} of them")
+    return [whole_number(f"seeds[{index}]", seed, 0, SEED_MAX) for index, seed in enumerate(several)]
 
 
 def passed(reports: Sequence[dict[str, object]]) -> bool:

@@ -1,12 +1,12 @@
 """Flies a scenario in virtual time: a formation, vehicles to goals of their own, a show, or the article."""
 
 from collections.abc import Callable
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
 
 from gcs.control import Task
-from gcs.model.errors import InvalidError
+from gcs.model.errors import InvalidError, quoted
 from gcs.model.plan import Formation, Plan
 from gcs.model.state import Mask
 from gcs.shows import find, load
@@ -29,7 +29,7 @@ from gcs.simulation.scenario import (
 from gcs.simulation.show_runs import show_metrics
 from gcs.simulation.simulated_flight import SimulatedFlight
 
-SEED_MAX = 2**63 - 1
+SEED_MAX: Final = 2**63 - 1
 
 LINGER_S = 5.0
 """Duration of a flight to goals after the last arrival."""
@@ -51,7 +51,7 @@ class GoalRun(SimulatedFlight):
             start_m = places_m(drawn, flight.site, count, flight.spacing_m, self._random, out)
             goal_m = places_m(drawn, flight.site, count, flight.spacing_m, self._random)
         middle_m = start_m.mean(axis=0)
-        plan = Plan(Formation(10.0, float(-middle_m[2])))
+        plan = Plan(Formation(10.0, float(-middle_m[2])), obstacles=layout.obstacles_of(flight.boxes))
         super().__init__(scenario, start_m, goal_m, plan, seed, divide)
         self.task[:] = Task.GOAL
         self._since_s = np.inf
@@ -73,6 +73,27 @@ class GoalRun(SimulatedFlight):
         return self.time_s - self._since_s > LINGER_S
 
 
+def whole_number(name: str, value: object, least: int, most: int) -> int:
+    """The argument of that name as an integer. Raises: InvalidError when it is none, or beyond the bounds."""
+    shown: object = quoted(value)
+    if isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool):
+        if least <= value <= most and value == int(value):
+            return int(value)
+        shown = value
+    raise InvalidError(name, shown, f"a whole number, at least {least}, at most {most}")
+
+
+def require_scenario(value: object) -> None:
+    """Raises: InvalidError for anything else, such as its name."""
+    if not isinstance(value, Scenario):
+        raise InvalidError("scenario", quoted(value), 'a Scenario, such as Scenario.load("assembly")')
+
+
+def _require_function(name: str, value: object, such_as: str) -> None:
+    if not (value is None or callable(value)):
+        raise InvalidError(name, quoted(value), f"a function, such as {such_as}, or None")
+
+
 Prepared: TypeAlias = SimulatedFlight | ArticleRun
 
 
@@ -80,11 +101,11 @@ def prepared(
     scenario: Scenario, vehicles: int | None = None, seed: int = 1, divide: Divide | None = None
 ) -> Prepared:
     """A flight that can be flown once, by `fly`; arguments and errors as of the function `fly`."""
+    require_scenario(scenario)
     vehicles = scenario.judged.vehicles[0] if vehicles is None else vehicles
-    for name, value, least, most in (("vehicles", vehicles, 1, VEHICLES_MAX), ("seed", seed, 0, SEED_MAX)):
-        if not (float(value).is_integer() and least <= value <= most):
-            raise InvalidError(name, value, f"a whole number, at least {least}, at most {most}")
-    vehicles, seed = int(vehicles), int(seed)
+    vehicles = whole_number("vehicles", vehicles, 1, VEHICLES_MAX)
+    seed = whole_number("seed", seed, 0, SEED_MAX)
+    _require_function("divide", divide, "gcs.site.simulated.SimulatedStations")
     scenario = scenario.in_world_of(seed)
     flight = scenario.flight
     if isinstance(flight, FormationFlight):
@@ -119,9 +140,10 @@ def fly(
         divide: for a scenario whose vehicles several stations divide: `gcs.site.simulated.SimulatedStations`.
 
     Raises:
-        InvalidError: no such number of vehicles, or no such seed.
+        InvalidError: an argument of another kind, no such number of vehicles, or no such seed.
         ConfigError: the start positions, goals or the radius are impossible.
     """
+    _require_function("on_progress", on_progress, "print")
     flight = prepared(scenario, vehicles, seed, divide)
     flight.record.details = FlightDetails()
     flight.fly(on_progress)

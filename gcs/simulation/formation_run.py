@@ -9,7 +9,7 @@ from gcs.formation.following import FAR_M, fleet_limits
 from gcs.formation.laws.registry import law_of
 from gcs.formation.neighbours import Sight
 from gcs.model.errors import RefusedError
-from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target
+from gcs.model.plan import Formation, Orbit, Plan, Target
 from gcs.model.state import Array
 from gcs.safety.near_traffic import NearTraffic
 from gcs.simulation import initial_states as layout
@@ -49,9 +49,7 @@ class FormationRun(SimulatedFlight):
         start_m = layout.formation_start_m(flight, radius_m, total, self._random)
         height_m = flight.height_m or flight.takeoff_height_m + 5.0 + radius_m
         orbit = Orbit(**flight.orbit.model_dump())
-        self._boxes = [  # and when each becomes known
-            (Obstacle(f"box {number}", **box.model_dump()), 0.0) for number, box in enumerate(flight.boxes, 1)
-        ]
+        self._boxes = [(box, 0.0) for box in layout.obstacles_of(flight.boxes)]  # and when each becomes known
         self._target_m = np.array([flight.target.x_m, flight.target.y_m])
         if flight.random_obstacles is not None:
             avoidance = scenario.control.law.avoidance

@@ -1,13 +1,16 @@
-"""Start positions and goals. Pure; random only through the given generator."""
+"""Start positions, goals and boxes. Pure; random only through the given generator."""
 
+from collections.abc import Iterable
 from math import ceil, sqrt
 
 import numpy as np
 
 from gcs.estimation.positioning import Positioning, uncertainty_m
 from gcs.model.errors import ConfigError
+from gcs.model.plan import Obstacle
 from gcs.model.state import Array
 from gcs.planning.feasibility import radius_allowed, smallest_formation_radius_m
+from gcs.shows.format import StandingBox
 from gcs.simulation.reference_shapes import best
 from gcs.simulation.scenario import FormationFlight, GoalFlight, Scenario
 
@@ -49,6 +52,11 @@ def scattered_m(
         if len(found_m) == count:
             return found_m
     raise ConfigError(f"{count} vehicles do not fit {spacing_m:g} m apart between {low_m} and {high_m}")
+
+
+def obstacles_of(boxes: Iterable[StandingBox]) -> tuple[Obstacle, ...]:
+    """The boxes of a flight, at time 0."""
+    return tuple(Obstacle(f"box {number}", **box.model_dump()) for number, box in enumerate(boxes, 1))
 
 
 def lattice(count: int) -> Array:

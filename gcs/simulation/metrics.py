@@ -525,6 +525,8 @@ def obstacles(record: FlightRecord, shape: Shape) -> ObstacleFigures:
     if not any(record.boxes):
         return ObstacleFigures()
     penetrations, clearance_m = penetrations_and_clearance_m(record)
+    if isinstance(record.scenario.flight, GoalFlight):
+        return ObstacleFigures(penetrations=penetrations, minimum_clearance_m=rounded(clearance_m))
     return ObstacleFigures(
         penetrations=penetrations,
         minimum_clearance_m=rounded(clearance_m),

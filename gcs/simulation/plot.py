@@ -16,11 +16,12 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from mpl_toolkits.mplot3d.axes3d import Axes3D
 from numpy.typing import ArrayLike, NDArray
 
+from gcs.formation.laws.protocol import GoalShape
 from gcs.formation.obstacles import Ellipse
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array
 from gcs.simulation.article import TETRAHEDRON_EDGE
-from gcs.simulation.metrics import SETTLED_ENERGY, report, shape_over_time
+from gcs.simulation.metrics import SETTLED_ENERGY, goal_of, report, shape_over_time
 from gcs.simulation.record import FlightRecord
 from gcs.simulation.rehearsal import Rehearsal
 from gcs.simulation.scenario import ArticleFlight
@@ -47,7 +48,8 @@ def draw(record: FlightRecord, file: Path) -> dict[str, object]:
         draw_article(page, record, record.scenario.flight)
     else:
         _draw_flight(page, record)
-    page.suptitle(f"{record.scenario.name}, {record.count} vehicles, seed {record.seed}")
+    law = f", law {record.law}" if record.law else ""
+    page.suptitle(f"{record.scenario.name}{law}, {record.count} vehicles, seed {record.seed}")
     page.savefig(file, dpi=130)
     return figures
 
@@ -65,12 +67,14 @@ def _draw_flight(page: Figure, record: FlightRecord) -> None:
         distance_m = np.where(np.array(record.formed), distance_m, np.nan)
         radius.plot(record.time_s, record.radius_m, "k--", linewidth=0.8, label="commanded")
         _band(radius, record.time_s, distance_m, "Distance from the commanded centre")
-        _shape(shape, record)
+        if goal_of(record) is GoalShape.SPHERE:
+            _shape(shape, record)
+        else:
+            _held_back(shape, record)
     else:
         left_m = np.linalg.norm(record.path_m - record.goal_m, axis=2)
         _band(radius, record.time_s, left_m, "Way left to the goal")
-        shape.plot(record.time_s, record.limited, color="C1", linewidth=1.0)
-        shape.set(xlabel="time, s", ylabel="vehicles", title="Held back by the filter")
+        _held_back(shape, record)
 
 
 def _rows(record: FlightRecord, most: int = SHOWN_PATHS) -> NDArray[np.intp]:
@@ -193,6 +197,11 @@ def _shape(axes: Axes, record: FlightRecord) -> None:
     nearest.set_ylabel("nearest ratio", color="C1")
     nearest.set_ylim(0.0, 1.1)
     axes.set(xlabel="time, s", ylabel="energy ratio - 1", title="Shape against the best known")
+
+
+def _held_back(axes: Axes, record: FlightRecord) -> None:
+    axes.plot(record.time_s, record.limited, color="C1", linewidth=1.0)
+    axes.set(xlabel="time, s", ylabel="vehicles", title="Held back by the filter")
 
 
 SHOWN_S = 12.0

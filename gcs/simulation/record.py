@@ -16,7 +16,7 @@ from gcs.model.jit import kernel
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array, Mask
 from gcs.simulation.crossing import Passage
-from gcs.simulation.scenario import Scenario
+from gcs.simulation.scenario import FormationFlight, Scenario
 
 Index: TypeAlias = NDArray[np.intp]
 
@@ -82,6 +82,12 @@ class FlightRecord:
     def count(self) -> int:
         return len(self.start_m)
 
+    @property
+    def law(self) -> str | None:
+        """The name of the law that leads the formation; None: there is no formation."""
+        flight = self.scenario.flight
+        return flight.law if isinstance(flight, FormationFlight) else None
+
     def charges(self, rows: Mask) -> tuple[float, ...]:
         """Charges of the vehicles in `rows` (n,)."""
         charge = np.ones(self.count) if self.charge is None else self.charge
@@ -126,6 +132,32 @@ def closest_m(
                     if distance_m2 < inside_m * inside_m:
                         inside += 1
     return np.sqrt(least_m2), inside
+
+
+@kernel
+def pairs_inside(
+    position_m: Array,
+    in_air: Mask,
+    present: Mask,
+    scale_z: float,
+    pad_height_m: float,
+    inside_m: float,
+    count: int,
+) -> Index:
+    """(count, 2) rows of the pairs that `closest_m` counts within `inside_m`, the smaller row first."""
+    pairs, number = np.empty((count, 2), np.intp), 0
+    for i in range(len(position_m)):
+        low = -position_m[i, 2] < pad_height_m
+        for j in range(i if present[i] else 0):
+            if not present[j] or not (in_air[i] or in_air[j]) or (low and -position_m[j, 2] < pad_height_m):
+                continue
+            dx = position_m[j, 0] - position_m[i, 0]
+            dy = position_m[j, 1] - position_m[i, 1]
+            dz = (position_m[j, 2] - position_m[i, 2]) * scale_z
+            if dx * dx + dy * dy + dz * dz < inside_m * inside_m and number < count:
+                pairs[number, 0], pairs[number, 1] = j, i
+                number += 1
+    return pairs[:number]
 
 
 PENETRATION_M = 1.0

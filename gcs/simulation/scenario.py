@@ -289,6 +289,7 @@ class GoalFlight(Settings):
     lowest_m: Positive = 10.0  # height of the lowest position
     arrived_m: Positive = 1.0
     site: RandomSite | None = None  # instead of the layout: starts and goals anywhere within it
+    boxes: tuple[ScenarioBox, ...] = ()  # known from the beginning
     loss: ScenarioLoss = ScenarioLoss()
 
 
@@ -447,7 +448,7 @@ def _checked(raw: dict[str, Any], file: str, source: Source | None = None) -> Sc
 
 def _changed(raw: Mapping[str, Any], keys: Mapping[str, Any], name: str) -> dict[str, Any]:
     """Merge keys of a scenario, of its flight and of its world. Raises: ConfigError for one not known."""
-    flight = KINDS_OF_FLIGHT.get(raw["flight"]["kind"], FormationFlight)
+    flight = KINDS_OF_FLIGHT.get(str(raw["flight"]["kind"]), FormationFlight)
     sections: dict[str, type[Settings]] = {"": Scenario, "flight": flight, "world": World}
     merged = dict(raw)
     for key, value in keys.items():
@@ -462,8 +463,9 @@ def _changed(raw: Mapping[str, Any], keys: Mapping[str, Any], name: str) -> dict
         plain = value.model_dump(exclude_unset=True) if isinstance(value, BaseModel) else value
         change = {places[0]: {key: plain}} if places[0] else {key: plain}
         merged = _over(merged, change)
-        if "world" in change:
-            merged["worlds"] = [_over(world, change["world"]) for world in merged.get("worlds", ())]
+        world, worlds = change.get("world"), merged.get("worlds")
+        if isinstance(world, dict) and isinstance(worlds, list | tuple):
+            merged["worlds"] = [_over(each, world) if isinstance(each, dict) else each for each in worlds]
     return merged
 
 

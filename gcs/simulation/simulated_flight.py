@@ -41,13 +41,13 @@ from gcs.planning.return_paths.planner import (
 )
 from gcs.planning.return_paths.planner import warm_up as warm_up_planner
 from gcs.safety.controlled_ground import ground_for_sites
-from gcs.safety.floor import Floor, pairs_that_count, scaled_distance_m
+from gcs.safety.floor import Floor
 from gcs.safety.near_traffic import NearTraffic
 from gcs.simulation import initial_states as layout
 from gcs.simulation.autopilots import responses
 from gcs.simulation.decide import Decided, Decider, Divide
 from gcs.simulation.loss import FAR_M, Losses, ServiceFailsafes
-from gcs.simulation.record import NOWHERE, THROUGH_M, FlightRecord, closest_m
+from gcs.simulation.record import NOWHERE, THROUGH_M, FlightRecord, closest_m, pairs_inside
 from gcs.simulation.scenario import (
     ArticleFlight,
     FormationFlight,
@@ -266,8 +266,9 @@ class SimulatedFlight:
             segments_of=self.losses.segments_of,
             drift=self.losses.drift,
             silent_segments=self.losses.silent_segments,
+            near_traffic=self.near_traffic(),
         )
-        decided = self._decide(fleet, self.led(replace(tasks, near_traffic=self.near_traffic())))
+        decided = self._decide(fleet, self.led(tasks))
         self.decided, self.memory = decided, decided.memory
         self._mind_failsafes(fleet)
         self._keep(decided)
@@ -442,11 +443,8 @@ class SimulatedFlight:
             distance_m, inside = closest_m(position_m, in_air, self.present, *limits)
             least_m = min(least_m, distance_m)
             if inside:
-                rows = np.flatnonzero(self.present)
-                first, second = pairs_that_count(position_m[rows], in_air[rows], floor)
-                near = scaled_distance_m(position_m[rows], first, second, floor) < floor.horizontal_m
-                violating = zip(rows[first[near]].tolist(), rows[second[near]].tolist(), strict=True)
-                self.record.violating.update(violating)
+                near = pairs_inside(position_m, in_air, self.present, *limits, inside)
+                self.record.violating.update((first, second) for first, second in near.tolist())
         return least_m
 
     def come_home(self, takeoff_height_m: float, *, begin: bool) -> None:

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from gcs.flight.state.ticker import garbage_between_ticks
-from gcs.model.errors import ConfigError, InvalidError, RefusedError, ShapeError
+from gcs.model.errors import ConfigError, InvalidError, RefusedError, ShapeError, quoted
 from gcs.model.state import Array, Mask
-from gcs.simulation.flight import measured, prepared
+from gcs.simulation.flight import measured, prepared, require_scenario
 from gcs.simulation.record import NOWHERE, FlightDetails
 from gcs.simulation.result import FlightResult
 from gcs.simulation.scenario import Scenario
@@ -77,6 +77,7 @@ class Stepper:
 
         Raises: ConfigError for a scenario of the article or of several stations, which have no common tick.
         """
+        require_scenario(scenario)
         self.scenario = scenario
         self._vehicles, self._seed = vehicles, seed
         self._inside = ExitStack()
@@ -139,7 +140,12 @@ class Stepper:
         return flight
 
     def _accepted(self, velocities_m_s: ArrayLike) -> Array:
-        given_m_s, expected = np.array(velocities_m_s, np.float64), (len(self._flight.task), 3)
+        expected = len(self._flight.task), 3
+        try:
+            given_m_s = np.array(velocities_m_s, np.float64)
+        except (TypeError, ValueError):
+            text = f"numbers of the shape {expected}, in m/s"
+            raise InvalidError("velocities_m_s", quoted(velocities_m_s), text) from None
         if given_m_s.shape != expected:
             raise ShapeError(f"velocities_m_s has the shape {given_m_s.shape}: {expected} is needed")
         if not np.isfinite(given_m_s).all():

@@ -14,7 +14,7 @@ from PIL import Image
 from gcs.simulation import ROWS
 from gcs.simulation import scenario as scenarios
 from gcs.simulation.animation import animate, still
-from gcs.simulation.batch import on_all_cores
+from gcs.simulation.cores import on_all_cores
 from gcs.simulation.flight import prepared
 from gcs.simulation.scenario import Scenario, ShowFlight
 from gcs.site.simulated import SimulatedStations

@@ -101,6 +101,15 @@ def test_a_plot_is_drawn(trial: Path, tmp_path: Path, capsys: pytest.CaptureFixt
     assert "closest" in capsys.readouterr().out
 
 
+def test_a_plot_shows_what_its_law_is(trial: Path, tmp_path: Path) -> None:
+    file = tmp_path / "flight.svg"
+    assert main(["simulate", str(trial), "--law", "flocking", "--plot", str(file)]) == 0
+    drawn = file.read_text(encoding="utf-8")
+    assert "trial, law flocking, 4 vehicles, seed 1" in drawn
+    assert "Held back by the filter" in drawn, "it ends in no shape to compare with"
+    assert "best known" not in drawn
+
+
 def test_a_flight_is_drawn_as_it_moves(tmp_path: Path) -> None:
     file = tmp_path / "flight.gif"
     assert main(["simulate", str(written(tmp_path, "assembly", 1, 3, UNGATED)), "--plot", str(file)]) == 0

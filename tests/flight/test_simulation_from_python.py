@@ -1,6 +1,8 @@
+# mypy: disable-error-code="arg-type, list-item"
 """Simulation from Python: the flights and figures of the command line, as arrays."""
 
 import json
+from itertools import count
 from typing import Any
 
 import numpy as np
@@ -8,7 +10,7 @@ import pytest
 
 from gcs.cli.main import main
 from gcs.model.errors import ConfigError, InvalidError
-from gcs.simulation import DIMS, FlightResult, Scenario, Task, fly, fly_many
+from gcs.simulation import DIMS, FlightResult, Scenario, Stepper, Task, fly, fly_many
 from gcs.simulation.flight import prepared
 from gcs.simulation.scenario import FormationFlight, World
 from gcs.site.simulated import SimulatedStations
@@ -87,6 +89,23 @@ def test_many_flights_come_in_the_order_of_their_seeds(short: Scenario, flight: 
     assert not np.array_equal(flights[0].position_m, flight.position_m)
 
 
+def test_numbers_of_numpy_are_whole_numbers(short: Scenario, flight: FlightResult) -> None:
+    again = fly(short, np.int64(COUNT), np.float32(3.0))
+    assert np.array_equal(again.position_m, flight.position_m)
+
+
+def test_vehicles_with_goals_fly_round_boxes() -> None:
+    """Without the boxes one of them flies through each."""
+    wall = {"x_m": 0.0, "y_m": 4.0, "half_length_x_m": 3.0, "half_length_y_m": 6.0, "height_m": 80.0}
+    meets = {"x_m": 60.0, "y_m": -3.0, "velocity_x_m_s": -1.0}
+    plain = Scenario.build(120.0, "goals", layout="head-on", extent_m=60.0)
+    boxed = plain.with_(boxes=[wall, wall | meets])
+    metrics = fly(boxed, 4).metrics
+    assert metrics.obstacles is not None
+    assert (metrics.obstacles.penetrations, metrics.separation.violations) == (0, 0)
+    assert metrics.arrival.arrived == 4
+
+
 def test_scenario_is_changed_by_keyword_in_all_its_worlds() -> None:
     before = Scenario.load("assembly")
     changed = before.with_(law="article", noise=1.0, wind={"mean_x_m_s": 3.0}, failsafes={}, radius_m=12)
@@ -136,10 +155,35 @@ def test_vehicles_of_several_stations_are_flown_as_rows() -> None:
         (lambda: Scenario.build(-1.0), "duration_s = -1.0: must be greater than 0"),
         (lambda: Scenario.build(1.0, "flock"), "one of 'formation'"),
         (lambda: fly(Scenario.load("assembly"), 0), "vehicles = 0: a whole number, at least 1"),
-        (lambda: fly(Scenario.load("assembly"), 2.5), "vehicles = 2.5: a whole number"),  # type: ignore[arg-type]
+        (lambda: fly(Scenario.load("assembly"), 2.5), "vehicles = 2.5: a whole number"),
         (lambda: fly(Scenario.load("assembly"), 4, -1), "seed = -1: a whole number, at least 0"),
         (lambda: fly_many(Scenario.load("assembly"), 0), "vehicles = 0: a whole number"),
-        (lambda: fly_many(Scenario.load("assembly"), workers=0), "workers = 0: at least 1"),
+        (lambda: fly_many(Scenario.load("assembly"), workers=0), "workers = 0: a whole number, at least 1"),
+        (lambda: fly(Scenario.load("assembly"), "3"), "vehicles = '3': a whole number, at least 1"),
+        (lambda: fly(Scenario.load("assembly"), True), "vehicles = True: a whole number"),
+        (lambda: fly(Scenario.load("assembly"), [3]), "vehicles = [3]: a whole number"),
+        (lambda: fly(Scenario.load("assembly"), float("nan")), "vehicles = nan: a whole number"),
+        (lambda: fly(Scenario.load("assembly"), 10**400), "a whole number, at least 1, at most 20000"),
+        (lambda: fly(Scenario.load("assembly"), 4, "x"), "seed = 'x': a whole number, at least 0"),
+        (lambda: fly(Scenario.load("assembly"), 4, None), "seed = None: a whole number, at least 0"),
+        (lambda: fly("assembly"), "scenario = 'assembly': a Scenario, such as Scenario.load"),
+        (lambda: fly(Scenario.load("assembly"), 4, on_progress=3), "on_progress = 3: a function"),
+        (lambda: fly(Scenario.load("stations"), 4, divide=3), "divide = 3: a function"),
+        (lambda: Stepper("assembly"), "scenario = 'assembly': a Scenario, such as Scenario.load"),
+        (lambda: Stepper(Scenario.load("assembly"), 4).reset("x"), "seed = 'x': a whole number"),
+        (lambda: fly_many("assembly"), "scenario = 'assembly': a Scenario, such as Scenario.load"),
+        (lambda: fly_many(Scenario.load("assembly"), seeds=5), "seeds = 5: several whole numbers, such as"),
+        (lambda: fly_many(Scenario.load("assembly"), seeds="12"), "seeds = '12': several whole numbers"),
+        (lambda: fly_many(Scenario.load("assembly"), seeds=[1, None]), "seeds[1] = None: a whole number"),
+        (lambda: fly_many(Scenario.load("assembly"), seeds=count()), "at most 1000000"),
+        (lambda: fly_many(Scenario.load("assembly"), workers="2"), "workers = '2': a whole number"),
+        (lambda: Scenario.load(3), "3: there is no such file"),
+        (lambda: Scenario.build("x"), "duration_s = 'x'"),
+        (lambda: Scenario.build(3.0, ["goals"]), "one of 'formation'"),
+        (lambda: Scenario.load("assembly").with_(flight=3), "flight"),
+        (lambda: Scenario.load("assembly").with_(world=[1]), "world"),
+        (lambda: Scenario.load("assembly").with_(worlds=3, noise=1.0), "worlds"),
+        (lambda: Scenario.load("assembly").with_(wind="much"), "wind"),
     ],
 )
 def test_wrong_input_is_refused_with_what_is_allowed(wrong: Any, words: str) -> None:

@@ -159,7 +159,7 @@ class DemoScript:
             READY_S + 2.0 * len(command.outcomes),
             lambda: self._phase() in {"assembling", "running"},
         )
-        self._say("all up; they organise themselves on the sphere")
+        self._say("all up; they organise themselves in formation")
         self._until("assembly", 60.0, lambda: self._phase() == "running")
         self._say("assembled; the formation settles above the target")
         self._sleep(SETTLE_S if self._whole else SHORT_SETTLE_S)

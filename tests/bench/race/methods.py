@@ -3,6 +3,9 @@
 Each computes velocities from positions, velocities and goals, (n, 3) each, m and m/s, and keeps `apart_m`
 between any two. A vehicle regards the `NEAREST` others within `NEAR_M`. Where the constraints of a vehicle
 contradict each other, all of ORCA's are eased alike.
+
+Of each box a vehicle keeps to its own side of the plane at the box's nearest point, `BOX_M` away, and gives
+way alone. Boxes are rows (k, 7): middle x and y, half-lengths in x and y, height, velocity in x and y.
 """
 
 from collections.abc import Callable
@@ -19,10 +22,14 @@ from gcs.model.state import Array
 NEAR_M, NEAREST = 15.0, 12
 HORIZON_S: Final = 10.0
 """So far ahead velocities keep clear (RVO2-3D's example)."""
-PROJECTIONS: Final = 120
+PROJECTIONS: Final = 60
 """Most rounds of Dykstra's alternating projections; they end when one changes less than `SETTLED`."""
 SETTLED: Final = 1e-6
-EASED, BISECTIONS = 0.01, 8
+BOX_M: Final = 2.0
+"""As the margin of our own settings. A vehicle inside a box grown by 1 m is counted."""
+BOX_HORIZON_S: Final = 2.0
+"""So far ahead ORCA's velocities keep clear of boxes: shorter than of vehicles, as its paper has it."""
+EASED, BISECTIONS = 0.01, 6
 STANDS: Final = 0.1
 """A vehicle with less of the speed that it wants stands in a deadlock."""
 RATE_PER_S: Final = 1.0
@@ -33,13 +40,13 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def compiled(function: F) -> F:
-    """As machine code, when it is first called."""
-    return cast("F", numba.njit(function))
+    """As machine code, when it is first called; kept beside this module."""
+    return cast("F", numba.njit(cache=True)(function))
 
 
 class Method(Protocol):
     def velocity_m_s(
-        self, position_m: Array, velocity_m_s: Array, goal_m: Array, speed_m_s: float
+        self, position_m: Array, velocity_m_s: Array, goal_m: Array, speed_m_s: float, boxes: Array
     ) -> Array: ...
 
 
@@ -54,12 +61,14 @@ def preferred_m_s(position_m: Array, goal_m: Array, speed_m_s: float) -> Array:
 class Straight:
     """No avoidance: every vehicle flies to its goal."""
 
-    def velocity_m_s(self, position_m: Array, velocity_m_s: Array, goal_m: Array, speed_m_s: float) -> Array:
+    def velocity_m_s(
+        self, position_m: Array, velocity_m_s: Array, goal_m: Array, speed_m_s: float, boxes: Array
+    ) -> Array:
         return preferred_m_s(position_m, goal_m, speed_m_s)
 
 
-Choice = Callable[[Array, Array, Array, float, float], Array]
-"""Velocities from positions, velocities, those desired, greatest speed and least distance of two."""
+Choice = Callable[[Array, Array, Array, float, float, Array], Array]
+"""Velocities from positions, velocities, those desired, greatest speed, least distance of two, and boxes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,9 +78,11 @@ class Memoryless:
     choose: Choice
     apart_m: float
 
-    def velocity_m_s(self, position_m: Array, velocity_m_s: Array, goal_m: Array, speed_m_s: float) -> Array:
+    def velocity_m_s(
+        self, position_m: Array, velocity_m_s: Array, goal_m: Array, speed_m_s: float, boxes: Array
+    ) -> Array:
         desired_m_s = preferred_m_s(position_m, goal_m, speed_m_s)
-        return self.choose(position_m, velocity_m_s, desired_m_s, speed_m_s, self.apart_m)
+        return self.choose(position_m, velocity_m_s, desired_m_s, speed_m_s, self.apart_m, boxes)
 
 
 class Rvo2:
@@ -80,15 +91,21 @@ class Rvo2:
     def __init__(self, apart_m: float) -> None:
         self._apart_m, self._simulator = apart_m, cast("Any", None)
 
-    def velocity_m_s(self, position_m: Array, velocity_m_s: Array, goal_m: Array, speed_m_s: float) -> Array:
+    def velocity_m_s(
+        self, position_m: Array, velocity_m_s: Array, goal_m: Array, speed_m_s: float, boxes: Array
+    ) -> Array:
         desired, rows = preferred_m_s(position_m, goal_m, speed_m_s), range(len(position_m))
         if self._simulator is None:
             self._simulator = pyrvo.RVOSimulator()
             self._simulator.set_time_step(1e-9)  # others move the vehicles
-            around = NEAR_M, NEAREST, HORIZON_S, HORIZON_S, self._apart_m / 2.0, speed_m_s
+            around = NEAR_M, NEAREST, HORIZON_S, BOX_HORIZON_S, self._apart_m / 2.0, speed_m_s
             self._simulator.set_agent_defaults(*around)
             for row in rows:
                 self._simulator.add_agent(tuple(position_m[row, :2].tolist()))
+            for x_m, y_m, half_x_m, half_y_m in boxes[:, :4].tolist():  # that stand; corners anticlockwise
+                corners = (-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)
+                self._simulator.add_obstacle([(x_m + x * half_x_m, y_m + y * half_y_m) for x, y in corners])
+            self._simulator.process_obstacles()
         for row in rows:
             self._simulator.set_agent_position(row, tuple(position_m[row, :2].tolist()))
             self._simulator.set_agent_velocity(row, tuple(velocity_m_s[row, :2].tolist()))
@@ -110,12 +127,14 @@ class Barrier:
         self._apart_m, self._dt_s = apart_m, dt_s
         self._reference_m_s: Array | None = None
 
-    def velocity_m_s(self, position_m: Array, velocity_m_s: Array, goal_m: Array, speed_m_s: float) -> Array:
+    def velocity_m_s(
+        self, position_m: Array, velocity_m_s: Array, goal_m: Array, speed_m_s: float, boxes: Array
+    ) -> Array:
         before = self._reference_m_s
         if before is None or len(before) != len(velocity_m_s):  # vehicles were lost
             before = velocity_m_s
         desired = preferred_m_s(position_m, goal_m, speed_m_s)
-        change = np.asarray(_barrier(position_m, before, desired, self._apart_m))
+        change = np.asarray(_barrier(position_m, before, desired, self._apart_m, boxes))
         self._reference_m_s = before + self._dt_s * change
         return self._reference_m_s
 
@@ -137,6 +156,21 @@ def _nearest(position_m: Array, i: int) -> NDArray[np.int64]:
             place -= 1
         rows[place], square_m2[place] = j, square
     return rows[:count]
+
+
+@compiled
+def _facing(here_m: Array, box: Array) -> tuple[Array, float, float]:
+    """(3,) unit vector away from a box, (7,) of `boxes`; the distance; the box's speed along it."""
+    away_m = np.zeros(3)
+    for axis in range(2):
+        low_m, high_m = box[axis] - box[2 + axis], box[axis] + box[2 + axis]
+        away_m[axis] = here_m[axis] - min(max(here_m[axis], low_m), high_m)
+    away_m[2] = min(here_m[2] + box[4], 0.0)  # z is down
+    far_m = np.sqrt((away_m**2).sum())
+    if far_m < 1e-6:  # inside
+        away_m[:2] = here_m[:2] - box[:2]
+    unit = away_m / max(np.sqrt((away_m**2).sum()), 1e-9)
+    return unit, far_m, unit[0] * box[5] + unit[1] * box[6]
 
 
 @compiled
@@ -193,14 +227,15 @@ def _least_broken(desired: Array, normal: Array, offset: Array, most: float) -> 
 
 @compiled
 def orca(
-    position_m: Array, velocity_m_s: Array, desired_m_s: Array, speed_m_s: float, apart_m: float
+    position_m: Array, velocity_m_s: Array, desired_m_s: Array, speed_m_s: float, apart_m: float, boxes: Array
 ) -> Array:
     """van den Berg, Guy, Lin, Manocha 2011, Reciprocal n-body collision avoidance, in three dimensions."""
     result = np.empty_like(desired_m_s)
     for i in range(len(position_m)):
         others = _nearest(position_m, i)
-        normal, offset = np.empty((len(others), 3)), np.empty(len(others))
-        for k in range(len(others)):
+        count = len(others)
+        normal, offset = np.empty((count + len(boxes), 3)), np.empty(count + len(boxes))
+        for k in range(count):
             away_m = position_m[others[k]] - position_m[i]
             closing = velocity_m_s[i] - velocity_m_s[others[k]]
             far_m2 = (away_m**2).sum()
@@ -219,13 +254,16 @@ def orca(
             length = max(np.sqrt((off**2).sum()), 1e-9)
             normal[k] = off / length
             offset[k] = normal[k] @ (velocity_m_s[i] + 0.5 * (reach - length) * normal[k])
+        for k in range(len(boxes)):
+            normal[count + k], far_m, towards_m_s = _facing(position_m[i], boxes[k])
+            offset[count + k] = towards_m_s - (far_m - BOX_M) / BOX_HORIZON_S
         result[i] = _least_broken(desired_m_s[i], normal, offset, speed_m_s)
     return result
 
 
 @compiled
 def voronoi_cells(
-    position_m: Array, velocity_m_s: Array, desired_m_s: Array, speed_m_s: float, apart_m: float
+    position_m: Array, velocity_m_s: Array, desired_m_s: Array, speed_m_s: float, apart_m: float, boxes: Array
 ) -> Array:
     """Zhou, Wang, Bandyopadhyay, Schwager 2017, Fast, on-line collision avoidance, by buffered Voronoi cells.
 
@@ -234,14 +272,18 @@ def voronoi_cells(
     result = np.empty_like(desired_m_s)
     for i in range(len(position_m)):
         others = _nearest(position_m, i)
-        normal, offset = np.empty((len(others), 3)), np.empty(len(others))
-        for k in range(len(others)):
+        count = len(others)
+        normal, offset = np.empty((count + len(boxes), 3)), np.empty(count + len(boxes))
+        for k in range(count):
             away_m = position_m[others[k]] - position_m[i]
             far_m = max(np.sqrt((away_m**2).sum()), 1e-9)
             normal[k] = -away_m / far_m
             offset[k] = (
                 -RATE_PER_S * (far_m - apart_m) / 2.0
             )  # the cell, shrunk by half of the least distance
+        for k in range(len(boxes)):
+            normal[count + k], far_m, towards_m_s = _facing(position_m[i], boxes[k])
+            offset[count + k] = towards_m_s - RATE_PER_S * (far_m - BOX_M)
         inside = _projected(desired_m_s[i], normal, offset, speed_m_s)
         if np.sqrt((inside**2).sum()) < STANDS * np.sqrt((desired_m_s[i] ** 2).sum()):
             right = np.array([-desired_m_s[i, 1], desired_m_s[i, 0], 0.0])  # x ahead, y right, z down
@@ -254,13 +296,16 @@ ACCELERATION_M_S2, BARRIER_RATE, ANSWER_S = 2.0, 1.0, 0.5
 
 
 @compiled
-def _barrier(position_m: Array, velocity_m_s: Array, desired_m_s: Array, apart_m: float) -> Array:
+def _barrier(
+    position_m: Array, velocity_m_s: Array, desired_m_s: Array, apart_m: float, boxes: Array
+) -> Array:
     result = np.empty_like(desired_m_s)
     both = 2.0 * ACCELERATION_M_S2
     for i in range(len(position_m)):
         others = _nearest(position_m, i)
-        normal, offset = np.empty((len(others), 3)), np.empty(len(others))
-        for k in range(len(others)):
+        count = len(others)
+        normal, offset = np.empty((count + len(boxes), 3)), np.empty(count + len(boxes))
+        for k in range(count):
             from_m = position_m[i] - position_m[others[k]]
             closing = velocity_m_s[i] - velocity_m_s[others[k]]
             far_m = max(np.sqrt((from_m**2).sum()), 1e-9)
@@ -270,6 +315,11 @@ def _barrier(position_m: Array, velocity_m_s: Array, desired_m_s: Array, apart_m
             bound += both * along * far_m / np.sqrt(2.0 * both * room_m)
             normal[k] = from_m / far_m
             offset[k] = -0.5 * bound / far_m
+        for k in range(len(boxes)):
+            normal[count + k], far_m, towards_m_s = _facing(position_m[i], boxes[k])
+            along = velocity_m_s[i] @ normal[count + k] - towards_m_s
+            root = np.sqrt(2.0 * ACCELERATION_M_S2 * max(far_m - BOX_M, 1e-3))
+            offset[count + k] = -BARRIER_RATE * (root + along) ** 3 - ACCELERATION_M_S2 * along / root
         goal_m_s = desired_m_s[i]
         if len(others) and np.sqrt((velocity_m_s[i] ** 2).sum()) < STANDS * np.sqrt((goal_m_s**2).sum()):
             goal_m_s = goal_m_s + np.array([-goal_m_s[1], goal_m_s[0], 0.0])

@@ -4,13 +4,14 @@
 """
 
 import argparse
+import os
+import platform
 import re
 import time
-from collections.abc import Callable, Mapping
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
 from functools import partial
-from multiprocessing import get_context
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
@@ -18,165 +19,44 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 
-from gcs.control import Task, Tasks
-from gcs.model.state import Array, FleetState, Mask, Setpoints
-from gcs.simulation import scenario as scenarios
-from gcs.simulation.decide import Decided
-from gcs.simulation.flight import GoalRun
-from gcs.simulation.metrics import metrics
-from gcs.simulation.scenario import GoalFlight, Scenario
-from tests.bench.race.methods import Barrier, Memoryless, Method, Rvo2, Straight, orca, voronoi_cells
+from gcs.simulation.cores import on_all_cores
+from tests.bench.race.crazyflies import crazyflow_version
+from tests.bench.race.heats import IDEAL, METHODS, OURS, RACE, Heat, flown
 
 PAGE: Final = Path(__file__).parents[3] / "docs" / "race.md"
 PLOT: Final = PAGE.with_suffix(".png")
 TABLE: Final = re.compile(r"(<!-- race -->\n).*?(<!-- end -->)", re.DOTALL)
-OURS: Final = "ours"
-METHODS: Final[Mapping[str, Callable[[float, float], Method]]] = {
-    "ORCA": lambda apart_m, _: Memoryless(orca, apart_m),
-    "buffered Voronoi": lambda apart_m, _: Memoryless(voronoi_cells, apart_m),
-    "CBF-QP": Barrier,
-    "straight": lambda *_: Straight(),
-    "RVO2 (pyrvo)": lambda apart_m, _: Rvo2(apart_m),
-}
-"""By the least distance of two, m, and the time of a tick, s."""
-SPARE_M: Final = 0.2
-"""Beyond the floor, as RVO2-3D's example has it."""
-FLAT: Final = {"crossing", "head-on"}
-MODELS: Final = ("ideal", "fitted", "cascade")
-"""Vehicles that have their velocity at once; PX4 as recorded; PX4's own cascade with its default gains."""
-LIMIT_S: Final = 300.0
-"""Three times the straight line of the longest."""
+LONG: Final = (OURS, "ORCA", "CBF-QP", "buffered Voronoi")
+"""Methods from the slowest on: with these the race begins, so that both cores work to its end."""
 
-
-@dataclass(frozen=True, slots=True)
-class Heat:
-    """One flight of the race."""
-
-    scenario: str
-    vehicles: int
-    model: str
-    method: str
-    seed: int = 1
-
-
-RACE: Final = tuple(
-    Heat(scenario, vehicles, model, method)
-    for scenario, vehicles, models in (
-        ("swap-212", 212, MODELS),
-        ("swap-212-delayed", 212, ("fitted",)),
-        ("swap-812", 812, ("fitted",)),
-        ("swap-random", 50, MODELS),
-        ("swap-random", 100, ("fitted",)),
-        ("swap-random", 200, ("fitted",)),
-        ("swap-random-delayed", 50, ("fitted",)),
-        ("swap-lost", 50, ("fitted",)),
-        ("crossing", 32, ("fitted",)),
-        ("head-on", 16, ("fitted",)),
-    )
-    for model in models
-    for method in (OURS, *METHODS)
-    if method != "RVO2 (pyrvo)" or scenario in FLAT
-)
-
-
-class Points:
-    """Vehicles that have the velocity that is asked for at once."""
-
-    def __init__(self, start_m: Array, step_s: float) -> None:
-        self.position_m, self.velocity_m_s, self._step_s = np.array(start_m), np.zeros_like(start_m), step_s
-
-    def step(self, command_m_s: Array, wind_m_s: Array, error_m_s: Array) -> Array:
-        self.velocity_m_s = np.array(command_m_s)
-        self.position_m = self.position_m + self._step_s * self.velocity_m_s
-        return self.position_m
-
-    def rest(self, rows: Mask, place_m: Array) -> None:
-        self.position_m[rows], self.velocity_m_s[rows] = place_m[rows], 0.0
-
-
-class MethodRun(GoalRun):
-    """A flight to goals in which a method of others decides instead of our law and filter."""
-
-    def __init__(self, scenario: Scenario, flight: GoalFlight, heat: Heat) -> None:
-        super().__init__(scenario, flight, heat.vehicles, heat.seed)
-        floor = self.floor
-        floor_m = floor.horizontal_m if heat.scenario in FLAT else max(floor.horizontal_m, floor.vertical_m)
-        self._method = METHODS[heat.method](floor_m + SPARE_M, self.world.tick_s)
-
-    def _decide(self, fleet: FleetState, tasks: Tasks, *_: object) -> Decided:
-        rows = np.flatnonzero(tasks.task == Task.GOAL)
-        speed_m_s = self.settings.law.speed_m_s
-        state = fleet.position_m[rows], fleet.velocity_m_s[rows], self.goal_m[rows]
-        began_s = time.thread_time()
-        velocity_m_s = self._method.velocity_m_s(*state, speed_m_s)
-        took_s = time.thread_time() - began_s
-        names = tuple(fleet.ids[row] for row in rows)
-        setpoints = Setpoints(fleet.time_s, names, velocity_m_s, np.zeros(len(rows)))
-        return Decided(setpoints, self.memory, ("",) * len(fleet.ids), (took_s,))
-
-
-def flown(heat: Heat) -> dict[str, Any]:
-    """Fly one heat. Returns: what the table shows of it."""
-    scenario = scenarios.load(scenarios.find(heat.scenario)).in_world_of(heat.seed)
-    vehicle = "fitted" if heat.model == "ideal" else heat.model
-    world = scenario.world.model_copy(update={"vehicle": vehicle})
-    limit_s = min(LIMIT_S, scenario.duration_s)
-    scenario = scenario.model_copy(update={"world": world, "worlds": (), "duration_s": limit_s})
-    flight = scenario.flight
-    assert isinstance(flight, GoalFlight)
-    run = (
-        GoalRun(scenario, flight, heat.vehicles, heat.seed)
-        if heat.method == OURS
-        else MethodRun(scenario, flight, heat)
-    )
-    if heat.model == "ideal":
-        run.world.bodies = Points(run.world.position_m, run.world.step_s)
-    record = run.fly()
-    figures, path_m, rows = metrics(record), record.path_m, record.expected
-    way_m, straight_m = np.diff(path_m, axis=0), np.linalg.norm(record.goal_m - record.start_m, axis=1)
-    there = np.linalg.norm(path_m - record.goal_m, axis=2) < flight.arrived_m
-    took_s = np.where(there.any(axis=0), there.argmax(axis=0) * run.world.tick_s, np.inf)
-    ratio = (took_s * run.settings.law.speed_m_s / straight_m)[rows]
-    return {
-        "closest_m": figures.separation.minimum_m,
-        "violations": figures.separation.violations,
-        "floor_m": record.floor_m,
-        "arrived": int(np.isfinite(ratio).sum()),
-        "expected": int(rows.sum()),
-        "median": float(np.median(ratio)),
-        "worst": float(ratio.max()),
-        "way": float(np.median((np.linalg.norm(way_m, axis=2).sum(axis=0) / straight_m)[rows])),
-        "tick_ms": 1e3 * float(np.median(record.tick_s)),
-        "p99_ms": 1e3 * float(np.quantile(record.tick_s, 0.99)),
-    }
-
+FOR_CRAZYFLOW: Final = {"SCIPY_ARRAY_API": "1", "TF_CPP_MIN_LOG_LEVEL": "3"}
+"""Its processes need the first before they load scipy; the second keeps its compiler quiet."""
 
 COLUMNS: Final = (
-    "scenario",
-    "N",
-    "vehicle",
-    "method",
-    "closest, m",
-    "pairs",
-    "arrived",
-    "median",
-    "worst",
-    "way",
-    "tick, ms",
+    *("scenario", "N", "vehicle", "method"),
+    *("closest, m", "pairs", "in box", "arrived", "median", "worst", "way", "tick, ms"),
 )
+WORDS: Final = {"scenario", "vehicle", "method"}
 
 
-def row(heat: Heat, of: Mapping[str, Any]) -> str:
-    """A line of the table."""
+def row(heat: Heat, of: Mapping[str, Any] | None) -> str:
+    """A line of the table; without figures, of a flight that could not be flown."""
+    if of is None:
+        words = [heat.scenario, str(heat.vehicles), heat.model, heat.method, "not flown"]
+        return f"| {' | '.join(words + [''] * (len(COLUMNS) - len(words)))} |"
+    stopped_s, boxed = of["stopped_s"], of["penetrations"]
+    never = "never" if stopped_s is None else "-"
     cells = [heat.scenario, str(heat.vehicles), heat.model, heat.method]
-    cells += [f"{of['closest_m']:.2f}", str(of["violations"]), f"{of['arrived']}/{of['expected']}"]
-    cells += ["never" if not np.isfinite(of[key]) else f"{of[key]:.2f}" for key in ("median", "worst")]
-    cells += [f"{of['way']:.2f}", f"{of['tick_ms']:.2f} / {of['p99_ms']:.2f}"]
+    cells += [f"{of['closest_m']:.2f}", str(of["violations"]), "" if boxed is None else str(boxed)]
+    at = "" if stopped_s is None else f" at {stopped_s:.0f} s, stopped"
+    cells += [f"{of['arrived']}/{of['expected']}{at}"]
+    cells += [f"{of[key]:.2f}" if np.isfinite(of[key]) else never for key in ("median", "worst")]
+    cells += [f"{of['way']:.2f}" if stopped_s is None else "-", f"{of['tick_ms']:.2f} / {of['p99_ms']:.2f}"]
     return f"| {' | '.join(cells)} |"
 
 
-def table(results: Mapping[Heat, Mapping[str, Any]]) -> str:
-    ruler = ["---" if name in {"scenario", "vehicle", "method"} else "---:" for name in COLUMNS]
+def table(results: Mapping[Heat, Mapping[str, Any] | None]) -> str:
+    ruler = ["---" if name in WORDS else "---:" for name in COLUMNS]
     lines = [f"| {' | '.join(cells)} |" for cells in (COLUMNS, ruler)]
     return "\n".join([*lines, *(row(heat, of) for heat, of in results.items())])
 
@@ -191,7 +71,7 @@ def plot(results: Mapping[Heat, Mapping[str, Any]], file: Path) -> None:
     axes = page.add_subplot()
     colours = dict(zip((OURS, *METHODS), mpl.colormaps["tab10"].colors, strict=False))  # type: ignore[attr-defined]
     for heat, of in results.items():
-        if heat.model == "ideal":
+        if heat.model == IDEAL:
             continue
         place = min(of["median"], LATEST), min(of["closest_m"] / of["floor_m"], FARTHEST)
         marker = "o" if of["arrived"] == of["expected"] else "x"
@@ -208,18 +88,43 @@ def plot(results: Mapping[Heat, Mapping[str, Any]], file: Path) -> None:
     page.savefig(file, dpi=110)
 
 
-def main(names: list[str], methods: list[str]) -> None:
+def slowest_first(heats: Sequence[Heat]) -> list[Heat]:
+    rank = {method: number for number, method in enumerate(LONG)}
+    return sorted(heats, key=lambda heat: (-heat.vehicles, rank.get(heat.method, len(LONG))))
+
+
+def machine() -> str:
+    """The processor, as the system names it."""
+    lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return f"{os.cpu_count()} cores, {names[0] if names else platform.machine()}"
+
+
+def conditions(took_s: float, used_s: float, load: tuple[float, float]) -> str:
+    """When, where and with what the race was flown."""
+    versions = ", ".join(f"{name} {version(name)}" for name in ("numpy", "numba", "pyrvo"))
+    versions += f", crazyflow {crazyflow_version() or 'not installed'}"
+    times = f"in {took_s / 60.0:.0f} minutes, processor time {used_s / 60.0:.0f} minutes"
+    loads = f"load {load[0]:.1f} before, {load[1]:.1f} at the end"
+    day, python = f"{datetime.now(UTC):%Y-%m-%d}", f"Python {platform.python_version()}"
+    return f"Flown on {day} {times}: {machine()}; {loads}; {python}, {versions}."
+
+
+def main(names: Sequence[str], methods: Sequence[str]) -> None:
     heats = [heat for heat in RACE if heat.scenario in (names or [heat.scenario])]
     heats = [heat for heat in heats if heat.method in (methods or [heat.method])]
-    results = {}
-    with ProcessPoolExecutor(mp_context=get_context("spawn")) as pool:
-        for heat, of in zip(heats, pool.map(flown, heats), strict=True):
-            results[heat] = of
-            print(row(heat, of), flush=True)
+    order, results = slowest_first([heat for heat in heats if heat.can_be_flown()]), {}
+    os.environ |= FOR_CRAZYFLOW
+    began_s, before = time.perf_counter(), os.getloadavg()[0]
+    for heat, of in zip(order, on_all_cores(flown, order), strict=True):
+        results[heat] = of
+        print(row(heat, of), f"{of['took_s']:.0f} s", flush=True)
+    took_s, used_s = time.perf_counter() - began_s, sum(of["took_s"] for of in results.values())
+    text = conditions(took_s, used_s, (before, os.getloadavg()[0]))
+    print(text)
     if not names and not methods:
-        PAGE.write_text(
-            TABLE.sub(partial(_filled, table(results)), PAGE.read_text(encoding="utf-8")), encoding="utf-8"
-        )
+        filled = partial(_filled, f"{text}\n\n{table({heat: results.get(heat) for heat in RACE})}")
+        PAGE.write_text(TABLE.sub(filled, PAGE.read_text(encoding="utf-8")), encoding="utf-8")
         plot(results, PLOT)
 
 

@@ -16,7 +16,7 @@ from gcs.cli.commands import ACTIONS, CALLS, COMMANDS, names
 from gcs.cli.demo.demo import VEHICLES_MAX
 from gcs.cli.main import load, main, whole_parser
 from gcs.cli.progress import part_of, share_of
-from gcs.simulation.batch import on_all_cores
+from gcs.simulation.cores import on_all_cores
 
 NO_SERVICE = "http://127.0.0.1:9"
 
