@@ -41,6 +41,7 @@ from gcs.planning.return_paths.planner import (
 )
 from gcs.planning.return_paths.planner import warm_up as warm_up_planner
 from gcs.safety.controlled_ground import ground_for_sites
+from gcs.safety.filter import prepare
 from gcs.safety.floor import Floor, pairs_that_count, scaled_distance_m
 from gcs.safety.near_traffic import NearTraffic
 from gcs.simulation import initial_states as layout
@@ -179,6 +180,7 @@ class SimulatedFlight:
     def get_ready(self) -> None:
         """Compile or load the kernels."""
         warm_up()
+        prepare(self.settings.safety)
         self._closest_m([self.world.position_m])
 
     @property
