@@ -108,14 +108,13 @@ class SimulatedFlight:
         self.settings: ControlSettings = over_links(scenario)
         self.world = TrueWorld(start_m, scenario.world, seed)
         self.record = FlightRecord(scenario, seed, start_m, goal_m, self.floor.horizontal_m)
-        fence = scenario.control.safety.fence
-        if fence.areas or fence.controlled_ground is not None:
-            self.record.within_m_s = []
         self.task = np.full(n, Task.NONE, dtype=np.int8)
         self.goal_m = np.array(goal_m)
         self.descending = np.zeros(n, dtype=bool)
         self.present = np.ones(n, dtype=bool)
-        flight = scenario.flight
+        flight, ground = scenario.flight, scenario.control.safety.fence.controlled_ground
+        if ground is not None or not (isinstance(flight, ArticleFlight) or flight.site is None):
+            self.record.within_m_s = []
         loss = ScenarioLoss() if isinstance(flight, ArticleFlight | ShowFlight) else flight.loss
         joining = flight.join if isinstance(flight, FormationFlight) else 0
         self.losses = Losses(loss, n, seed, joining=joining)
