@@ -6,7 +6,7 @@ bend about, which see each other (a visibility graph, all pairs by Floyd and War
 between the heights of vehicle and goal; a wall of the controlled ground is as thick as vehicles fall far.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Final, NamedTuple
 
@@ -21,6 +21,8 @@ from gcs.model.state import TINY, Array, Mask
 from gcs.safety.controlled_ground import kept_in_m
 from gcs.safety.fenced_areas import FencedArea, beyond_m, passable
 from gcs.safety.filter import SafetySettings
+from gcs.safety.impact import ImpactSettings
+from gcs.safety.walls import Fence
 
 BAND_M: Final = 10.0
 """Heights are rounded to this, so that few graphs are needed."""
@@ -43,7 +45,7 @@ BEYOND_M: Final = 2.0
 THERE_M: Final = 3.0
 """A vehicle in formation this near to its slot flies straight."""
 
-SEARCHED_MAX: Final = 8
+SEARCHED_MAX: Final = 4
 """Ways that are looked up in one tick; the others keep their corners, and come next."""
 
 
@@ -70,17 +72,19 @@ def lead_within(
 
     Returns: aims (n, 3), rows of vehicles that fly there, and the ways.
     """
-    safety = now.settings.safety
-    if not safety.fence.areas and safety.fence.controlled_ground is None:
+    if now.settings.safety.fence.is_plain:
         return aim_m, aiming, None
     rows, goal_m = _under_way(now, aim_m, aiming, slot_m)
     ways = before or AreaWays.none(len(now.formed))
     ways = replace(ways, corner_m=ways.corner_m.copy(), asked_s=ways.asked_s.copy())
-    hidden = _hidden(now, rows, goal_m)
-    ways.corner_m[np.setdiff1d(np.arange(len(now.formed)), hidden)] = np.nan
+    site = _Site.of(now)
+    hidden = _hidden(now, site, rows, goal_m)
+    seen = np.ones(len(now.formed), np.bool_)
+    seen[hidden] = False
+    ways.corner_m[seen] = np.nan
     in_turn = hidden[np.argsort(ways.asked_s[hidden], kind="stable")][:SEARCHED_MAX]
     for row in in_turn.tolist():
-        ways.corner_m[row] = _first_corner(now, row, goal_m[row])
+        ways.corner_m[row] = _first_corner(site, now.position_m[row], goal_m[row])
         ways.asked_s[row] = now.fleet.time_s
     led = hidden[np.isfinite(ways.corner_m[hidden, 0])]
     if len(led) == 0:
@@ -102,25 +106,58 @@ def _under_way(
     free = ~now.descending[aiming]
     if tasks.follows_planned_path is not None:
         free &= ~tasks.follows_planned_path[aiming]
-    off = np.zeros(0, np.intp)
-    if len(now.rows):
-        formed = np.setdiff1d(now.rows, aiming)
-        goal_m[formed] = slot_m[np.isin(now.rows, formed)]
-        far = np.linalg.norm(goal_m[formed] - now.position_m[formed], axis=1) > THERE_M
-        off = formed[far]  # NaN by a law without slots: never
+    way_m = slot_m - now.of_formed(now.position_m)
+    far = np.flatnonzero((way_m**2).sum(axis=1) > THERE_M**2)  # NaN by a law without slots: never
+    off = now.rows[far]
+    led = np.zeros(len(goal_m), np.bool_)
+    led[aiming] = True
+    far, off = far[~led[off]], off[~led[off]]
+    goal_m[off] = slot_m[far]
     return np.concatenate([aiming[free], off]), goal_m
 
 
-def _hidden(now: TickInputs, rows: NDArray[np.intp], goal_m: Array) -> NDArray[np.intp]:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Site:
+    """The graphs of the fence in this tick."""
+
+    safety: SafetySettings
+    standoff_m: float
+    graphs: dict[tuple[float, float, float, float], Graph]
+
+    @staticmethod
+    def of(now: TickInputs) -> "_Site":
+        safety = now.settings.safety
+        standoff_m = float(safety.floor.standoff_m(np.array(now.traits.uncertainty_m)).max(initial=0.0))
+        standoff_m = STANDOFF_STEP_M * float(np.ceil(standoff_m / STANDOFF_STEP_M))
+        return _Site(safety, standoff_m, graphs_of(safety.fence, safety.impact))
+
+    def graph(self, band_m: tuple[float, float], spare_m: float) -> Graph:
+        """The graph for ways between these heights."""
+        key = (*band_m, self.standoff_m, spare_m)
+        if key not in self.graphs:
+            while len(self.graphs) >= GRAPHS_MAX:
+                del self.graphs[next(iter(self.graphs))]
+            self.graphs[key] = graph_of(self.safety, band_m, self.standoff_m, spare_m)
+        return self.graphs[key]
+
+
+def _hidden(now: TickInputs, site: _Site, rows: NDArray[np.intp], goal_m: Array) -> NDArray[np.intp]:
     """Those of `rows` (k,) that do not see their goals (n, 3) past the walls."""
     rows = rows[np.isfinite(goal_m[rows]).all(axis=1)]
+    if len(rows) == 0:
+        return rows
     bands_m = _bands_m(now.position_m[rows], goal_m[rows])
+    widest_m = (
+        float(bands_m[:, 0].min()),
+        float(bands_m[:, 1].max()),
+    )
+    rest = _unseen(now.position_m[rows], goal_m[rows], *site.graph(widest_m, SPARES_M[1])[:2])
+    rows, bands_m = rows[rest], bands_m[rest]
     hidden = np.zeros(len(rows), np.bool_)
     for band_m in {(low_m, high_m) for low_m, high_m in bands_m.tolist()}:
         some = (bands_m == band_m).all(axis=1)
-        graph = _graph(now, band_m, SPARES_M[1])
-        place_m, to_m = now.position_m[rows[some], :2].copy(), goal_m[rows[some], :2].copy()
-        hidden[some] = _unseen(place_m, to_m, graph.edge_m, graph.kept_m)
+        graph = site.graph(band_m, SPARES_M[1])
+        hidden[some] = _unseen(now.position_m[rows[some]], goal_m[rows[some]], *graph[:2])
     return rows[hidden]
 
 
@@ -133,20 +170,19 @@ def _bands_m(place_m: Array, goal_m: Array) -> Array:
 
 @kernel
 def _unseen(place_m: Array, goal_m: Array, edge_m: Array, kept_m: Array) -> Mask:
-    """(k,) from which places (k, 2) the straight ways to goals (k, 2) are not clear."""
+    """(k,) from which places (k, 3) the straight ways over the ground to goals (k, 3) are not clear."""
     unseen, here_m, there_m = np.zeros(len(place_m), np.bool_), np.zeros(3), np.zeros(3)
     for i in range(len(place_m)):
-        here_m[:2], there_m[:2] = place_m[i], goal_m[i]
+        here_m[:2], there_m[:2] = place_m[i, :2], goal_m[i, :2]
         unseen[i] = not sees(here_m, there_m, edge_m, kept_m, 0.0)
     return unseen
 
 
-def _first_corner(now: TickInputs, row: int, goal_m: Array) -> Array:
-    """(2,) the first corner of the shortest way of that row to its goal (3,); NaN: none is known."""
-    place_m = now.position_m[row]
+def _first_corner(site: _Site, place_m: Array, goal_m: Array) -> Array:
+    """(2,) the first corner of the shortest way from a place to a goal, (3,) each; NaN: none is known."""
     low_m, high_m = _bands_m(place_m[None], goal_m[None])[0].tolist()
     for spare_m in SPARES_M:
-        graph = _graph(now, (low_m, high_m), spare_m)
+        graph = site.graph((low_m, high_m), spare_m)
         first = _first(_level(place_m), _level(goal_m), *graph)
         if first >= 0:
             return np.array(graph.point_m[first, :2])
@@ -157,15 +193,17 @@ def _level(place_m: Array) -> Array:
     return np.array([place_m[0], place_m[1], 0.0])
 
 
-def _graph(now: TickInputs, band_m: tuple[float, float], spare_m: float) -> Graph:
-    """The graph for ways between these heights."""
-    safety = now.settings.safety
-    standoff_m = float(safety.floor.standoff_m(np.array(now.traits.uncertainty_m)).max(initial=0.0))
-    standoff_m = STANDOFF_STEP_M * float(np.ceil(standoff_m / STANDOFF_STEP_M))
-    return graph_of(safety, band_m, standoff_m, spare_m)
+GRAPHS_MAX: Final = 64
+"""Graphs that are kept of one site."""
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=2)
+def graphs_of(fence: Fence, impact: ImpactSettings) -> dict[tuple[float, float, float, float], Graph]:
+    """The graphs of a site that were made so far, by what they are for."""
+    del fence, impact
+    return {}
+
+
 def graph_of(safety: SafetySettings, band_m: tuple[float, float], standoff_m: float, spare_m: float) -> Graph:
     """The walls between two heights, and the points beside their corners, `spare_m` beyond what is kept."""
     fence, ground, kept_m = safety.fence, safety.fence.controlled_ground, standoff_m + spare_m

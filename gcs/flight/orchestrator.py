@@ -25,6 +25,7 @@ from gcs.links.batch_link import Link
 from gcs.links.link_set import SetpointRouting, keep_open
 from gcs.recording.sample import Sample
 from gcs.recording.session import Record
+from gcs.safety.filter import prepare
 from gcs.service import Audit, FleetView, Latest, NoAudit, Scheduling
 from gcs.service.commands import CommandLog
 from gcs.service.event_log import attached
@@ -79,6 +80,7 @@ class Orchestrator:
             law_wait_s: for a law of another package, in true time; None: its budget. More in virtual time.
         """
         warm_up()
+        prepare(config.control.safety)
         loop = asyncio.get_running_loop()
         self._config = config
         self.command_log = CommandLog(None if record is None else record.audit)

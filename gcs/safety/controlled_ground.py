@@ -13,9 +13,20 @@ from gcs.model.jit import kernel
 from gcs.model.response import FleetResponse
 from gcs.model.state import TINY, Array, Mask
 from gcs.safety.constraints import DECELERATION, ESCAPE, LEAD, NO_ROW, REACTION, Braking, Constraints
-from gcs.safety.fenced_areas import LED_SHARE, ON_EDGE_M, FencedArea, beyond_m, edges_seen, inward, shapes_of
+from gcs.safety.fenced_areas import (
+    LED_SHARE,
+    ON_EDGE_M,
+    FencedArea,
+    Shapes,
+    beyond_m,
+    edges_seen,
+    inward,
+    shapes_of,
+    surely_clear_m,
+)
 from gcs.safety.impact import (
     AHEAD,
+    GROWTH,
     SPREAD,
     Impacts,
     ImpactSettings,
@@ -31,9 +42,6 @@ REASON = "where it would fall"
 
 SLOWEST_M_S = 1.0
 """How far ahead a slower vehicle falls is taken from this speed: in proportion it is the same."""
-
-RISE_M = 1.0
-"""The growth of the disc is measured over so much height."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,6 +98,7 @@ def ground_constraints(
     standoff_m: Array,
     response: FleetResponse | None = None,
     fastest_m_s: float = np.inf,
+    course_m_s: Array | None = None,
 ) -> Constraints:
     """Bound the speed towards the edge so that no impact comes nearer to it than `settings.soft_m`.
 
@@ -103,17 +112,19 @@ def ground_constraints(
         standoff_m: (n,) for the uncertainty of each position.
         response: (n,) in what they differ from `braking`; None: in nothing.
         fastest_m_s: greatest speed of any vehicle: what it does not break is left out.
+        course_m_s: (n,) that of each, if it is less; None: it is not.
     """
     shapes = shapes_of((ground,))
     rows, normal, bound_m_s = _ground_rows(
         (np.array(position_m), np.array(velocity_m_s)),
         np.array(commanded),
-        (shapes.corner_m, float(shapes.turn[0])),
+        shapes,
         reach_of(settings.airframe, settings.wind_max_m_s),
         (settings.reaction_s, settings.ground_m, settings.soft_m),
         np.array(standoff_m),
         braking.of_each(len(position_m), response),
-        fastest_m_s,
+        np.full(len(position_m), fastest_m_s) if course_m_s is None else np.minimum(course_m_s, fastest_m_s),
+        LED_SHARE * fastest_m_s,
     )
     reasons = np.full(len(rows), REASON, dtype=object)
     return Constraints(rows, np.full(len(rows), NO_ROW), normal, bound_m_s, reasons)
@@ -123,22 +134,24 @@ def ground_constraints(
 def _ground_rows(
     motion: tuple[Array, Array],
     commanded: Mask,
-    ring: tuple[Array, float],
+    shapes: Shapes,
     reach: Reach,
     about: tuple[float, float, float],
     standoff_m: Array,
     each: Array,
-    possible_m_s: float,
+    possible_m_s: Array,
+    led_m_s: float,
 ) -> tuple[Rows, Array, Array]:
     """Rows (k,), normals (k, 3), bounds (k,) of all that could bind.
 
-    `ring` are the corners (m, 2) and the sense of their turn, `about` reaction, ground and soft line, `each`
-    (4, n) that of `Braking.of_each`.
+    `shapes` is the ground's, `about` reaction, ground and soft line, `each` (4, n) that of `Braking.of_each`,
+    `possible_m_s` (n,) greatest speeds, `led_m_s` that of being led back.
     """
-    (position_m, velocity_m_s), (corner_m, turn), (reaction_s, ground_m, soft_m) = motion, ring, about
-    most, kept, own = 64, 0, np.empty(4)
+    (position_m, velocity_m_s), (reaction_s, ground_m, soft_m) = motion, about
+    edges, turn = shapes.edge, shapes.turn[0]
+    most, kept, own = 64, 0, np.empty(3)
     rows, normal, bound_m_s = np.empty(most, np.intp), np.empty((most, 3)), np.empty(most)
-    off_m = np.empty((len(corner_m), 3))
+    off_m = np.empty((len(edges), 3))
     for i in range(len(position_m)):
         if not commanded[i]:
             continue
@@ -146,37 +159,37 @@ def _ground_rows(
         level_m_s = np.sqrt(x_m_s * x_m_s + y_m_s * y_m_s)
         height_m = -position_m[i, 2] - ground_m + max(-down_m_s, 0.0) * reaction_s
         ahead_m_s = max(level_m_s, SLOWEST_M_S)
-        looked_up(reach, height_m + RISE_M, ahead_m_s, down_m_s, own)
-        higher_m = own[SPREAD]
-        looked_up(reach, height_m, ahead_m_s, down_m_s, own)
+        looked_up(reach, height_m, ahead_m_s, down_m_s, 3, own)
         kept_m, falls_s = own[SPREAD] + soft_m + standoff_m[i], reaction_s + own[AHEAD] / ahead_m_s
-        slope = max((higher_m - own[SPREAD]) / RISE_M, 0.0)
+        slope = own[GROWTH]
         length = np.sqrt(1.0 + slope * slope)
-        near_m = _needed_m(possible_m_s, each[REACTION, i], each[DECELERATION, i], falls_s)
+        near_m = _needed_m(possible_m_s[i], each[REACTION, i], each[DECELERATION, i], falls_s)
         near_m += each[LEAD, i] * (level_m_s + max(-down_m_s, 0.0))
         near_m = length * near_m + kept_m
-        is_inside, nearest = edges_seen(position_m[i, 0], position_m[i, 1], corner_m, 0, len(corner_m), off_m)
+        if surely_clear_m(position_m[i, 0], position_m[i, 1], shapes.box, shapes.clear_m, 0) > near_m:
+            continue
+        is_inside, nearest = edges_seen(position_m[i, 0], position_m[i, 1], edges, 0, len(edges), off_m)
         side = 1.0 if is_inside else -1.0
-        for edge in range(len(corner_m)):
+        for edge in range(len(edges)):
             if (not is_inside and edge != nearest) or (is_inside and off_m[edge, 2] > near_m * near_m):
                 continue
             away_m = np.sqrt(off_m[edge, 2])
             if away_m > ON_EDGE_M:
                 x, y = side * off_m[edge, 0] / away_m, side * off_m[edge, 1] / away_m
             else:
-                x, y = inward(corner_m, edge, 0, len(corner_m), turn)
+                x, y = inward(edges, edge, turn)
             x, y, z = x / length, y / length, slope / length
             closing_m_s = max(-(x * x_m_s + y * y_m_s + z * down_m_s), 0.0)
             gap_m = (side * away_m - kept_m) / length - each[LEAD, i] * closing_m_s
             allowed_m_s = falling_speed_m_s(
                 gap_m, each[REACTION, i], each[DECELERATION, i], each[ESCAPE, i], falls_s
             )
-            if not allowed_m_s <= possible_m_s:
+            if not allowed_m_s <= possible_m_s[i]:
                 continue
             if kept == most:
                 rows, normal = np.append(rows, rows), np.concatenate((normal, normal))
                 bound_m_s, most = np.append(bound_m_s, bound_m_s), 2 * most
-            rows[kept], bound_m_s[kept] = i, min(-allowed_m_s, LED_SHARE * possible_m_s)
+            rows[kept], bound_m_s[kept] = i, min(-allowed_m_s, led_m_s)
             normal[kept, 0], normal[kept, 1], normal[kept, 2] = x, y, z
             kept += 1
     return rows[:kept], normal[:kept], bound_m_s[:kept]

@@ -35,6 +35,9 @@ CORNERS_IN_ALL: Final = 320
 ON_EDGE_M: Final = 1e-6
 """Nearer to an edge than this a vehicle is on it: the way off it is across the edge."""
 
+CELLS: Final = 64
+"""Of a raster over each area, along one axis: cells far from all edges need no look at them."""
+
 PASSES_M: Final = 3.0
 """A vehicle passes over or under an area where the fence leaves it so much height."""
 
@@ -78,25 +81,41 @@ class FencedArea(Settings):
 class Shapes(NamedTuple):
     """All areas as arrays: m corners, a areas."""
 
-    corner_m: Array  # (m, 2)
-    first: NDArray[np.intp]  # (a + 1,) index of the first corner of each, and m
+    edge: Array  # (m, 5) where each begins, the way along it, and 1 over the square of its length
+    first: NDArray[np.intp]  # (a + 1,) index of the first edge of each, and m
     inside: Mask  # (a,) vehicles stay inside
     heights_m: Array  # (a, 2)
     turn: Array  # (a,) 1 where the corners turn from x to y, else -1
+    box: Array  # (a, 4) least x and y of a raster over each, and cells per metre
+    clear_m: Array  # (a, CELLS, CELLS) least distance of a cell from all edges; negative: outside
 
 
 @lru_cache(maxsize=16)
 def shapes_of(areas: tuple[FencedArea, ...]) -> Shapes:
     """The arrays of these areas, without corners that repeat the one before."""
     rings_m = [_ring_m(area) for area in areas]
-    turns = [_signed_m2(ring_m) for ring_m in rings_m]
+    turns, rasters = [_signed_m2(ring_m) for ring_m in rings_m], [_raster(ring_m) for ring_m in rings_m]
     return Shapes(
-        np.concatenate([*rings_m, np.zeros((0, 2))]),
+        np.concatenate([*map(_edges, rings_m), np.zeros((0, 5))]),
         np.append(0, np.cumsum([len(ring_m) for ring_m in rings_m], dtype=np.intp)),
         np.array([area.inside for area in areas], np.bool_),
         np.array([area.heights_m for area in areas], np.float64).reshape(-1, 2),
         np.where(np.array(turns) < 0.0, -1.0, 1.0),
+        np.array([box for box, _ in rasters]).reshape(-1, 4),
+        np.array([clear_m for _, clear_m in rasters]).reshape(-1, CELLS, CELLS),
     )
+
+
+def _raster(ring_m: Array) -> tuple[Array, Array]:
+    low_m, high_m = ring_m.min(axis=0), ring_m.max(axis=0)
+    box = np.concatenate([low_m, CELLS / np.maximum(high_m - low_m, TINY)])
+    return box, _clearances(_edges(ring_m), box)
+
+
+def _edges(ring_m: Array) -> Array:
+    along_m = np.roll(ring_m, -1, axis=0) - ring_m
+    squared_m2 = np.maximum((along_m**2).sum(axis=1), TINY)
+    return np.column_stack([ring_m, along_m, 1.0 / squared_m2])
 
 
 def _ring_m(area: FencedArea) -> Array:
@@ -140,10 +159,10 @@ def beyond_m(areas: Sequence[FencedArea], place_m: Array) -> Array:
 
 
 @kernel
-def _beyond_m(place_m: Array, shapes: tuple[Array, Rows, Mask, Array, Array], level: bool) -> Array:
+def _beyond_m(place_m: Array, shapes: Shapes, level: bool) -> Array:
     """(n,) as `beyond_m`, of places (n, 3); `level`: heights do not count."""
-    corner_m, first, inside, heights_m, _ = shapes
-    off_m, most_m = np.empty((len(corner_m), 3)), np.full(len(place_m), -np.inf)
+    edges, first, inside, heights_m = shapes.edge, shapes.first, shapes.inside, shapes.heights_m
+    off_m, most_m = np.empty((len(edges), 3)), np.full(len(place_m), -np.inf)
     for i in range(len(place_m)):
         if not np.isfinite(place_m[i].sum()):
             continue
@@ -151,7 +170,7 @@ def _beyond_m(place_m: Array, shapes: tuple[Array, Rows, Mask, Array, Array], le
             x_m, y_m, height_m = place_m[i, 0], place_m[i, 1], -place_m[i, 2]
             over_m = -np.inf if level else height_m - heights_m[area, 1]
             under_m = -np.inf if level else heights_m[area, 0] - height_m
-            is_inside, nearest = edges_seen(x_m, y_m, corner_m, first[area], first[area + 1], off_m)
+            is_inside, nearest = edges_seen(x_m, y_m, edges, first[area], first[area + 1], off_m)
             away_m = np.sqrt(off_m[nearest, 2])
             apart_m = max(over_m, under_m)
             if inside[area]:
@@ -165,36 +184,56 @@ def _beyond_m(place_m: Array, shapes: tuple[Array, Rows, Mask, Array, Array], le
 
 
 @kernel
-def edges_seen(
-    x_m: float, y_m: float, corner_m: Array, begin: int, end: int, off_m: Array
-) -> tuple[bool, int]:
-    """Whether a place is inside the polygon of the corners `begin` to `end`, and the nearest of its edges.
+def edges_seen(x_m: float, y_m: float, edges: Array, begin: int, end: int, off_m: Array) -> tuple[bool, int]:
+    """Whether a place is inside the polygon of the edges `begin` to `end`, and the nearest of these.
 
-    `off_m` (m, 3) is set for these edges: the way from the nearest point of each, and its square.
+    `edges` (m, 5) are those of `Shapes`. `off_m` (m, 3) is set for them: the way from the nearest point of
+    each, and its square.
     """
-    is_inside, nearest = False, begin
+    is_inside, nearest, nearest_m2 = False, begin, np.inf
     for edge in range(begin, end):
-        after = edge + 1 if edge + 1 < end else begin
-        along_x, along_y = corner_m[after, 0] - corner_m[edge, 0], corner_m[after, 1] - corner_m[edge, 1]
-        from_x, from_y = x_m - corner_m[edge, 0], y_m - corner_m[edge, 1]
-        share = (from_x * along_x + from_y * along_y) / max(along_x * along_x + along_y * along_y, TINY)
-        share = min(max(share, 0.0), 1.0)
+        along_x, along_y = edges[edge, 2], edges[edge, 3]
+        from_x, from_y = x_m - edges[edge, 0], y_m - edges[edge, 1]
+        share = min(max((from_x * along_x + from_y * along_y) * edges[edge, 4], 0.0), 1.0)
         off_x, off_y = from_x - share * along_x, from_y - share * along_y
-        off_m[edge, 0], off_m[edge, 1], off_m[edge, 2] = off_x, off_y, off_x * off_x + off_y * off_y
-        if off_m[edge, 2] < off_m[nearest, 2]:
-            nearest = edge
+        square_m2 = off_x * off_x + off_y * off_y
+        off_m[edge, 0], off_m[edge, 1], off_m[edge, 2] = off_x, off_y, square_m2
+        if square_m2 < nearest_m2:
+            nearest, nearest_m2 = edge, square_m2
         if (from_y < 0.0) != (from_y < along_y) and from_x < from_y * along_x / along_y:
             is_inside = not is_inside
     return is_inside, nearest
 
 
 @kernel
-def inward(corner_m: Array, edge: int, begin: int, end: int, turn: float) -> tuple[float, float]:
+def _clearances(edges: Array, box: Array) -> Array:
+    """(CELLS, CELLS) as `Shapes.clear_m`, of the edges (m, 5) of one ring."""
+    clear_m, off_m = np.empty((CELLS, CELLS)), np.empty((len(edges), 3))
+    half_m = 0.5 * np.sqrt(1.0 / box[2] ** 2 + 1.0 / box[3] ** 2)
+    for i in range(CELLS):
+        for j in range(CELLS):
+            x_m, y_m = box[0] + (i + 0.5) / box[2], box[1] + (j + 0.5) / box[3]
+            is_inside, nearest = edges_seen(x_m, y_m, edges, 0, len(edges), off_m)
+            away_m = max(np.sqrt(off_m[nearest, 2]) - half_m, 0.0)
+            clear_m[i, j] = away_m if is_inside else -away_m
+    return clear_m
+
+
+@kernel
+def surely_clear_m(x_m: float, y_m: float, box: Array, clear_m: Array, area: int) -> float:
+    """Least distance of a place from all edges of an area; negative outside, 0: it is not known."""
+    i, j = (x_m - box[area, 0]) * box[area, 2], (y_m - box[area, 1]) * box[area, 3]
+    if not (0.0 <= i < CELLS and 0.0 <= j < CELLS):
+        return 0.0
+    least_m: float = clear_m[area, int(i), int(j)]
+    return least_m
+
+
+@kernel
+def inward(edges: Array, edge: int, turn: float) -> tuple[float, float]:
     """The level unit vector across an edge, into its polygon."""
-    after = edge + 1 if edge + 1 < end else begin
-    along_x, along_y = corner_m[after, 0] - corner_m[edge, 0], corner_m[after, 1] - corner_m[edge, 1]
-    length = max(np.sqrt(along_x * along_x + along_y * along_y), TINY)
-    return -turn * along_y / length, turn * along_x / length
+    scale = turn * np.sqrt(edges[edge, 4])
+    return -scale * edges[edge, 3], scale * edges[edge, 2]
 
 
 def area_constraints(
@@ -209,6 +248,7 @@ def area_constraints(
     fastest_m_s: float = np.inf,
     descending: Mask | None = None,
     heights_m: tuple[float, float] = (-np.inf, np.inf),
+    course_m_s: Array | None = None,
 ) -> Constraints:
     """Bound the speed towards every wall to the speed that can still be braked, as `fence_constraints` does.
 
@@ -226,6 +266,7 @@ def area_constraints(
         fastest_m_s: greatest speed of any vehicle: what it does not break is left out.
         descending: (n,) may go below the least height of the areas that they stay inside of; None: none may.
         heights_m: least and greatest height in which the fence allows flight.
+        course_m_s: (n,) that of each, if it is less; None: it is not.
     """
     if not areas:
         return Constraints.none()
@@ -235,7 +276,8 @@ def area_constraints(
         shapes_of(passable(tuple(areas), heights_m)),
         np.array(standoff_m),
         braking.of_each(len(position_m), response),
-        fastest_m_s,
+        np.full(len(position_m), fastest_m_s) if course_m_s is None else np.minimum(course_m_s, fastest_m_s),
+        LED_SHARE * fastest_m_s,
     )
     reasons = np.array([f"area {number} of the fence" for number in range(1, len(areas) + 1)], dtype=object)
     return Constraints(rows, np.full(len(rows), NO_ROW), normal, bound_m_s, reasons[which])
@@ -245,36 +287,41 @@ def area_constraints(
 def _area_rows(
     motion: tuple[Array, Array],
     roles: tuple[Mask, Mask],
-    shapes: tuple[Array, Rows, Mask, Array, Array],
+    shapes: Shapes,
     standoff_m: Array,
     each: Array,
-    possible_m_s: float,
+    possible_m_s: Array,
+    led_m_s: float,
 ) -> tuple[Rows, Rows, Array, Array]:
     """Rows (k,), areas (k,), normals (k, 3), bounds (k,) of all walls that could bind.
 
     `motion` are positions and velocities (n, 3), `roles` which are commanded, and which descend (n,). `each`
-    (4, n) is that of `Braking.of_each`.
+    (4, n) is that of `Braking.of_each`, `possible_m_s` (n,) greatest speeds, `led_m_s` that of being led
+    back.
     """
     (position_m, velocity_m_s), (commanded, descending) = motion, roles
-    corner_m, first, inside, heights_m, turn = shapes
+    edges, first, inside, heights_m = shapes.edge, shapes.first, shapes.inside, shapes.heights_m
     most, kept = 64, 0
     rows, which = np.empty(most, np.intp), np.empty(most, np.intp)
     normal, bound_m_s = np.empty((most, 3)), np.empty(most)
-    walls = len(corner_m) + 2 * len(inside)
-    off_m, wall, owner = np.empty((len(corner_m), 3)), np.empty((walls, 4)), np.empty(walls, np.intp)
+    walls = len(edges) + 2 * len(inside)
+    off_m, wall, owner = np.empty((len(edges), 3)), np.empty((walls, 4)), np.empty(walls, np.intp)
     for i in range(len(position_m)):
         if not commanded[i]:
             continue
         x_m_s, y_m_s, z_m_s = velocity_m_s[i, 0], velocity_m_s[i, 1], velocity_m_s[i, 2]
         speed_m_s = np.sqrt(x_m_s * x_m_s + y_m_s * y_m_s + z_m_s * z_m_s)
-        near_m = _within_m(each[:, i], possible_m_s, speed_m_s) + standoff_m[i]
+        near_m = _within_m(each, i, possible_m_s[i], speed_m_s) + standoff_m[i]
         count = 0
         for area in range(len(inside)):
-            before = count
+            before, tall = count, heights_m[area, 0] == -np.inf and heights_m[area, 1] == np.inf
+            sure_m = surely_clear_m(position_m[i, 0], position_m[i, 1], shapes.box, shapes.clear_m, area)
+            if (tall and sure_m > near_m) if inside[area] else -sure_m > near_m:
+                continue
             count = _walls_of(
                 (position_m[i, 0], position_m[i, 1], -position_m[i, 2]),
-                (corner_m, first[area], first[area + 1]),
-                (inside[area], turn[area], descending[i]),
+                (edges, first[area], first[area + 1]),
+                (inside[area], shapes.turn[area], descending[i]),
                 (heights_m[area, 0], heights_m[area, 1]),
                 near_m,
                 off_m,
@@ -287,14 +334,14 @@ def _area_rows(
             own_m = 0.0 if _is_squeezed(wall, k, count, standoff_m[i]) else standoff_m[i]
             gap_m = wall[k, 3] - own_m - each[LEAD, i] * closing_m_s
             allowed_m_s = allowed_speed_m_s(gap_m, each[REACTION, i], each[DECELERATION, i], each[ESCAPE, i])
-            if not allowed_m_s <= possible_m_s:
+            if not allowed_m_s <= possible_m_s[i]:
                 continue
             if kept == most:
                 rows, which = np.append(rows, rows), np.append(which, which)
                 normal, bound_m_s = np.concatenate((normal, normal)), np.append(bound_m_s, bound_m_s)
                 most *= 2
             rows[kept], which[kept] = i, owner[k]
-            bound_m_s[kept] = min(-allowed_m_s, LED_SHARE * possible_m_s)
+            bound_m_s[kept] = min(-allowed_m_s, led_m_s)
             normal[kept, 0], normal[kept, 1], normal[kept, 2] = wall[k, 0], wall[k, 1], wall[k, 2]
             kept += 1
     return rows[:kept], which[:kept], normal[:kept], bound_m_s[:kept]
@@ -313,10 +360,10 @@ def _is_squeezed(wall: Array, k: int, count: int, standoff_m: float) -> bool:
 
 
 @kernel
-def _within_m(each: Array, possible_m_s: float, closing_m_s: float) -> float:
+def _within_m(each: Array, i: int, possible_m_s: float, closing_m_s: float) -> float:
     """The gap beyond which no speed that is possible breaks a wall; see `allowed_speed_m_s`."""
-    stop_m = possible_m_s * each[REACTION] + possible_m_s**2 / (2.0 * each[DECELERATION])
-    gap_m: float = stop_m + each[LEAD] * closing_m_s
+    stop_m = possible_m_s * each[REACTION, i] + possible_m_s**2 / (2.0 * each[DECELERATION, i])
+    gap_m: float = stop_m + each[LEAD, i] * closing_m_s
     return gap_m
 
 
@@ -335,7 +382,7 @@ def _walls_of(
 
     Args:
         place: x, y and height.
-        ring: corners (m, 2), the first and the last + 1 of this area.
+        ring: edges (m, 5), the first and the last + 1 of this area.
         kind: stays inside; the sense of its turn; descends to land.
         heights_m: of the area.
         near_m: walls farther away are left out.
@@ -343,8 +390,8 @@ def _walls_of(
         wall: changed.
         count: of the walls before.
     """
-    (x_m, y_m, height_m), (corner_m, begin, end), (inside, turn, descends) = place, ring, kind
-    is_inside, nearest = edges_seen(x_m, y_m, corner_m, begin, end, off_m)
+    (x_m, y_m, height_m), (edges, begin, end), (inside, turn, descends) = place, ring, kind
+    is_inside, nearest = edges_seen(x_m, y_m, edges, begin, end, off_m)
     over_m, under_m = height_m - heights_m[1], heights_m[0] - height_m
     apart_m = max(over_m, under_m)
     if inside:
@@ -377,7 +424,7 @@ def _walls_of(
             wall[count, 0], wall[count, 1] = side * off_m[edge, 0] / away_m, side * off_m[edge, 1] / away_m
             wall[count, 2] = (-rise_m if over_m > 0.0 else rise_m) / away_m
         else:
-            across_x, across_y = inward(corner_m, edge, begin, end, turn if inside else -turn)
+            across_x, across_y = inward(edges, edge, turn if inside else -turn)
             wall[count, 0], wall[count, 1], wall[count, 2] = across_x, across_y, 0.0
         wall[count, 3] = side * away_m
         count += 1

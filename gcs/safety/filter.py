@@ -19,9 +19,9 @@ from gcs.safety.across_stations import with_reports
 from gcs.safety.authority import AuthoritySettings, reach_constraints
 from gcs.safety.constraints import NO_ROW, Braking, Constraints, any_broken, nearest, shortened, tightest
 from gcs.safety.controlled_ground import ground_constraints, ground_margins
-from gcs.safety.fenced_areas import FencedArea, area_constraints
+from gcs.safety.fenced_areas import FencedArea, area_constraints, passable, shapes_of
 from gcs.safety.floor import Floor, minimum_separation
-from gcs.safety.impact import ImpactSettings
+from gcs.safety.impact import ImpactSettings, reach_of
 from gcs.safety.near_traffic import Evading, NearTraffic, track_constraints
 from gcs.safety.neighbours import FEW, Rows, near_pairs
 from gcs.safety.separation import Pairs, separation_constraints
@@ -140,11 +140,13 @@ def filter_velocities(
     pairs_of = _pairs_of(position_m, desired_m_s, own, here, settings.floor, braking)
     pairs, involved = _first_pairs(pairs_of, desired_m_s, own, here)
     confined = here if involved is moved else replace(here, commanded=involved)
-    walls = _walls(position_m, desired_m_s, confined, settings, braking)
+    walls_of = partial(_walls, position_m, desired_m_s, confined, settings, braking)
+    course_m_s = None if settings.fence.is_plain else _lengths(desired_m_s, np.zeros_like(desired_m_s))
+    walls = walls_of(course_m_s)
     walls = Constraints.joined(walls, _reach(here, walls, settings))
     allowed_m_s = searched_m_s = desired_m_s
     for attempt in range(ATTEMPTS):
-        joined = _joined(walls, pairs)
+        judged, joined = walls, _joined(walls, pairs)
         if attempt < SOLUTIONS:
             allowed_m_s = cap(nearest(desired_m_s, *joined), limits, here.speed_max_m_s)
         allowed_m_s = shortened(allowed_m_s, *joined)
@@ -156,15 +158,16 @@ def filter_velocities(
         spare_m_s = np.full(len(own), 2.0 * limits.fastest_m_s if every else SPARE_M_S)
         near = pairs_of(course_m_s=searched_m_s, spare_m_s=spare_m_s, only=None if every else strays)
         overlooked = with_reports(near.not_in(pairs, len(position_m)), own, here.shared_m_s)
-        if not any_broken(allowed_m_s, *_joined(Constraints.none(), overlooked)):
+        farther = Constraints.none() if settings.fence.is_plain else walls_of(None, only=strays)
+        if not any_broken(allowed_m_s, *_joined(farther, overlooked)):
             break
-        pairs = pairs.joined(overlooked)
+        pairs, walls = pairs.joined(overlooked), Constraints.joined(walls, farther)
     else:
         allowed_m_s = np.zeros_like(allowed_m_s)
     changed_m_s = _lengths(desired_m_s, allowed_m_s)
     if moved is not own:
         allowed_m_s[~own], changed_m_s[~own] = 0.0, 0.0
-    return allowed_m_s, _reasons(desired_m_s, changed_m_s, walls, pairs, joined, here.names)
+    return allowed_m_s, _reasons(desired_m_s, changed_m_s, judged, pairs, joined, here.names)
 
 
 def _first_pairs(
@@ -257,9 +260,23 @@ def _joined(walls: Constraints, pairs: Pairs) -> Joined:
 
 
 def _walls(
-    position_m: Array, desired_m_s: Array, here: Surroundings, settings: SafetySettings, braking: Braking
+    position_m: Array,
+    desired_m_s: Array,
+    here: Surroundings,
+    settings: SafetySettings,
+    braking: Braking,
+    speed_m_s: Array | None,
+    only: Mask | None = None,
 ) -> Constraints:
-    """All constraints on single vehicles: paths of lost ones, fence, obstacles, target, traffic."""
+    """All constraints on single vehicles: paths of lost ones, fence, ground, obstacles, target, traffic.
+
+    Areas and ground are left out where no velocity breaks them that is by `SPARE_M_S` faster than `speed_m_s`
+    (n,); None: no limit of the vehicles is. With `only` (n,) there are areas and ground alone, of these rows.
+    """
+    course_m_s = None if speed_m_s is None else speed_m_s + SPARE_M_S
+    if only is not None:
+        confined = replace(here, commanded=here.commanded & only)
+        return _site(position_m, confined, settings, braking, course_m_s)
     fastest_m_s, keepout = settings.limits.fastest_m_s, Constraints.none()
     if len(here.segments_m):
         keepout = keepout_constraints(
@@ -287,7 +304,7 @@ def _walls(
         response=here.response,
         fastest_m_s=fastest_m_s,
     )
-    ground = _ground(position_m, here, settings, braking)
+    site = _site(position_m, here, settings, braking, course_m_s)
     slow = set() if here.near_traffic is None else {box.id for box in here.near_traffic.boxes}
     obstacles = Constraints.joined(
         *(
@@ -318,7 +335,7 @@ def _walls(
         for target in here.targets
         if target.clearance_m
     )
-    walls = Constraints.joined(keepout, fence, ground, obstacles, *clear_of_targets)
+    walls = Constraints.joined(keepout, fence, site, obstacles, *clear_of_targets)
     if here.near_traffic is None:
         return walls
     evading = Evading(
@@ -333,21 +350,48 @@ def _walls(
     return Constraints.joined(walls, track_constraints(evading, here.near_traffic))
 
 
-def _ground(position_m: Array, here: Surroundings, settings: SafetySettings, braking: Braking) -> Constraints:
-    """Constraints on where vehicles would fall; none without controlled ground."""
-    if settings.fence.controlled_ground is None:
+def _site(
+    position_m: Array,
+    here: Surroundings,
+    settings: SafetySettings,
+    braking: Braking,
+    course_m_s: Array | None,
+) -> Constraints:
+    """Constraints of the fence's areas, and of where vehicles would fall."""
+    fence, ground = settings.fence, settings.fence.controlled_ground
+    if fence.is_plain:
         return Constraints.none()
-    return ground_constraints(
+    velocity_m_s = np.nan_to_num(here.velocity_m_s)
+    standoff_m = settings.floor.standoff_m(np.array(here.uncertainty_m))
+    fastest_m_s = settings.limits.fastest_m_s
+    walls = area_constraints(
         position_m,
         here.commanded,
-        settings.fence.controlled_ground,
+        fence.areas,
+        braking,
+        velocity_m_s=velocity_m_s,
+        standoff_m=standoff_m,
+        response=here.response,
+        fastest_m_s=fastest_m_s,
+        descending=here.descending,
+        heights_m=fence.heights_m,
+        course_m_s=course_m_s,
+    )
+    if ground is None:
+        return walls
+    falls = ground_constraints(
+        position_m,
+        here.commanded,
+        ground,
         settings.impact,
         braking,
-        velocity_m_s=np.nan_to_num(here.velocity_m_s),
-        standoff_m=settings.floor.standoff_m(np.array(here.uncertainty_m)),
+        velocity_m_s=velocity_m_s,
+        standoff_m=standoff_m,
         response=here.response,
-        fastest_m_s=settings.limits.fastest_m_s,
+        fastest_m_s=fastest_m_s,
+        course_m_s=course_m_s,
     )
+    return Constraints.joined(walls, falls)
 
 
 def _reach(here: Surroundings, walls: Constraints, settings: SafetySettings) -> Constraints:
@@ -440,6 +484,15 @@ def _causes(changed_m_s: Array, which: Rows, first: Rows, other: Rows, walls: in
 def _texts(names: tuple[str, ...]) -> NDArray[np.object_]:
     """(n + 2,) the reasons: keeping away from each vehicle, none, the limits."""
     return np.array([*(f"separation from {name}" for name in names), "", "limits"], dtype=object)
+
+
+def prepare(settings: SafetySettings) -> None:
+    """Make the tables of a site, so that none is made in flight: that takes up to a second."""
+    fence, impact = settings.fence, settings.impact
+    shapes_of(passable(fence.areas, fence.heights_m))
+    if fence.controlled_ground is not None:
+        shapes_of((fence.controlled_ground,))
+        reach_of(impact.airframe, impact.wind_max_m_s)
 
 
 def warm_up() -> None:

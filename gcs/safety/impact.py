@@ -113,6 +113,9 @@ STEP_SHARE: Final = 0.02
 ANGLES: Final = 32
 """Directions of the wind that are tried; between two of them a disc bulges by half a per cent."""
 
+GROWTH_MAX: Final = 2.0
+"""Steepest growth that counts; on the ground itself the disc begins to grow at once."""
+
 SPARE: Final = 1.5
 """Factor on the errors between the nodes of a table, as the table itself shows them."""
 
@@ -126,13 +129,13 @@ class Falls(NamedTuple):
     down_m_s: Array
 
 
-AHEAD, SPREAD, FALL, SPEED = range(4)
-"""Layers of `Reach`: how far ahead the disc of impacts has its middle, its radius, the longest fall in s, and
-the fastest impact in m/s.
+AHEAD, SPREAD, GROWTH, FALL, SPEED = range(5)
+"""Layers of `Reach`: how far ahead the disc of impacts has its middle, its radius, by how much that grows for
+each metre of height, the longest fall in s, and the fastest impact in m/s.
 """
 
 Reach = Array
-"""(HEIGHTS, SPEEDS, CLIMBS, 4)."""
+"""(HEIGHTS, SPEEDS, CLIMBS, 5)."""
 
 
 @lru_cache(maxsize=8)
@@ -218,7 +221,7 @@ def reach_of(airframe: Airframe, wind_max_m_s: float) -> Reach:
     A vehicle flies along with each of SPEEDS over the ground. Half of its dimension is in the discs.
     """
     falls = falls_of(airframe)
-    reach = np.zeros((len(HEIGHTS), len(SPEEDS), len(CLIMBS), 4))
+    reach = np.zeros((len(HEIGHTS), len(SPEEDS), len(CLIMBS), 5))
     turn_rad = 2.0 * np.pi * np.arange(ANGLES) / ANGLES
     winds = np.concatenate([share * wind_max_m_s * np.exp(1j * turn_rad) for share in (0.0, 0.5, 1.0)])
     bulge = 1.0 / np.cos(np.pi / ANGLES) - 1.0
@@ -236,6 +239,8 @@ def reach_of(airframe: Airframe, wind_max_m_s: float) -> Reach:
         reach[:, at, :, FALL] = fall_s.max(axis=0)
         reach[:, at, :, SPEED] = np.hypot(hit_m_s, down_m_s).max(axis=0)
     reach[..., SPREAD] += _unevenness(reach) + 0.5 * airframe.dimension_m
+    growth = np.maximum(np.gradient(reach[..., SPREAD], HEIGHTS, axis=0), 0.0)
+    reach[..., GROWTH] = np.minimum(growth, GROWTH_MAX)
     reach.setflags(write=False)
     return reach
 
@@ -301,16 +306,16 @@ def impacts(position_m: Array, velocity_m_s: Array, settings: ImpactSettings) ->
 def _impacts(
     position_m: Array, velocity_m_s: Array, reach: Reach, reaction_s: float, ground_m: float
 ) -> tuple[Array, Array]:
-    """(n, 2) middles of the discs and (4, n) the layers of `reach`."""
+    """(n, 2) middles of the discs and (5, n) the layers of `reach`."""
     n = len(position_m)
-    place_m, rest, own = np.full((n, 2), np.nan), np.full((4, n), np.nan), np.empty(4)
+    place_m, rest, own = np.full((n, 2), np.nan), np.full((5, n), np.nan), np.empty(5)
     for i in range(n):
         if not np.isfinite(position_m[i].sum() + velocity_m_s[i].sum()):
             continue
         x_m_s, y_m_s, down_m_s = velocity_m_s[i, 0], velocity_m_s[i, 1], velocity_m_s[i, 2]
         level_m_s = np.sqrt(x_m_s * x_m_s + y_m_s * y_m_s)
         height_m = -position_m[i, 2] - ground_m + max(-down_m_s, 0.0) * reaction_s
-        looked_up(reach, height_m, level_m_s, down_m_s, own)
+        looked_up(reach, height_m, level_m_s, down_m_s, 5, own)
         ahead_s = reaction_s + own[AHEAD] / max(level_m_s, TINY)
         place_m[i, 0] = position_m[i, 0] + ahead_s * x_m_s
         place_m[i, 1] = position_m[i, 1] + ahead_s * y_m_s
@@ -319,20 +324,24 @@ def _impacts(
 
 
 @kernel
-def looked_up(reach: Reach, height_m: float, level_m_s: float, down_m_s: float, own: Array) -> None:
-    """Write the layers (4,) of `reach` at one height and velocity, between the nodes, into `own`."""
-    high = min(max(np.sqrt(max(height_m, 0.0)) / HEIGHT_STEP, 0.0), 1e4)
+def looked_up(
+    reach: Reach, height_m: float, level_m_s: float, down_m_s: float, layers: int, own: Array
+) -> None:
+    """Write the first layers (layers,) of `reach` at one height and velocity into `own`."""
+    high = min(np.sqrt(max(height_m, 0.0)) / HEIGHT_STEP, 1e4)
     fast, sinks = level_m_s / SPEED_STEP_M_S, (down_m_s + CLIMB_MAX_M_S) / SPEED_STEP_M_S
     h = min(int(high), reach.shape[0] - 2)
     s = min(int(fast), reach.shape[1] - 2)
     v = min(max(int(sinks), 0), reach.shape[2] - 2)
     a, b, c = high - h, fast - s, sinks - v
-    for layer in range(4):
+    for layer in range(layers):
         own[layer] = 0.0
-        for corner in range(8):
-            i, j, k = corner // 4, corner // 2 % 2, corner % 2
-            weight = (a if i else 1.0 - a) * (b if j else 1.0 - b) * (c if k else 1.0 - c)
-            own[layer] += weight * reach[h + i, s + j, v + k, layer]
+    for i in range(2):
+        for j in range(2):
+            share = (a if i == 1 else 1.0 - a) * (b if j == 1 else 1.0 - b)
+            for layer in range(layers):
+                low, up = reach[h + i, s + j, v, layer], reach[h + i, s + j, v + 1, layer]
+                own[layer] += share * (low + c * (up - low))
 
 
 def hover_reach_m(height_m: Array, settings: ImpactSettings) -> Array:

@@ -23,7 +23,7 @@ from gcs.safety.constraints import (
     along_m_s,
     stopping_speed_m_s,
 )
-from gcs.safety.fenced_areas import AREAS_MAX, CORNERS_IN_ALL, FencedArea, area_constraints
+from gcs.safety.fenced_areas import AREAS_MAX, CORNERS_IN_ALL, FencedArea
 from gcs.safety.floor import Floor
 from gcs.safety.impact import HEIGHT_MAX_M
 from gcs.safety.neighbours import Rows
@@ -64,6 +64,11 @@ class Fence(Settings):
         return self
 
     @property
+    def is_plain(self) -> bool:
+        """Whether it has neither areas nor controlled ground."""
+        return not self.areas and self.controlled_ground is None
+
+    @property
     def heights_m(self) -> tuple[float, float]:
         """Least and greatest height of flight."""
         return self.height_min_m, self.height_max_m
@@ -81,7 +86,7 @@ def fence_constraints(
     response: FleetResponse | None = None,
     fastest_m_s: float = np.inf,
 ) -> Constraints:
-    """Bound the speed towards the fence to the speed that can still be braked.
+    """Bound the speed towards heights and distance of the fence to the speed that can still be braked.
 
     Vehicles follow a bound that falls late, and would swing beyond the fence by a fifth of a metre: the speed
     towards it that is measured now continues for `braking.lead_s`, as between vehicles.
@@ -109,22 +114,7 @@ def fence_constraints(
         braking.of_each(n, response),
         2.0 * fastest_m_s,
     )
-    sides_of_it = Constraints(rows, np.zeros_like(rows) + NO_ROW, normal, bound_m_s, FENCE_REASONS[sides])
-    if not fence.areas:
-        return sides_of_it if len(rows) else Constraints.none()
-    areas = area_constraints(
-        position_m,
-        commanded,
-        fence.areas,
-        braking,
-        velocity_m_s=np.nan_to_num(measured_m_s),
-        standoff_m=np.zeros(n) if standoff_m is None else standoff_m,
-        response=response,
-        fastest_m_s=fastest_m_s,
-        descending=descending,
-        heights_m=fence.heights_m,
-    )
-    return Constraints.joined(sides_of_it, areas)
+    return Constraints(rows, np.zeros_like(rows) + NO_ROW, normal, bound_m_s, FENCE_REASONS[sides])
 
 
 FENCE_REASONS = np.array(["least height", "greatest height", "greatest distance"], dtype=object)

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Rectangle
+from matplotlib.patches import Circle, Polygon, Rectangle
 from matplotlib.patches import Ellipse as Outline
 from mpl_toolkits.mplot3d.art3d import Line3DCollection
 from mpl_toolkits.mplot3d.axes3d import Axes3D
@@ -115,6 +115,23 @@ def _from_above(axes: Axes, record: FlightRecord) -> None:
     axes.plot(center_m[:, 1], center_m[:, 0], "r-", linewidth=1.2, label="centre")
     _lines_from_above(axes, record, linewidth=0.6, alpha=0.8)
     _boxes_over_time(axes, record, path_m)
+    _site(axes, record)
+
+
+def _site(axes: Axes, record: FlightRecord) -> None:
+    """Draw the areas of the fence, closed space with its heights, and the controlled ground."""
+    fence = record.scenario.control.safety.fence
+    for area in fence.areas:
+        ring = [(y_m, x_m) for x_m, y_m in area.corners_m]
+        if area.inside:
+            axes.add_patch(Polygon(ring, fill=False, edgecolor="C3"))
+            continue
+        axes.add_patch(Polygon(ring, facecolor="C3", alpha=0.35))
+        if area.height_max_m is not None:
+            axes.annotate(f"{area.height_max_m:.0f} m", ring[0], color="C3", fontsize=7)
+    if fence.controlled_ground is not None:
+        ring = [(y_m, x_m) for x_m, y_m in fence.controlled_ground.corners_m]
+        axes.add_patch(Polygon(ring, fill=False, edgecolor="C1", linestyle="--"))
 
 
 def _boxes_over_time(axes: Axes, record: FlightRecord, path_m: Array) -> None:

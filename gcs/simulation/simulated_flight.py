@@ -41,6 +41,7 @@ from gcs.planning.return_paths.planner import (
 )
 from gcs.planning.return_paths.planner import warm_up as warm_up_planner
 from gcs.safety.controlled_ground import ground_for_sites
+from gcs.safety.filter import prepare
 from gcs.safety.floor import Floor
 from gcs.safety.near_traffic import NearTraffic
 from gcs.simulation import initial_states as layout
@@ -107,14 +108,13 @@ class SimulatedFlight:
         self.settings: ControlSettings = over_links(scenario)
         self.world = TrueWorld(start_m, scenario.world, seed)
         self.record = FlightRecord(scenario, seed, start_m, goal_m, self.floor.horizontal_m)
-        fence = scenario.control.safety.fence
-        if fence.areas or fence.controlled_ground is not None:
-            self.record.within_m_s = []
         self.task = np.full(n, Task.NONE, dtype=np.int8)
         self.goal_m = np.array(goal_m)
         self.descending = np.zeros(n, dtype=bool)
         self.present = np.ones(n, dtype=bool)
-        flight = scenario.flight
+        flight, ground = scenario.flight, scenario.control.safety.fence.controlled_ground
+        if ground is not None or not (isinstance(flight, ArticleFlight) or flight.site is None):
+            self.record.within_m_s = []
         loss = ScenarioLoss() if isinstance(flight, ArticleFlight | ShowFlight) else flight.loss
         joining = flight.join if isinstance(flight, FormationFlight) else 0
         self.losses = Losses(loss, n, seed, joining=joining)
@@ -188,6 +188,7 @@ class SimulatedFlight:
     def get_ready(self) -> None:
         """Compile or load the kernels."""
         warm_up()
+        prepare(self.settings.safety)
         self._closest_m([self.world.position_m])
 
     @property

@@ -18,11 +18,12 @@ from gcs.safety.fenced_areas import (
     area_constraints,
     beyond_m,
 )
-from gcs.safety.walls import Fence, fence_constraints
+from gcs.safety.filter import SafetySettings, filter_velocities
+from gcs.safety.walls import Fence
+from tests.support.safety_fleets import around
 
 SQUARE: tuple[Corner, ...] = ((-10.0, -10.0), (10.0, -10.0), (10.0, 10.0), (-10.0, 10.0))
 ELL: tuple[Corner, ...] = ((0.0, 0.0), (30.0, 0.0), (30.0, 10.0), (10.0, 10.0), (10.0, 30.0), (0.0, 30.0))
-NO_FENCE = Fence(height_min_m=0.1, height_max_m=1e4, distance_max_m=1e4)
 TICK_S = 0.05
 
 
@@ -94,14 +95,29 @@ def test_the_kernel_and_plain_arrays_agree(corners_m: list[Corner], near_m: Corn
     assert (len(found) == 1) == (over_m > 0.0) or len(found) == len(corners_m)
 
 
-def test_a_fence_without_areas_is_as_before() -> None:
-    place_m, rows = np.array([[5.0, 0.0, -20.0]]), np.array([True])
-    before = fence_constraints(place_m, rows, ~rows, NO_FENCE, Braking(), fastest_m_s=8.0)
-    assert set(before.reason.tolist()) == {"least height"}
-    fence = NO_FENCE.model_copy(update={"areas": (FencedArea(corners_m=SQUARE),)})
-    found = fence_constraints(place_m, rows, ~rows, fence, Braking(), fastest_m_s=8.0)
-    assert set(found.reason.tolist()) == {"least height", "area 1 of the fence"}
-    assert len(fence_constraints(place_m, ~rows, ~rows, fence, Braking(), fastest_m_s=8.0)) == 0
+def test_the_filter_names_areas_of_commanded_vehicles() -> None:
+    place_m, desired_m_s = np.array([[8.0, 0.0, -20.0]]), np.array([[6.0, 0.0, 0.0]])
+    plain, fence = SafetySettings(), Fence(areas=(FencedArea(corners_m=SQUARE),))
+    assert filter_velocities(desired_m_s, around(place_m), plain)[1] == ("",)
+    within = plain.model_copy(update={"fence": fence})
+    allowed_m_s, reasons = filter_velocities(desired_m_s, around(place_m), within)
+    assert reasons == ("area 1 of the fence",)
+    assert allowed_m_s[0, 0] < 2.0
+    flown_by_hand = around(place_m, commanded=np.array([False]))
+    assert filter_velocities(desired_m_s, flown_by_hand, within)[1] == ("",)
+
+
+def test_walls_are_kept_by_a_vehicle_that_others_push() -> None:
+    """It desired to stand still: walls that this could not break count as soon as others push it."""
+    column_m = np.array([[[6.5, 0.0, -30.0], [6.5, 0.0, 0.0]]])  # of a lost vehicle, beside it
+    place_m, still = np.array([[7.5, 0.0, -20.0]]), np.zeros((1, 3))
+    near = FencedArea(corners_m=((-20.0, -20.0), (8.6, -20.0), (8.6, 20.0), (-20.0, 20.0)))
+    pushed = around(place_m, segments=column_m)
+    free_m_s, _ = filter_velocities(still, pushed, SafetySettings())
+    assert free_m_s[0, 0] > 0.6
+    kept_m_s, _ = filter_velocities(still, pushed, SafetySettings(fence=Fence(areas=(near,))))
+    standoff_m = float(SafetySettings().floor.standoff_m(np.zeros(1))[0])
+    assert kept_m_s[0, 0] <= Braking().speed_m_s(np.array([1.1 - standoff_m]))[0] + 1e-3
 
 
 def test_measured_speed_and_standoff_narrow_what_is_allowed() -> None:
