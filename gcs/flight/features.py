@@ -1,5 +1,6 @@
 """The features of a flight. A new one is its class, and its name here."""
 
+import asyncio
 from collections.abc import Callable
 from functools import partial
 
@@ -9,7 +10,9 @@ from gcs.flight.laws.guard import LawGuard
 from gcs.flight.shows.lights import Lights
 from gcs.flight.state.corrections import Corrections
 from gcs.flight.state.feature import Feature
+from gcs.flight.state.fences import FenceUploads
 from gcs.flight.state.flight import FLIES, Flight
+from gcs.flight.state.remote_id import RemoteId
 from gcs.flight.state.tak import TakTracks
 from gcs.flight.state.targets import Targets
 from gcs.flight.state.traffic import OtherTraffic
@@ -18,7 +21,11 @@ from gcs.model.state import Mask
 
 
 def features_of(
-    flight: Flight, targets: Targets, guard: LawGuard, unix_minus_loop_s: Callable[[], float]
+    flight: Flight,
+    targets: Targets,
+    guard: LawGuard,
+    unix_minus_loop_s: Callable[[], float],
+    group: asyncio.TaskGroup,
 ) -> list[Feature]:
     """Those of this flight, in the order in which they send."""
     newest, links, config = flight.newest, flight.links, flight.config
@@ -42,6 +49,25 @@ def features_of(
             flight.vehicles,
             lambda: flight.elsewhere.owned,
             lambda: flight.elsewhere.shows.leads,
+            flight.unix_s,
+            unix_minus_loop_s,
+        ),
+        FenceUploads(
+            config.polygon_fence,
+            group,
+            newest,
+            flight.vehicles,
+            flight.link_of,
+            lambda: flight.elsewhere.owned,
+        ),
+        RemoteId(
+            config,
+            newest,
+            flight.vehicles,
+            links,
+            flight.seen,
+            flight.closed,
+            lambda: flight.elsewhere,
             flight.unix_s,
             unix_minus_loop_s,
         ),

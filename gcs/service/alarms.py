@@ -41,6 +41,7 @@ class AlarmCause(StrEnum):
     CRITICAL_BATTERY = "critical-battery"
     OUTSIDE_FENCE = "outside-fence"
     GROUND_LEFT = "ground-left"
+    OWN_FENCE = "own-fence"
     VEHICLE_LOST = "vehicle-lost"
     LOW_BATTERY = "low-battery"
     BAD_POSITION = "bad-position"
@@ -52,6 +53,7 @@ class AlarmCause(StrEnum):
     OWN_FAILSAFE = "own-failsafe"
     OUTSIDE_CONTROL = "outside-control"
     PARAMETER_CHANGED = "parameter-changed"
+    FENCE_DIFFERS = "fence-differs"
     INTERRUPTED = "interrupted"
     DUPLICATE_SYSTEM_ID = "duplicate-system-id"
     LINK_FAILED = "link-failed"
@@ -69,6 +71,8 @@ class AlarmCause(StrEnum):
     TRAFFIC_CROWDED = "traffic-crowded"
     TRAFFIC_UNKNOWN = "traffic-unknown"
     TAK_NOT_SENT = "tak-not-sent"
+    REMOTE_ID = "remote-id"
+    OPERATOR_UNKNOWN = "operator-unknown"
     OBSTACLE_NEAR = "obstacle-near"
     OBSTACLE_WAITS = "obstacle-waits"
     LAW_FAILED = "law-failed"
@@ -181,6 +185,12 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         action=X.LAND,
         past="{vehicles} could have fallen outside the controlled ground",
     ),
+    AlarmCause.OWN_FENCE: CauseRow(
+        E,
+        "{vehicles} beyond [its own fence|their own fences]",
+        "Let [its autopilot act|their autopilots act]; land [it if it does|those that do] not turn back.",
+        action=X.LAND,
+    ),
     AlarmCause.VEHICLE_LOST: CauseRow(
         W,
         "{vehicles} lost",
@@ -237,6 +247,12 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "Set it back; preflight fails until it is right.",
         off_after_s=0.0,
         past="{vehicles}: parameter was changed",
+    ),
+    AlarmCause.FENCE_DIFFERS: CauseRow(
+        W,
+        "{vehicles} without the site's fence",
+        "Nothing but this station keeps [it|them] in the site: bring [it|them] home.",
+        action=X.RETURN,
     ),
     AlarmCause.OUTSIDE_CONTROL: CauseRow(
         W,
@@ -350,6 +366,21 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "Users of TAK there do not see the vehicles. Check the address and the network.",
         on_after_s=3.0,
         past="Tracks were not sent to {about}",
+    ),
+    AlarmCause.REMOTE_ID: CauseRow(
+        W,
+        "{vehicles} without Remote ID",
+        "Bring [it|them] home: [it is|they are] not seen by others. Look after [its transponder|their"
+        " transponders].",
+        on_after_s=1.0,
+        action=X.RETURN,
+    ),
+    AlarmCause.OPERATOR_UNKNOWN: CauseRow(
+        W,
+        "Operator's place for Remote ID not known",
+        "Look after the operator's receiver; autopilots refuse to arm without it.",
+        on_after_s=1.0,
+        past="Operator's place for Remote ID was not known",
     ),
     AlarmCause.OBSTACLE_NEAR: CauseRow(
         W,

@@ -13,7 +13,7 @@ from gcs.links.autopilots.px4 import LOSS_TIME
 from gcs.model.setpoint_loss import STOP_S
 from gcs.planning.lost_space import AUTO_CRUISE_M_S
 from gcs.preflight.autopilots.common import WIDEST, least_tilt_deg, own_fence_m, own_fence_reasons
-from gcs.preflight.requirement import Requirement
+from gcs.preflight.requirement import Equipment, Requirement
 
 SETPOINT_LOSS_ACTIONS: Final = {"descend": 0, "return": 3, "land": 4, "hold": 5}
 """Values of COM_OBL_RC_ACT; 0 is POSITION, in which a vehicle without a pilot descends."""
@@ -28,6 +28,7 @@ NO_MANUAL_CONTROL: Final = 4  # COM_RC_IN_MODE
 STICKS_TAKE_OVER: Final = 3  # COM_RC_OVERRIDE: bit 0 in the automatic modes, bit 1 in OFFBOARD
 OVERRIDE_SPEEDS_PER_S: Final = (0.1, 3.0)  # MAN_OVERRIDE_SPD; negative: never, and 0 by noise
 FENCE_HOLDS: Final = 2  # GF_ACTION
+ODID_REFUSES: Final = 2  # COM_ARM_ODID; 3 to 5 of 1.18 bring it down in flight as well
 
 
 def requirements(
@@ -35,6 +36,7 @@ def requirements(
     control: ControlSettings,
     return_height_m: float,
     station_id: int = 0,
+    equipment: Equipment = Equipment(),  # noqa: B008 (a tuple)
 ) -> tuple[Requirement, ...]:
     """Return the requirements of a vehicle that returns at that height (`Config.return_heights_m`)."""
     return (
@@ -43,7 +45,8 @@ def requirements(
         *_its_own_habits(),
         *_the_pilot(operation),
         *_speeds(control),
-        *_last_wall(operation, control),
+        *_last_wall(operation, control, polygons=equipment.polygons),
+        *_identified(equipment),
     )
 
 
@@ -99,6 +102,13 @@ def _its_own_habits() -> tuple[Requirement, ...]:
     )
 
 
+def _identified(equipment: Equipment) -> tuple[Requirement, ...]:
+    if not equipment.remote_id:
+        return ()
+    arms = "it must not be armed without a transponder for Remote ID: remote_id.require"
+    return (Requirement("COM_ARM_ODID", ODID_REFUSES, arms, choices=(ODID_REFUSES,)),)
+
+
 def _the_pilot(operation: OperationSettings) -> tuple[Requirement, ...]:
     if not operation.pilot_takes_over:
         return ()
@@ -130,10 +140,14 @@ def _speeds(control: ControlSettings) -> tuple[Requirement, ...]:
     )
 
 
-def _last_wall(operation: OperationSettings, control: ControlSettings) -> tuple[Requirement, ...]:
+def _last_wall(
+    operation: OperationSettings, control: ControlSettings, *, polygons: bool
+) -> tuple[Requirement, ...]:
     """Return the requirements of the autopilot's own fence."""
     wide_m, tall_m = own_fence_m(operation, control, operation.setpoint_loss_s + STOP_S)
     holds = "beyond its own fence it holds: the last wall"
+    if polygons:
+        holds += ", and that of the uploaded polygons"
     far, high = own_fence_reasons(operation)
     return (
         Requirement("GF_ACTION", FENCE_HOLDS, holds, choices=(FENCE_HOLDS,)),
