@@ -7,7 +7,7 @@ from math import isfinite, radians
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from gcs.bus.settings import BusSettings
 from gcs.config import sections, yaml_files
@@ -25,6 +25,7 @@ from gcs.links.tak.settings import OwnTracks
 from gcs.model.errors import FileError, InvalidError, Problem
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Formation, Orbit, Plan, Target, Yaw
+from gcs.model.polygon_fence import PolygonFence
 from gcs.model.settings import Settings
 from gcs.model.state import Array, VehicleId
 from gcs.planning.feasibility import (
@@ -94,6 +95,19 @@ class FlightSettings(Settings):
 
 class Config(FeatureSettings, FlightSettings):
     """A whole configuration file."""
+
+    _polygon_fence: PolygonFence | None = PrivateAttr(default=None)
+
+    @property
+    def polygon_fence(self) -> PolygonFence | None:
+        """What the autopilots keep by themselves; None: nothing is uploaded to them."""
+        return self._polygon_fence
+
+    def fenced(self, fence: PolygonFence) -> "Config":
+        """The same with a fence for the autopilots."""
+        config = self.model_copy()
+        config._polygon_fence = fence  # noqa: SLF001 (its own copy)
+        return config
 
     @property
     def frame(self) -> ShowFrame:

@@ -85,7 +85,7 @@ class FlightParts:
             1.0 / flight.config.tick_rate_hz,
             law_wait_s,
         )
-        flight.features = features_of(flight, targets, guard, unix_minus_loop_s)
+        flight.features = features_of(flight, targets, guard, unix_minus_loop_s, group)
         self.refusals = refusals = refusals_of(flight)
         places = landing_places_of(flight)
         self.maneuvers = maneuvers = maneuvers_of(flight, group, places)

@@ -1,5 +1,6 @@
 """The features of a flight. A new one is its class, and its name here."""
 
+import asyncio
 from collections.abc import Callable
 from functools import partial
 
@@ -9,6 +10,7 @@ from gcs.flight.laws.guard import LawGuard
 from gcs.flight.shows.lights import Lights
 from gcs.flight.state.corrections import Corrections
 from gcs.flight.state.feature import Feature
+from gcs.flight.state.fences import FenceUploads
 from gcs.flight.state.flight import FLIES, Flight
 from gcs.flight.state.tak import TakTracks
 from gcs.flight.state.targets import Targets
@@ -18,7 +20,11 @@ from gcs.model.state import Mask
 
 
 def features_of(
-    flight: Flight, targets: Targets, guard: LawGuard, unix_minus_loop_s: Callable[[], float]
+    flight: Flight,
+    targets: Targets,
+    guard: LawGuard,
+    unix_minus_loop_s: Callable[[], float],
+    group: asyncio.TaskGroup,
 ) -> list[Feature]:
     """Those of this flight, in the order in which they send."""
     newest, links, config = flight.newest, flight.links, flight.config
@@ -44,6 +50,14 @@ def features_of(
             lambda: flight.elsewhere.shows.leads,
             flight.unix_s,
             unix_minus_loop_s,
+        ),
+        FenceUploads(
+            config.polygon_fence,
+            group,
+            newest,
+            flight.vehicles,
+            flight.link_of,
+            lambda: flight.elsewhere.owned,
         ),
         Lights(newest, flight.vehicles, flight.show, links, config, lambda: flight.elsewhere.owned),
         guard,

@@ -24,8 +24,10 @@ from gcs.links.autopilots import Autopilot
 from gcs.links.command_protocol import CommandChannel, CommandProtocol, KillLatch
 from gcs.links.endpoints.ports import Ports
 from gcs.links.endpoints.streams import LinkPorts
+from gcs.links.fence_transfer import FenceTransfers, StoredFence
 from gcs.links.forwarding import Forwarding
 from gcs.links.link import Absent, Address, Command, Counters, Observer, ParameterValue, Verb
+from gcs.links.listening import FrameListener
 from gcs.links.receiver import Inbox, ParameterUpdates
 from gcs.links.round_trips import RoundTrips
 from gcs.links.send_budget import Budget
@@ -37,6 +39,7 @@ from gcs.links.telemetry import FleetTelemetry, VehicleReport
 from gcs.links.tlog import Recorder
 from gcs.links.version_requests import VersionRequests
 from gcs.mavlink import codec, reports
+from gcs.mavlink.fences import FenceVertex
 from gcs.mavlink.framing import COMMAND_LONG, HEARTBEAT, SET_POSITION_TARGET_LOCAL_NED
 from gcs.mavlink.kernels import Whole
 from gcs.mavlink.reports import SILENT_AFTER_S
@@ -105,6 +108,7 @@ class Link(ABC):
     Attributes:
         ids: the vehicles configured on this link, whether connected or not; never changes.
         outbox: sends what features have, within `budget`, after the setpoints, while vehicles are `reached`.
+        fences: transfers of fences to and from the vehicles.
     """
 
     def __init__(
@@ -192,6 +196,10 @@ class Link(ABC):
             self._addresses, self._telemetry, self._streams, self.counters, self._parameters, signatures
         )
         self._latch = KillLatch(system_ids)
+        self.fences = FenceTransfers(
+            self._system_ids, request, self.budget, clock, self._station_id, REQUESTING_COMPONENT
+        )
+        self._watches_fences = False
         self._forwarding = Forwarding(
             forward,
             self.counters,
@@ -353,6 +361,7 @@ class Link(ABC):
                 for name, work in coroutines.items():
                     group.create_task(work, name=f"link/{self.name}/{name}")
         finally:
+            self.fences.close()
             self._forwarding.close()
             self._ports.close()
             self._addresses.forget(self._ports.gone())
@@ -479,6 +488,44 @@ class Link(ABC):
         protocol, row = self._protocol_for(vehicle_id, otherwise)
         await protocol.set_parameter(vehicle_id, name, value, self._channel(row, otherwise))
 
+    def watch_fences(self) -> None:
+        """Read what autopilots say of their fences, from now on."""
+        if not self._watches_fences:
+            self._watches_fences = True
+            self.listen(self.fences.listener)
+
+    def listen(self, listener: FrameListener) -> None:
+        """Have further frames read from now on."""
+        self._inbox.listeners = (*self._inbox.listeners, listener)
+
+    async def upload_fence(
+        self, vehicle_id: VehicleId, vertices: Sequence[FenceVertex], *, anew: bool
+    ) -> None:
+        """Send a vehicle its fence, as `FenceTransfers.upload`; to be certain, read it back.
+
+        Raises: UnknownError for a vehicle of another link; CommandError with what it answers.
+        """
+        row = self._row_for(vehicle_id, "its fence cannot be sent")
+        try:
+            await self.fences.upload(row, vertices, anew=anew)
+        except CommandError as error:
+            raise CommandError(f"{vehicle_id}: its fence was not taken: {error}") from error
+
+    async def read_fence(self, vehicle_id: VehicleId, expected: Sequence[FenceVertex]) -> StoredFence:
+        """What fence a vehicle has, beside the expected one. Raises: as `upload_fence`."""
+        row = self._row_for(vehicle_id, "its fence cannot be read")
+        try:
+            return await self.fences.read(row, expected)
+        except CommandError as error:
+            raise CommandError(f"{vehicle_id}: its fence cannot be read: {error}") from error
+
+    def _row_for(self, vehicle_id: VehicleId, otherwise: str) -> int:
+        """The row of a vehicle that can be asked now. Raises: UnknownError, CommandError."""
+        _, row = self._protocol_for(vehicle_id, otherwise)
+        self._channel(row, otherwise)
+        self.watch_fences()
+        return row
+
     def _protocol_for(self, vehicle_id: VehicleId, otherwise: str) -> tuple[CommandProtocol, int]:
         """The command protocol, and the vehicle's row. Raises: UnknownError, CommandError."""
         row = self._row.get(vehicle_id)
@@ -537,7 +584,7 @@ class Link(ABC):
         watched_s = -np.inf
         try:
             while True:
-                busy = self._is_awaiting() or bool(self._telemetry.waiting)
+                busy = self._is_awaiting() or bool(self._telemetry.waiting) or self.fences.awaited
                 now_s = self._clock()
                 if now_s - self._ticked_s > _TICKS_ENDED_S and self._stopped_s < self._ticked_s:
                     self._stop_those_that_fly_on()

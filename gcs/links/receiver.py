@@ -12,6 +12,7 @@ from gcs.links.endpoints.ports import Datagrams
 from gcs.links.fair_shares import fair_shares
 from gcs.links.link import Counters, FrameDirection, Observer, ParameterValue
 from gcs.links.link_intake import LinkIntake, newest_of_each
+from gcs.links.listening import FrameListener
 from gcs.links.odd_frames import odd_frames
 from gcs.links.signing import SignatureFilter
 from gcs.links.stream_requests import StreamRequests, count_messages
@@ -53,6 +54,7 @@ class Inbox:
         observers: receive every frame; replace the tuple, do not mutate it.
         take_acks: reads (k,) rows and their COMMAND_ACKs, in order of arrival.
         take_value: reads a row, and the name and value of a parameter.
+        listeners: read further frames; replace the tuple, do not mutate it.
         pass_on: called with (data, frames, rows, times) of accepted frames, as `FleetTelemetry.take`; None:
             not called.
     """
@@ -66,6 +68,7 @@ class Inbox:
 
     def __post_init__(self) -> None:
         self.observers: tuple[Observer, ...] = ()
+        self.listeners: tuple[FrameListener, ...] = ()
         self.take_acks: Callable[[Whole, codec.Records], None] = lambda _rows, _reported: None
         self.take_value: Callable[[int, str, ParameterValue], None] = lambda _row, _name, _value: None
         self.pass_on: Callable[[Bytes, Whole, Whole, Array], None] | None = None
@@ -92,6 +95,8 @@ class Inbox:
         self.telemetry.take(arrived.data, frames, rows, time_s)
         self.counters.late_samples = self.telemetry.late_samples
         self._take_answers(arrived.data, frames, rows)
+        for listener in self.listeners:
+            listener.offer(arrived.data, frames, rows, time_s)
         if self.pass_on is not None:
             self.pass_on(arrived.data, frames, rows, time_s)
         for observer in self.observers:

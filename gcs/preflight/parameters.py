@@ -47,7 +47,9 @@ class FleetRequirements:
         key = profile.name, kind, possible
         if key not in self._made:
             config = self._config
-            written = REQUIREMENTS[profile.name](config.operation, config.control, *kind)
+            written = REQUIREMENTS[profile.name](
+                config.operation, config.control, *kind, config.polygon_fence is not None
+            )
             alike = (one.exactly if self._mixed and one.alike else one for one in written)
             each = (one.of_versions(profile.versions, possible) for one in alike)
             self._made[key] = tuple(one for one in each if one is not None)

@@ -41,6 +41,7 @@ class AlarmCause(StrEnum):
     CRITICAL_BATTERY = "critical-battery"
     OUTSIDE_FENCE = "outside-fence"
     GROUND_LEFT = "ground-left"
+    OWN_FENCE = "own-fence"
     VEHICLE_LOST = "vehicle-lost"
     LOW_BATTERY = "low-battery"
     BAD_POSITION = "bad-position"
@@ -52,6 +53,7 @@ class AlarmCause(StrEnum):
     OWN_FAILSAFE = "own-failsafe"
     OUTSIDE_CONTROL = "outside-control"
     PARAMETER_CHANGED = "parameter-changed"
+    FENCE_DIFFERS = "fence-differs"
     INTERRUPTED = "interrupted"
     DUPLICATE_SYSTEM_ID = "duplicate-system-id"
     LINK_FAILED = "link-failed"
@@ -181,6 +183,12 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         action=X.LAND,
         past="{vehicles} could have fallen outside the controlled ground",
     ),
+    AlarmCause.OWN_FENCE: CauseRow(
+        E,
+        "{vehicles} beyond [its own fence|their own fences]",
+        "Let [its autopilot act|their autopilots act]; land [it if it does|those that do] not turn back.",
+        action=X.LAND,
+    ),
     AlarmCause.VEHICLE_LOST: CauseRow(
         W,
         "{vehicles} lost",
@@ -237,6 +245,12 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "Set it back; preflight fails until it is right.",
         off_after_s=0.0,
         past="{vehicles}: parameter was changed",
+    ),
+    AlarmCause.FENCE_DIFFERS: CauseRow(
+        W,
+        "{vehicles} without the site's fence",
+        "Nothing but this station keeps [it|them] in the site: bring [it|them] home.",
+        action=X.RETURN,
     ),
     AlarmCause.OUTSIDE_CONTROL: CauseRow(
         W,

@@ -405,6 +405,34 @@ class TakView(FeatureView):
 
 
 @dataclass(frozen=True, slots=True)
+class FencesView(FeatureView):
+    """The site's fence in the autopilots."""
+
+    __pydantic_config__ = PUBLISHED
+
+    polygons: Annotated[int, Described("Areas that vehicles stay in, and stay out of.", moves=False)]
+    corners: Annotated[int, Described("Of all areas.", moves=False)]
+    verified: Annotated[
+        float, Described("Vehicles that have exactly this fence.", "gcs_fences_verified", moves=False)
+    ]
+    missing: Annotated[
+        str,
+        Described("Those that do not, and why; empty: all have it.", moves=False),
+        Field(examples=["d3: it has another fence: 12 corners, 16 are needed"]),
+    ]
+    breached: Annotated[
+        str, Described("Vehicles that report a breach of their own fence; empty: none.", moves=False)
+    ]
+
+    def line(self, unix_time_s: float) -> Line:  # noqa: ARG002
+        yield f"{self.verified:g} vehicles have the site's fence, {self.corners} corners", ""
+        if self.missing:
+            yield f"; {self.missing}", "bad"
+        if self.breached:
+            yield f"; BREACHED: {self.breached}", "urgent"
+
+
+@dataclass(frozen=True, slots=True)
 class Features:
     """What each feature reports; null: it is not configured, or not in a replayed record."""
 
@@ -415,6 +443,7 @@ class Features:
     targets: TargetsView | None = None
     traffic: TrafficView | None = None
     tak: TakView | None = None
+    fences: FencesView | None = None
     lights: LightsView | None = None
 
     @property

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pymavlink.dialects.v20 import common
 
 from gcs.sim.autopilots.firmware import Disturbance, Sent, Services
-from gcs.sim.protocol import reports
+from gcs.sim.protocol import fences, reports
 from gcs.sim.protocol.autopilot import Autopilot, Shared
 from gcs.sim.protocol.frames import Fields
 from gcs.sim.protocol.reports import Snapshot
@@ -19,16 +19,18 @@ from gcs.sim.settings import Settings
 from gcs.sim.vehicle import versions
 from gcs.sim.vehicle.dynamics import Array, Mask, PointMasses, Response
 from gcs.sim.vehicle.estimator import Estimator
+from gcs.sim.vehicle.geofence import Geofence
 from gcs.sim.vehicle.guidance import Guidance
 from gcs.sim.vehicle.parameters import Columns
 from gcs.sim.vehicle.px4 import Parameters
 from gcs.sim.vehicle.sensors import SIH_RECEIVER, Batteries, Sensors
-from gcs.sim.vehicle.state import Rows, State
+from gcs.sim.vehicle.state import Numbers, Rows, State
 from gcs.sim.vehicle.transitions import Transitions
 
 READY_AFTER_S = (4.0, 6.0)  # item 2
 READY_AT_ONCE_S = 0.1
 FIX_BEFORE_READY_S = 1.0
+MISSION_CURRENT = common.MAVLINK_MSG_ID_MISSION_CURRENT
 CLOCK_LOSS = (0.01, 0.02)  # item 12: the boot clock is slower than the wall clock
 
 
@@ -55,7 +57,10 @@ class Px4:
             version,
             services.set_home,
             services.reboot,
+            self._place,
         )
+        self._transfers = shared.transfers
+        self._sensors: Sensors | None = None  # of the newest step
         self.autopilots = [
             Autopilot(
                 shared,
@@ -73,6 +78,10 @@ class Px4:
         self._transitions = Transitions(self.state, commanders, parameters, settings.quirks)
         self._guidance = Guidance(self.state, commanders, parameters, settings.quirks)
         self._estimator = Estimator(self.state, resets=settings.quirks.estimator_resets)
+        areas = [each.fences for each in self.autopilots]
+        self._geofence = Geofence(self.state, commanders, parameters, areas)
+        if version.release >= fences.SINCE_ALL:
+            self.forms = {**self.forms, MISSION_CURRENT: reports.MissionCurrent}
 
     def boot(self, row: int, now_s: float, random: np.random.Generator) -> None:
         """Ready after some seconds, by the vehicle's own random numbers; the clock is slow."""
@@ -91,7 +100,10 @@ class Px4:
 
     def step(self, sensors: Sensors, awake: Mask, disturbance: Disturbance, step_s: float) -> None:
         """See `Firmware`."""
-        state = self.state
+        state, self._sensors = self.state, sensors
+        for each in list(self._transfers):
+            each.pass_time(state.now_s)
+        self._geofence.update(sensors, awake)
         state.position_lost = self._estimator.update(sensors.height_m, step_s)
         demand_m_s = self._guidance.velocity(sensors, awake, step_s)
         self._transitions.update(awake, sensors.contact, -demand_m_s[:, 2], self._batteries)
@@ -106,9 +118,19 @@ class Px4:
             powered=powered,
         )
 
+    def _fence_ids(self, rows: Rows) -> Numbers:
+        return np.array([self.autopilots[row].fences.identity for row in rows.tolist()], dtype=np.int64)
+
+    def _place(self, row: int) -> tuple[float, float]:
+        if self._sensors is None:
+            return math.nan, math.nan
+        latitude_deg, longitude_deg, _ = self._sensors.place(np.array([row]))[0].tolist()
+        return latitude_deg, longitude_deg
+
     def report(self, message_id: int, rows: Rows, unix_s: float, sensors: Sensors) -> Fields:
         """See `Firmware`."""
-        snapshot = Snapshot(rows, unix_s, self.state, sensors, self._transitions, self._batteries)
+        parts = self._transitions, self._batteries, self._fence_ids
+        snapshot = Snapshot(rows, unix_s, self.state, sensors, *parts)
         return reports.ALL[message_id](snapshot)
 
     def sending(self, message_id: int, rows: Rows) -> Rows:

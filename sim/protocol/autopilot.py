@@ -7,13 +7,13 @@ fleet at once (sim.fleet); this is a view of one row of its state.
 import math
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import ClassVar
 
 from pymavlink.dialects.v20 import common
 
-from gcs.sim.protocol import reports
+from gcs.sim.protocol import fences, reports
 from gcs.sim.protocol.base import MAX_MESSAGE_ID, BaseAutopilot, Params
 from gcs.sim.protocol.equipment import MESSAGES, SET_ACTUATOR
 from gcs.sim.protocol.frames import Message
@@ -36,6 +36,7 @@ CAPABILITIES = (  # only those that hold here
     common.MAV_PROTOCOL_CAPABILITY_COMMAND_INT
     | common.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
     | common.MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
+    | common.MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
     | common.MAV_PROTOCOL_CAPABILITY_FLIGHT_TERMINATION
     | common.MAV_PROTOCOL_CAPABILITY_MAVLINK2
 )
@@ -52,6 +53,8 @@ class Shared:
     version: Version
     set_home: Callable[[int], None]
     reboot: Callable[[int], None]
+    place: Callable[[int], tuple[float, float]]  # of a row, as estimated: latitude, longitude
+    transfers: set[fences.Fences] = field(default_factory=set)  # of fences, under way
 
 
 class Autopilot(BaseAutopilot):
@@ -67,6 +70,9 @@ class Autopilot(BaseAutopilot):
             *(self._post_text, self._announce),
         )
         self._text_id = 0
+        self.fences: fences.Fences = fences.Px4Fences(
+            self.reply, self._post_text, shared.transfers, shared.version.release, self._must_contain
+        )
 
     @property
     def commander(self) -> Commander:
@@ -96,6 +102,7 @@ class Autopilot(BaseAutopilot):
     def forget(self) -> None:
         """Drop what has not been sent yet."""
         self._text_id = 0
+        self.fences.reload()
         super().forget()
 
     def parameter(self, name: str) -> Message:
@@ -109,6 +116,17 @@ class Autopilot(BaseAutopilot):
     def report_invalid(self) -> None:
         """Item 10: PX4 reports a setpoint with every axis ignored, and the loss failsafe follows."""
         self._post_text(CRITICAL, "SET_POSITION_TARGET_LOCAL_NED invalid\t")
+
+    def _must_contain(self) -> list[tuple[str, tuple[float, float]]]:
+        """Places that an area of a fence must allow when it is loaded, with the texts of refusals."""
+        state, row = self._state, self.row
+        places = list[tuple[str, tuple[float, float]]]()
+        if state.home_set[row]:
+            home = state.home_place[row]
+            places.append((fences.NO_HOME, (float(home[0]), float(home[1]))))
+        if self.parameters["GF_ACTION"] and not state.landed[row]:
+            places.append((fences.NOT_HERE, self._shared.place(row)))
+        return places
 
     def _forget_target(self) -> None:
         self._state.guided_mode[self.row] = NO_MODE
@@ -293,6 +311,7 @@ class Autopilot(BaseAutopilot):
             "COMMAND_LONG": _receive_command,
             "COMMAND_INT": _receive_command,
             **dict.fromkeys(MESSAGES, lambda self, each: self.equipment.receive(each, self.system_id)),
+            **dict.fromkeys(fences.MESSAGES, lambda self, each: self.fences.receive(each, self._state.now_s)),
             "PING": _receive_ping,
             "TIMESYNC": _receive_timesync,
             "PARAM_REQUEST_READ": _receive_parameter_read,

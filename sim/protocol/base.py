@@ -6,6 +6,7 @@ from enum import Enum
 from typing import ClassVar, Protocol, TypeAlias
 
 from gcs.sim.protocol.equipment import Equipment
+from gcs.sim.protocol.fences import Fences
 from gcs.sim.protocol.frames import AUTOPILOT_COMPONENT, Message
 from gcs.sim.protocol.streams import Item, Outbox
 from gcs.sim.vehicle.parameters import Table
@@ -53,6 +54,7 @@ class BaseAutopilot(ABC):
     """By message type: called with the autopilot and the message."""
 
     parameters: Table
+    fences: Fences
 
     def __init__(self, state: State, row: int, outbox: Outbox) -> None:
         self.row = row

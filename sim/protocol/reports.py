@@ -19,6 +19,7 @@ from gcs.sim.vehicle.commander import can_arm
 from gcs.sim.vehicle.dynamics import GRAVITY_M_S2, Array, Mask
 from gcs.sim.vehicle.px4 import BASE_MODES, CUSTOM_MODES, Mode
 from gcs.sim.vehicle.sensors import Batteries
+from gcs.sim.vehicle.state import Numbers, Rows
 from gcs.sim.vehicle.transitions import Transitions
 
 
@@ -28,6 +29,7 @@ class Snapshot(BaseSnapshot):
 
     transitions: Transitions
     batteries: Batteries
+    fence_ids: Callable[[Rows], Numbers]  # of the stored fences; 0: none
 
     @property
     def can_arm(self) -> Mask:
@@ -142,8 +144,21 @@ def timesync(s: Snapshot) -> Fields:
     return {"ts1": s.boot_us * 1000}
 
 
-def mission_current(_s: Snapshot) -> Fields:
-    return {"total": 65535}
+class MissionCurrent(common.MAVLink_mission_current_message):  # type: ignore[misc]
+    """MISSION_CURRENT with the identities of PX4 from 1.15 on, which pymavlink does not know."""
+
+    native_format = bytearray(b"<HHBBIII")
+    ordered_fieldnames = (
+        *common.MAVLink_mission_current_message.ordered_fieldnames,
+        *("mission_id", "fence_id", "rally_points_id"),
+    )
+    array_lengths = (0,) * 7
+
+
+def mission_current(s: Snapshot) -> Fields:
+    identities = s.fence_ids(s.rows)
+    fields: dict[str, object] = {"total": 65535}
+    return fields | {"fence_id": identities} if identities.any() else fields
 
 
 def position_target_local_ned(s: Snapshot) -> Fields:

@@ -68,7 +68,7 @@ def fed(state: State, parameters: Parameters | Columns, quirks: Quirks) -> Mask:
 def can_arm(state: State, parameters: Parameters | Columns, quirks: Quirks) -> Mask:
     """(n,): the prearm check: started up, in a mode that allows arming, with the setpoints that it needs."""
     able: Mask = (state.now_s >= state.ready_at_s) & ~NOT_ARMABLE[state.intended]
-    able &= (state.unhealthy_sensors == 0) & ~state.position_lost & ~state.terminated
+    able &= (state.unhealthy_sensors == 0) & ~state.position_lost & ~state.terminated & ~state.fence_breached
     if quirks.starved_offboard:
         able &= (state.intended != OFFBOARD) | fed(state, parameters, quirks)
     return able
@@ -216,6 +216,23 @@ class Commander:
             self._act_after_hold(action)
         elif action is None and self.firmware_release < failsafe.NO_TEXT_FOR_WARNINGS:
             self._report(CRITICAL, failsafe.ACTIVATED)
+
+    def leave_fence(self) -> None:
+        """Apply GF_ACTION: its text in any case, the rest in flight."""
+        self._report(CRITICAL, failsafe.fence_text(self.firmware_release))
+        if self.landed or not self.armed or self.mode is Mode.LAND:
+            return
+        action = failsafe.FENCE_ACTIONS.get(int(self.parameters["GF_ACTION"]))
+        if action is None:
+            if self.firmware_release < failsafe.NO_TEXT_FOR_WARNINGS:
+                self._report(CRITICAL, failsafe.ACTIVATED)
+        elif action == HOLD:
+            self._report(CRITICAL, failsafe.ACTIVATED)
+            self._intervene(Mode.HOLD)
+        elif action < 0:
+            self._stop_by_failsafe(action)
+        else:
+            self._act_after_hold(action)
 
     def lose_position(self) -> None:
         """Descend without a position, at once: PX4's DESCEND, which HEARTBEAT shows as LAND."""

@@ -64,6 +64,23 @@ BATTERY_ACTIONS: Mapping[tuple[int, int], int] = {
 """By COM_LOW_BAT_ACT and the charge; all else is a warning."""
 
 
+FENCE_ACTIONS: Mapping[int, int] = {
+    2: Mode.HOLD.number,
+    3: Mode.RETURN.number,
+    4: TERMINATE,
+    5: Mode.LAND.number,
+}
+"""By GF_ACTION; 1 is a warning, 0 nothing."""
+
+
+def fence_text(release: tuple[int, int]) -> str:
+    """The text of a breach of an uploaded fence."""
+    if release < (1, 15):
+        return "Preflight Fail: Geofence violation"
+    kind = "Geofence" if release >= (1, 16) else "Geofence violation"
+    return f"{kind}: approaching or outside geofence"
+
+
 def hold_text(release: tuple[int, int], hold_s: float) -> str:
     """The text of the HOLD before an action (COM_FAIL_ACT_T)."""
     mark = ":" if release >= WITH_COLON else ","

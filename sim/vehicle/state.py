@@ -85,6 +85,7 @@ class State:
         self.acts_at_s = np.full(count, np.inf)
         self.position_lost = _no(count)  # no GPS for too long
         self.blind = _no(count)  # and it descends without a position
+        self.fence_breached = _no(count)  # and GF_ACTION is not 0
         self.terminated = _no(count)  # the motors stand still until the next boot
         self.piloted = _no(count)  # a pilot has the sticks
         self.setpoint_seen = _no(count)

@@ -53,6 +53,12 @@ FEATURES: Final = {
         15,  # traffic is received as targets are
     ),
     "tak": Named(r"\bTak[A-Z]|TAK_|OwnTracks?|\btak\b", r"tak|cot\w*", 5, 12),
+    "fences": Named(  # in the autopilots; the service's own is `gcs/safety/walls.py`
+        r"Fences?View|FenceUploads|PolygonFence|FenceTransfers?|features\??\.fences|\./fences",
+        r"fences?|polygon_fence|fence_\w+",
+        8,
+        6,
+    ),
     "traffic": Named(  # of others; `gcs/safety/traffic.py` is of the own vehicles
         r"TrafficView|TrafficSettings|TrafficSource|TrackTable|OtherTraffic|features\??\.traffic|\./traffic",
         r"traffic|tracks",

@@ -356,6 +356,10 @@ class PreflightGate:
                 *own_checks(inputs, name),
                 *near[name],
                 *(self.parameter_reader.checks(name) if meant else ()),
+                *chain.from_iterable(
+                    each.vehicle_checks(self.flight.vehicles[name], self.flight.instant)
+                    for each in self.flight.features
+                ),
             ]
             for name in vehicles
         }

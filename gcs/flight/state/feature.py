@@ -49,6 +49,10 @@ class Feature:
         """Its checks before a start."""
         return ()
 
+    def vehicle_checks(self, vehicle: Vehicle, at: Instant) -> Iterable[Check]:  # noqa: ARG002
+        """Its checks of one vehicle before a start."""
+        return ()
+
     def conditions(self, at: Instant) -> Iterable[Condition]:  # noqa: ARG002
         """What operators must know of it."""
         return ()

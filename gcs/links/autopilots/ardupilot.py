@@ -13,8 +13,9 @@ from typing import Final
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from gcs.links.autopilots.fence_habits import FenceHabits
 from gcs.links.autopilots.profile import CommandLong, Single, Step
-from gcs.links.autopilots.versions import load
+from gcs.links.autopilots.versions import Release, load
 from gcs.links.link import Command, ParameterValue, Verb
 from gcs.mavlink.codec import ARM_DISARM, FLOAT, INT32
 from gcs.mavlink.framing import EKF_STATUS_REPORT, GEOFENCE
@@ -101,6 +102,19 @@ late: it integrates velocity and position errors itself (decision 0049).
 """
 
 
+_FENCE: Final = FenceHabits(
+    title="ArduCopter",
+    since=Release(4, 1),
+    corners_max=MappingProxyType({Release(4, 0): 84}),
+    checked_s=1.0,
+    head_corners=0.625,
+    polygon_corners=0.25,
+)
+"""Room is that of a board with 672 bytes for it: 5 for the head, 2 for a polygon, 8 for a corner. A breach is
+noticed in a loop of 3.3 Hz, and at 25 Hz from 4.6 on; its documentation says 1 Hz, which is counted on.
+"""
+
+
 def _acceleration_m_s2(parameters: Mapping[str, ParameterValue], *names: str) -> float:
     """The least of those that were read; without any the least default of all versions."""
     read = [VERSIONS.read(name, parameters) for name in names]
@@ -121,6 +135,7 @@ class ArduPilot:
     health_by_mavsdk: Final = False
     falls_on_ground: Final = True
     complains: Final = ("PreArm: ", 65.0)  # every 30 s; one round may be lost
+    fence: Final = _FENCE
     modes: Final[Mapping[Verb, frozenset[Mode]]] = MappingProxyType(
         {
             Verb.STANDBY: frozenset({Mode.OFFBOARD}),

@@ -6,6 +6,7 @@ from typing import NamedTuple, Protocol, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.links.autopilots.fence_habits import FenceHabits
 from gcs.links.autopilots.versions import Versions
 from gcs.links.link import Command, ParameterValue, Verb
 from gcs.mavlink.kernels import Whole
@@ -80,6 +81,10 @@ class Autopilot(Protocol):
     @property
     def complains(self) -> tuple[str, float]:
         """How texts begin that say why it would not arm, and how long each counts if not repeated, in s."""
+
+    @property
+    def fence(self) -> FenceHabits:
+        """How it keeps an uploaded fence."""
 
     def mode(self, custom_mode: int) -> Mode:
         """The mode of a HEARTBEAT; OTHER for modes that are never commanded."""

@@ -8,8 +8,9 @@ from typing import Final
 import numpy as np
 from pymavlink.dialects.v20 import development as dialect
 
+from gcs.links.autopilots.fence_habits import FenceHabits
 from gcs.links.autopilots.profile import CommandLong, SetParameter, Single, Step
-from gcs.links.autopilots.versions import load
+from gcs.links.autopilots.versions import Release, load
 from gcs.links.link import Command, ParameterValue, Verb
 from gcs.mavlink.codec import ARM_DISARM, FLOAT, INT32
 from gcs.mavlink.kernels import Whole
@@ -70,6 +71,19 @@ _WHOLE: Final = MappingProxyType(
 )
 
 
+_FENCE: Final = FenceHabits(
+    title="PX4",
+    since=Release(1, 14),
+    corners_max=MappingProxyType({Release(1, 14): 63, Release(1, 15): 64}),
+    checked_s=0.2,
+    loads_anew=True,
+    refuses="Geofence invalid",
+)
+"""An area without home in it is stored and acknowledged, and then not flown: only a text says so
+(`Geofence::_updateFence`). All areas must hold at once.
+"""
+
+
 class Px4:
     """An `Autopilot`."""
 
@@ -83,6 +97,7 @@ class Px4:
     health_by_mavsdk: Final = True
     falls_on_ground: Final = False
     complains: Final = ("Preflight Fail: ", inf)  # sent when they change
+    fence: Final = _FENCE
     modes: Final[Mapping[Verb, frozenset[Mode]]] = MappingProxyType(
         {
             Verb.STANDBY: frozenset({Mode.HOLD}),

@@ -11,9 +11,13 @@ from gcs.links.autopilots.px4 import Px4
 from gcs.preflight.autopilots import ardupilot, px4
 from gcs.preflight.requirement import Requirement
 
-Requirements: TypeAlias = Callable[[OperationSettings, ControlSettings, float, int], tuple[Requirement, ...]]
+Requirements: TypeAlias = Callable[
+    [OperationSettings, ControlSettings, float, int, bool], tuple[Requirement, ...]
+]
 
 REQUIREMENTS: Final[Mapping[str, Requirements]] = MappingProxyType(
     {Px4.name: px4.requirements, ArduPilot.name: ardupilot.requirements}
 )
-"""For settings, the height at which the vehicle returns by itself, and the system id of its station."""
+"""For settings, the height at which the vehicle returns by itself, the system id of its station, and whether
+a fence of polygons is uploaded.
+"""

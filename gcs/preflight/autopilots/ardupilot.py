@@ -36,6 +36,7 @@ LOW_BATTERY_ACTIONS: Final = (1, 2, 3, 4)  # BATT_FS_LOW_ACT: LAND, RTL, SMART_R
 RADIO_ACTIONS: Final = (1, 2, 3, 4, 5)  # FS_THR_ENABLE
 FENCE_STOPS: Final = 4  # FENCE_ACTION: BRAKE
 FENCE_WALLS: Final = (3, 7)  # FENCE_TYPE: height and circle; polygons besides
+OBEYS_NOTHING_BEYOND, ANY_INCLUSION = 1, 2  # bits of FENCE_OPTIONS
 ABOVE_HOME: Final = 1  # FENCE_ALT_MAX_TP
 ARMED_AT_LEAST_S, ARMED_AT_MOST_S = 5, 30
 """Of DISARM_DELAY: the take-off follows the arming at once, but later where the link loses messages."""
@@ -44,7 +45,11 @@ JERK_MIN_M_S3: Final = 5.0
 
 
 def requirements(
-    operation: OperationSettings, control: ControlSettings, return_height_m: float, station_id: int
+    operation: OperationSettings,
+    control: ControlSettings,
+    return_height_m: float,
+    station_id: int,
+    polygons: bool = False,
 ) -> tuple[Requirement, ...]:
     """Return the requirements of a vehicle that returns at that height, for a station of that system id."""
     return (
@@ -52,7 +57,7 @@ def requirements(
         *_its_return(return_height_m),
         *_its_own_failsafes(operation),
         *_speeds(control),
-        *_last_wall(operation, control),
+        *_last_wall(operation, control, polygons=polygons),
     )
 
 
@@ -167,7 +172,9 @@ def _speeds(control: ControlSettings) -> tuple[Requirement, ...]:
     )
 
 
-def _last_wall(operation: OperationSettings, control: ControlSettings) -> tuple[Requirement, ...]:
+def _last_wall(
+    operation: OperationSettings, control: ControlSettings, *, polygons: bool
+) -> tuple[Requirement, ...]:
     brakes_m_s2, fastest_m_s = ACCELERATION_MIN_M_S2, control.safety.limits.horizontal_m_s
     on_s = FLIES_ON_S + SWINGS_S + fastest_m_s / (2.0 * brakes_m_s2)
     wide_m, tall_m = own_fence_m(operation, control, on_s)
@@ -176,11 +183,17 @@ def _last_wall(operation: OperationSettings, control: ControlSettings) -> tuple[
     bends = "it may bend velocities at its own fence (1), but not elsewhere: nothing reports that it does"
     obeys = "else it refuses commands of this station beyond its fence"
     above = "the height of its fence counts from home"
+    walls: tuple[int, ...] = FENCE_WALLS
+    without = OBEYS_NOTHING_BEYOND
+    if polygons:
+        wall += ", with the uploaded polygons"
+        obeys += ", and with bit 1 one of several inclusion areas is enough"
+        walls, without = FENCE_WALLS[1:], without | ANY_INCLUSION
     return (
         Requirement("FENCE_ENABLE", 1, wall, choices=(1,)),
         Requirement("FENCE_AUTOENABLE", 0, f"{wall}, also while it lands", choices=(0, 3)),
-        Requirement("FENCE_OPTIONS", 0, obeys, without=1),
-        Requirement("FENCE_TYPE", FENCE_WALLS[0], wall, choices=FENCE_WALLS),
+        Requirement("FENCE_OPTIONS", 0, obeys, without=without),
+        Requirement("FENCE_TYPE", walls[0], wall, choices=walls),
         Requirement("FENCE_ACTION", FENCE_STOPS, stops, choices=(FENCE_STOPS,)),
         Requirement("FENCE_RADIUS", wide_m, far, least=wide_m, most=WIDEST * wide_m),
         Requirement("FENCE_ALT_MAX", tall_m, high, least=tall_m, most=WIDEST * tall_m),

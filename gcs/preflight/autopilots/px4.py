@@ -35,6 +35,7 @@ def requirements(
     control: ControlSettings,
     return_height_m: float,
     station_id: int = 0,
+    polygons: bool = False,
 ) -> tuple[Requirement, ...]:
     """Return the requirements of a vehicle that returns at that height (`Config.return_heights_m`)."""
     return (
@@ -43,7 +44,7 @@ def requirements(
         *_its_own_habits(),
         *_the_pilot(operation),
         *_speeds(control),
-        *_last_wall(operation, control),
+        *_last_wall(operation, control, polygons=polygons),
     )
 
 
@@ -130,10 +131,14 @@ def _speeds(control: ControlSettings) -> tuple[Requirement, ...]:
     )
 
 
-def _last_wall(operation: OperationSettings, control: ControlSettings) -> tuple[Requirement, ...]:
+def _last_wall(
+    operation: OperationSettings, control: ControlSettings, *, polygons: bool
+) -> tuple[Requirement, ...]:
     """Return the requirements of the autopilot's own fence."""
     wide_m, tall_m = own_fence_m(operation, control, operation.setpoint_loss_s + STOP_S)
     holds = "beyond its own fence it holds: the last wall"
+    if polygons:
+        holds += ", and that of the uploaded polygons"
     far, high = own_fence_reasons(operation)
     return (
         Requirement("GF_ACTION", FENCE_HOLDS, holds, choices=(FENCE_HOLDS,)),

@@ -218,6 +218,7 @@ class Transitions:
     def _watch_fence(self, sensors: Sensors, awake: Mask) -> None:
         """A breach acts once, and again where a command keeps it outside (habit 53)."""
         state = self.state
+        self.fence.look(sensors, awake, state.now_s)
         from_home_m = np.where(awake[:, np.newaxis], sensors.position_m - state.home_m, 0.0)
         breach = np.where(awake & state.home_set, self.fence.breach(from_home_m), 0)
         fresh = (breach & ~state.breach) > 0

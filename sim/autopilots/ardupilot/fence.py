@@ -1,15 +1,26 @@
-"""ArduCopter's own fence (habit 53): a circle around home and a height. Pure, for many vehicles at once."""
+"""ArduCopter's own fence: a circle around home, a height (habit 53), polygons. Pure, for many vehicles.
 
-from dataclasses import dataclass
+Polygons are not avoided here: AVOID_ENABLE bends at the circle and the height only.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from gcs.sim.vehicle.dynamics import Array, Mask
 from gcs.sim.vehicle.parameters import Columns
+from gcs.sim.vehicle.polygons import Fenced, outside
+from gcs.sim.vehicle.sensors import Sensors
 from gcs.sim.vehicle.state import Numbers, Rows
 
-HEIGHT, CIRCLE = 1, 2
-"""Bits of FENCE_TYPE. Polygons (4) are not loaded here."""
+HEIGHT, CIRCLE, POLYGON = 1, 2, 4
+"""Bits of FENCE_TYPE."""
+UNION = 2
+"""Bit of FENCE_OPTIONS: one inclusion area is enough; Copter has it from 4.6 on."""
+CHECK_S, CHECK_S_4_6 = 0.3, 0.04
+"""Period of the check of polygons: in the loop of 3.3 Hz, from 4.6 on at 25 Hz (ArduCopter/fence.cpp)."""
 AVOIDS_FENCE = 1
 """Bit of AVOID_ENABLE."""
 SLOWS_PER_S = 1.0
@@ -21,6 +32,29 @@ class Fence:
     """The fences of a fleet, as its parameters have them."""
 
     parameters: Columns
+    areas: Sequence[Fenced] = ()  # by row
+    release: tuple[int, int] = (4, 1)
+    _outside: Mask = field(init=False)
+    _next_s: float = field(default=-math.inf, init=False)
+
+    def __post_init__(self) -> None:
+        self._outside = np.zeros(max(1, len(self.areas)), dtype=np.bool_)
+
+    def look(self, sensors: Sensors, awake: Mask, now_s: float) -> None:
+        """Look which vehicles with a position (n,) are outside of their polygons, if it is time."""
+        if now_s < self._next_s:
+            return
+        self._next_s = now_s + (CHECK_S_4_6 if self.release >= (4, 6) else CHECK_S)
+        enabled, p = self.enabled(POLYGON), self.parameters
+        self._outside = np.zeros(len(enabled), dtype=np.bool_)
+        rows = [row for row, each in enumerate(self.areas) if each.in_force and enabled[row] and awake[row]]
+        if not rows:
+            return
+        union = (
+            p["FENCE_OPTIONS"].astype(np.int64) & UNION if self.release >= (4, 6) else np.zeros_like(awake)
+        )
+        for row, place in zip(rows, sensors.place(np.array(rows)).tolist(), strict=True):
+            self._outside[row] = outside(self.areas[row].in_force, place, union=bool(union[row]))
 
     def enabled(self, kind: int) -> Mask:
         """(n,): whether this bit of FENCE_TYPE is in force."""
@@ -34,7 +68,7 @@ class Fence:
         far = np.hypot(from_home_m[:, 0], from_home_m[:, 1]) > p["FENCE_RADIUS"]
         high = -from_home_m[:, 2] > p["FENCE_ALT_MAX"]
         breached: Numbers = CIRCLE * (far & self.enabled(CIRCLE)) + HEIGHT * (high & self.enabled(HEIGHT))
-        return breached
+        return breached + POLYGON * self._outside
 
     def bent(self, rows: Rows, velocity_m_s: Array, from_home_m: Array, limit_m_s2: Array) -> Array:
         """(k, 3): the velocities (k, 3) of these rows, slowed so that they stop at the fence's margin.

@@ -85,7 +85,8 @@ class ArduCopter:
             services.reboot,
         )
         self.autopilots = [ArduPilot(shared, row, own) for row, own in enumerate(tables)]
-        fence = Fence(self._parameters)
+        self._transfers = shared.transfers
+        fence = Fence(self._parameters, [each.fences for each in self.autopilots], version.release)
         commanders = [autopilot.commander for autopilot in self.autopilots]
         self._transitions = Transitions(
             self.state, commanders, self._parameters, self._batteries, fence, version.release
@@ -118,6 +119,8 @@ class ArduCopter:
     def step(self, sensors: Sensors, awake: Mask, disturbance: Disturbance, step_s: float) -> None:
         """See `Firmware`."""
         state, self._sensors = self.state, sensors
+        for each in list(self._transfers):
+            each.pass_time(state.now_s)
         self._announce_origins()
         demand_m_s = self._guidance.velocity(sensors, awake)
         down = descends(demand_m_s)

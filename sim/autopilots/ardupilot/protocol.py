@@ -3,7 +3,7 @@
 import math
 from collections import deque
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import ClassVar
 
@@ -21,6 +21,7 @@ from gcs.sim.autopilots.ardupilot.modes import Mode
 from gcs.sim.autopilots.ardupilot.parameters import NO_INDEX, Parameters
 from gcs.sim.autopilots.ardupilot.power import Batteries
 from gcs.sim.autopilots.ardupilot.state import ArduState
+from gcs.sim.protocol import fences
 from gcs.sim.protocol.base import MAX_MESSAGE_ID, BaseAutopilot, Params
 from gcs.sim.protocol.frames import Message
 from gcs.sim.protocol.streams import Outbox, Schedule
@@ -61,6 +62,7 @@ class Shared:
     sensors: Callable[[], Sensors]  # of the newest step
     set_home: Callable[[int], None]
     reboot: Callable[[int], None]
+    transfers: set[fences.Fences] = field(default_factory=set)  # of fences, under way
 
 
 class ArduPilot(BaseAutopilot):
@@ -82,6 +84,8 @@ class ArduPilot(BaseAutopilot):
             self._move_home,
             shared.version.release,
         )
+        about = (self.reply, self._post_text, shared.transfers, shared.version.software)
+        self.fences: fences.Fences = fences.ArduPilotFences(*about)
 
     @property
     def commander(self) -> Commander:
@@ -183,10 +187,6 @@ class ArduPilot(BaseAutopilot):
             for message_id in ids:
                 interval_s = 1.0 / rate_hz if rate_hz else None
                 self._shared.schedule.set_interval(self.row, message_id, interval_s, self._columns.now_s)
-
-    def _receive_mission_request(self, message: Message) -> None:
-        sender = (message.get_srcSystem(), message.get_srcComponent())
-        self.reply(common.MAVLink_mission_count_message(*sender, 0))
 
     # the MAV_CMD commands that it knows
 
@@ -331,7 +331,9 @@ class ArduPilot(BaseAutopilot):
             "PARAM_REQUEST_LIST": _receive_parameter_list,
             "PARAM_SET": _receive_parameter_set,
             "REQUEST_DATA_STREAM": _receive_data_stream,
-            "MISSION_REQUEST_LIST": _receive_mission_request,
+            **dict.fromkeys(
+                fences.MESSAGES, lambda self, each: self.fences.receive(each, self._columns.now_s)
+            ),
         }
     )
 

@@ -13,7 +13,7 @@ from pymavlink.dialects.v10 import ardupilotmega as old_dialect
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
 from gcs.sim.autopilots.ardupilot.failsafes import Transitions
-from gcs.sim.autopilots.ardupilot.fence import CIRCLE, HEIGHT
+from gcs.sim.autopilots.ardupilot.fence import CIRCLE, HEIGHT, POLYGON
 from gcs.sim.autopilots.ardupilot.modes import BASE_MODES, NEEDS_POSITION, Submode
 from gcs.sim.autopilots.ardupilot.power import Batteries
 from gcs.sim.autopilots.ardupilot.response import Copters
@@ -283,7 +283,7 @@ def fence_status(s: Snapshot) -> Fields:
         "breach_status": breach > 0,
         "breach_count": state.breach_count[rows],
         "breach_type": np.where(
-            breach & CIRCLE, BOUNDARY_BREACH, np.where(breach & HEIGHT, HEIGHT_BREACH, 0)
+            breach & (CIRCLE | POLYGON), BOUNDARY_BREACH, np.where(breach & HEIGHT, HEIGHT_BREACH, 0)
         ),
         "breach_time": np.round(1e3 * breached_s),
         "breach_mitigation": 1,

@@ -33,7 +33,7 @@ class Console:
                     del self._due[row]
 
 
-FENCE_NAMES: Mapping[int, str] = {1: "Max Alt", 2: "Circle"}
+FENCE_NAMES: Mapping[int, str] = {1: "Max Alt", 2: "Circle", 4: "Polygon"}
 """By bit of FENCE_TYPE."""
 
 

@@ -17,9 +17,9 @@ ALL = [(name, str(release)) for name, profile in AUTOPILOTS.items() for release 
 NEW_NAMES_OF_4_7 = 14
 
 
-def needed(name: str, release: str, **operation: object) -> list[Requirement]:
+def needed(name: str, release: str, *, polygons: bool = False, **operation: object) -> list[Requirement]:
     settings = OperationSettings.model_validate(operation)
-    written = REQUIREMENTS[name](settings, ControlSettings(), RETURNS_M, STATION)
+    written = REQUIREMENTS[name](settings, ControlSettings(), RETURNS_M, STATION, polygons)
     table, possible = AUTOPILOTS[name].versions, (Release.parse(release),)
     made = (one.of_versions(table, possible) for one in written)
     return [one for one in made if one is not None]
@@ -32,6 +32,19 @@ def applied(needed: list[Requirement]) -> dict[str, ParameterValue]:
 def test_each_supported_version_has_a_published_list() -> None:
     for name, profile in AUTOPILOTS.items():
         assert list(published(name)) == [str(release) for release in profile.versions.versions]
+
+
+@pytest.mark.parametrize("release", [release for name, release in ALL if name == "ardupilot"])
+def test_uploaded_polygons_need_their_bit_and_no_union(release: str) -> None:
+    values = {
+        polygons: {one.name: one for one in needed("ardupilot", release, polygons=polygons)}
+        for polygons in (False, True)
+    }
+    assert [values[polygons]["FENCE_TYPE"].holds(3) for polygons in (False, True)] == [True, False]
+    assert [values[polygons]["FENCE_TYPE"].holds(7) for polygons in (False, True)] == [True, True]
+    if "FENCE_OPTIONS" in values[True]:
+        of_any = [values[polygons]["FENCE_OPTIONS"].holds(2) for polygons in (False, True)]
+        assert of_any == [True, False]
 
 
 @pytest.mark.parametrize("action", ["hold", "descend", "land", "return"])

@@ -4,12 +4,13 @@ import type { VehicleCommand } from "../actions";
 import type { State, Status } from "../state";
 import { corrections } from "./corrections";
 import type { Feature, FeaturePanel } from "./feature";
+import { fences } from "./fences";
 import { lights } from "./lights";
 import { targets } from "./targets";
 import { timecode } from "./timecode";
 import { traffic } from "./traffic";
 
-export const features: readonly Feature[] = [timecode, corrections, targets, traffic, lights];
+export const features: readonly Feature[] = [timecode, corrections, targets, traffic, fences, lights];
 
 /** Panels of those that are configured. */
 export const panelsOf = (status: Status | null): readonly FeaturePanel[] =>

@@ -52,7 +52,7 @@ export interface components {
          * @description Cause of an alarm.
          * @enum {string}
          */
-        AlarmCause: "killed" | "terminated" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "ground-left" | "vehicle-lost" | "low-battery" | "bad-position" | "ground-near" | "land-now" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "target-lost" | "target-outruns" | "target-beyond" | "target-sources" | "target-near" | "target-no-room" | "traffic-manned" | "traffic-near" | "traffic-crowded" | "traffic-unknown" | "tak-not-sent" | "obstacle-near" | "obstacle-waits" | "law-failed" | "no-headway" | "no-way" | "radius-small" | "uncertain-position" | "little-authority" | "slow-vehicle" | "slow-answers" | "height-differs" | "moved-on-pad" | "corrections-stopped" | "timecode" | "clock-doubtful" | "silent" | "poor-link" | "no-heartbeat" | "input-flooded" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
+        AlarmCause: "killed" | "terminated" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "ground-left" | "own-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "ground-near" | "land-now" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "fence-differs" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "target-lost" | "target-outruns" | "target-beyond" | "target-sources" | "target-near" | "target-no-room" | "traffic-manned" | "traffic-near" | "traffic-crowded" | "traffic-unknown" | "tak-not-sent" | "obstacle-near" | "obstacle-waits" | "law-failed" | "no-headway" | "no-way" | "radius-small" | "uncertain-position" | "little-authority" | "slow-vehicle" | "slow-answers" | "height-differs" | "moved-on-pad" | "corrections-stopped" | "timecode" | "clock-doubtful" | "silent" | "poor-link" | "no-heartbeat" | "input-flooded" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
         /** @description All alarms, and the overall severity. */
         AlarmList: {
             /** @description Lasting alarms before ended ones; the most severe first, of one severity the newest. */
@@ -274,6 +274,7 @@ export interface components {
         /** @description What each feature reports; null: it is not configured, or not in a replayed record. */
         Features: {
             corrections: components["schemas"]["CorrectionsView"] | null;
+            fences: components["schemas"]["FencesView"] | null;
             lights: components["schemas"]["LightsView"] | null;
             tak: components["schemas"]["TakView"] | null;
             targets: components["schemas"]["TargetsView"] | null;
@@ -293,6 +294,19 @@ export interface components {
             height_min_m?: number | null;
             /** @description Vehicles stay inside; false: outside. */
             inside: boolean;
+        };
+        /** @description The site's fence in the autopilots. */
+        FencesView: {
+            /** @description Vehicles that report a breach of their own fence; empty: none. */
+            breached: string;
+            /** @description Of all areas. */
+            corners: number;
+            /** @description Those that do not, and why; empty: all have it. */
+            missing: string;
+            /** @description Areas that vehicles stay in, and stay out of. */
+            polygons: number;
+            /** @description Vehicles that have exactly this fence. */
+            verified: number;
         };
         /** @description One invalid field. */
         FieldProblem: {
