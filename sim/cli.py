@@ -252,6 +252,8 @@ def _add_flight(parser: argparse.ArgumentParser) -> None:
     add("--wind", type=triple("N,E,D"), default=(0.0, 0.0, 0.0), metavar="N,E,D", help="of the air, m/s")
     text = "of ArduPilot's clocks over the wall clock, as of a slow simulator: 0.984"
     add("--clock-rate", type=number(0.5, 1.5), default=1.0, metavar="RATE", help=text)
+    text = "each has a transponder for Remote ID behind its autopilot"
+    add("--transponders", action="store_true", help=text)
     text = "flight time of a full battery"
     add("--battery", type=number(0.1, 1e5), default=20.0, metavar="MIN", help=text)
     text = "parameter: COM_OBL_RC_ACT=5, WPNAV_ACCEL=250; or of vehicle 0, 1 and on: RTL_RETURN_ALT=30,34"
@@ -337,6 +339,7 @@ def _settings(given: argparse.Namespace) -> Settings:
         endurance_s=60.0 * given.battery,
         parameters=dict(given.param),
         quirks=Quirks().changed(given.quirk),
+        transponders=given.transponders,
         rates_hz=RECORDED_HZ if given.telemetry_hz is None else lean_hz(given.telemetry_hz),
     )
 

@@ -76,6 +76,8 @@ class Fleet:
         self.state.system_id[:] = [settings.system_id(i) for i in indices]
         self._schedule = self._firmware.schedule
         self.autopilots = self._firmware.autopilots
+        for autopilot in self.autopilots if settings.transponders else ():
+            autopilot.fit_transponder()
         self.receiver = Receiver(
             self.state,
             self.autopilots,
@@ -130,6 +132,13 @@ class Fleet:
         disturbance = Disturbance(self.wind_m_s, self._error.velocity_m_s + state.drift_m_s)
         self._firmware.step(sensors, awake, disturbance, step_s)
         self._contact = self.bodies.rest_on_ground()
+        if self.settings.transponders:
+            self._run_transponders()
+
+    def _run_transponders(self) -> None:
+        """Have the transponders of autopilots that run send what is due."""
+        for row in np.flatnonzero(self.time_s >= self.state.boot_s).tolist():
+            self.autopilots[row].run_transponder()
 
     def take_frames(self, *, streams: bool = True) -> Sent:
         """Frames that each vehicle (by row) sends now: answers and texts, and with `streams` the streams."""

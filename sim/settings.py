@@ -41,7 +41,7 @@ class Settings:
     "1.16", of a mixed fleet "1.16,4.5"; "" is as recorded. Parameters begin as in the autopilot's
     simulator, or `as_delivered` in its firmware. `clock_rate` is the rate of ArduPilot's clocks, which are
     its simulator's, over the wall clock. Streams of vehicles with PX4 have random phases, or with
-    `together` the same ones, which takes less time.
+    `together` the same ones, which takes less time. With `transponders` each vehicle has one for Remote ID.
     """
 
     autopilot: Autopilot = "px4"
@@ -68,6 +68,7 @@ class Settings:
     quirks: Quirks = Quirks()
     rates_hz: Mapping[int, float] = field(default_factory=lambda: RECORDED_HZ)
     together: bool = False
+    transponders: bool = False
 
     def parameters_of(self, index: int) -> dict[str, Value]:
         """Those that are given for vehicle `index`, counted from 0."""

@@ -169,6 +169,9 @@ class Config(FeatureSettings, FlightSettings):
         strangers = sorted(set(self.preflight.start_places) - set(self.ids))
         if strangers:
             raise ValueError(f"preflight.start_places: there is no vehicle {', '.join(strangers)}")
+        given = set() if self.remote_id is None else set(self.remote_id.basic_ids)
+        if strangers := sorted(given - set(self.ids)):
+            raise ValueError(f"remote_id.basic_ids: there is no vehicle {', '.join(strangers)}")
         self._check_limits()
         self._check_plan()
         return self

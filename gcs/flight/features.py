@@ -12,6 +12,7 @@ from gcs.flight.state.corrections import Corrections
 from gcs.flight.state.feature import Feature
 from gcs.flight.state.fences import FenceUploads
 from gcs.flight.state.flight import FLIES, Flight
+from gcs.flight.state.remote_id import RemoteId
 from gcs.flight.state.tak import TakTracks
 from gcs.flight.state.targets import Targets
 from gcs.flight.state.traffic import OtherTraffic
@@ -58,6 +59,17 @@ def features_of(
             flight.vehicles,
             flight.link_of,
             lambda: flight.elsewhere.owned,
+        ),
+        RemoteId(
+            config,
+            newest,
+            flight.vehicles,
+            links,
+            flight.seen,
+            flight.closed,
+            lambda: flight.elsewhere,
+            flight.unix_s,
+            unix_minus_loop_s,
         ),
         Lights(newest, flight.vehicles, flight.show, links, config, lambda: flight.elsewhere.owned),
         guard,

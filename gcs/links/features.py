@@ -8,6 +8,7 @@ from typing import Annotated, Final
 
 from pydantic import BeforeValidator, Field, model_validator
 
+from gcs.links.remote_id.settings import RemoteIdSettings
 from gcs.links.settings import SerialPort, serial_port
 from gcs.links.tak.settings import Geoid, TakReceiver
 from gcs.links.targets.settings import TargetSettings, TrafficSource
@@ -223,6 +224,8 @@ class FeatureSettings(StationInputs):
     """Other traffic that vehicles keep clear of; without it none is known (docs/how-to/targets.md)."""
     tak: TakSettings | None = None
     """Where the vehicles are sent as tracks of TAK; without it nowhere (docs/how-to/targets.md)."""
+    remote_id: RemoteIdSettings | None = None
+    """Remote ID; without it none is sent (docs/how-to/remote-id-and-fences.md)."""
 
     @model_validator(mode="after")
     def _check_names(self) -> "FeatureSettings":

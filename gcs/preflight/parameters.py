@@ -16,7 +16,7 @@ from gcs.links.autopilots.versions import Version, Versions
 from gcs.model.preflight_report import Check, State
 from gcs.model.state import VehicleId
 from gcs.preflight.autopilots import REQUIREMENTS
-from gcs.preflight.requirement import Requirement
+from gcs.preflight.requirement import Equipment, Requirement
 
 MEND: Final = "to mend its parameters, stop the service and run: gcs params apply --config FILE"
 
@@ -38,6 +38,8 @@ class FleetRequirements:
         site = config.site_rows
         several = len({profile.name for profile in self.profiles.values()}) > 1
         self._mixed = several or (site is not None and site.mixed)
+        rid = config.remote_id
+        self._equipment = Equipment(config.polygon_fence is not None, rid is not None and rid.require)
         self._made: dict[object, tuple[Requirement, ...]] = {}
 
     def of(self, vehicle_id: VehicleId, version: Version | None = None) -> tuple[Requirement, ...]:
@@ -47,9 +49,7 @@ class FleetRequirements:
         key = profile.name, kind, possible
         if key not in self._made:
             config = self._config
-            written = REQUIREMENTS[profile.name](
-                config.operation, config.control, *kind, config.polygon_fence is not None
-            )
+            written = REQUIREMENTS[profile.name](config.operation, config.control, *kind, self._equipment)
             alike = (one.exactly if self._mixed and one.alike else one for one in written)
             each = (one.of_versions(profile.versions, possible) for one in alike)
             self._made[key] = tuple(one for one in each if one is not None)

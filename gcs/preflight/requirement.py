@@ -7,13 +7,20 @@ of the versions that a vehicle may have.
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import ceil, floor, inf, isfinite
-from typing import Final
+from typing import Final, NamedTuple
 
 from gcs.links import ParameterValue
 from gcs.links.autopilots.versions import Form, Release, Versions
 
 NEARLY: Final = 1e-4
 """Relative tolerance: parameters are single precision."""
+
+
+class Equipment(NamedTuple):
+    """What a configuration has, beyond flying, that parameters must allow for."""
+
+    polygons: bool = False  # a fence of polygons is uploaded
+    remote_id: bool = False  # a start needs a transponder for Remote ID
 
 
 @dataclass(frozen=True, slots=True)

@@ -71,6 +71,8 @@ class AlarmCause(StrEnum):
     TRAFFIC_CROWDED = "traffic-crowded"
     TRAFFIC_UNKNOWN = "traffic-unknown"
     TAK_NOT_SENT = "tak-not-sent"
+    REMOTE_ID = "remote-id"
+    OPERATOR_UNKNOWN = "operator-unknown"
     OBSTACLE_NEAR = "obstacle-near"
     OBSTACLE_WAITS = "obstacle-waits"
     LAW_FAILED = "law-failed"
@@ -364,6 +366,21 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "Users of TAK there do not see the vehicles. Check the address and the network.",
         on_after_s=3.0,
         past="Tracks were not sent to {about}",
+    ),
+    AlarmCause.REMOTE_ID: CauseRow(
+        W,
+        "{vehicles} without Remote ID",
+        "Bring [it|them] home: [it is|they are] not seen by others. Look after [its transponder|their"
+        " transponders].",
+        on_after_s=1.0,
+        action=X.RETURN,
+    ),
+    AlarmCause.OPERATOR_UNKNOWN: CauseRow(
+        W,
+        "Operator's place for Remote ID not known",
+        "Look after the operator's receiver; autopilots refuse to arm without it.",
+        on_after_s=1.0,
+        past="Operator's place for Remote ID was not known",
     ),
     AlarmCause.OBSTACLE_NEAR: CauseRow(
         W,

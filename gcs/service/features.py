@@ -433,6 +433,41 @@ class FencesView(FeatureView):
 
 
 @dataclass(frozen=True, slots=True)
+class RemoteIdView(FeatureView):
+    """Remote ID: the operator's place and the swarm's area, sent to all transponders, and how these are."""
+
+    __pydantic_config__ = PUBLISHED
+
+    operator_id: Annotated[str, Described("As its authority issued it; empty: none is sent.", moves=False)]
+    operator_latitude_deg: Annotated[Measured, Field(description="null: not known.")]
+    operator_longitude_deg: Measured
+    operator_altitude_ellipsoid_m: Annotated[Measured, Field(description="Above the WGS84 ellipsoid.")]
+    area_count: Annotated[
+        float, Described("Vehicles of the swarm: those in the air, lost ones too.", "gcs_remote_id_vehicles")
+    ]
+    area_radius_m: Annotated[
+        float,
+        Described("The greatest that a vehicle reports.", "gcs_remote_id_radius_meters"),
+    ]
+    area_ceiling_m: Annotated[Measured, Described("Of the swarm, above the WGS84 ellipsoid.")]
+    area_floor_m: Annotated[Measured, Described("The same of its lowest vehicle.")]
+    ready: Annotated[
+        float, Described("Vehicles with a transponder that is ready.", "gcs_remote_id_ready", moves=False)
+    ]
+    missing: Annotated[str, Described("Those without one, and why; empty: all have one.", moves=False)]
+    problem: Annotated[str, Described("Why not everything is sent; empty: it is.", moves=False)]
+    sent: Annotated[int, Described("Messages that left.", "gcs_remote_id_sent")]
+
+    def line(self, unix_time_s: float) -> Line:  # noqa: ARG002
+        yield f"{self.area_count:g} vehicles within {self.area_radius_m:.0f} m", ""
+        yield f", {self.ready:g} transponders ready", ""
+        if self.missing:
+            yield f"; {self.missing}", "bad"
+        if self.problem:
+            yield f"; {self.problem}", "bad"
+
+
+@dataclass(frozen=True, slots=True)
 class Features:
     """What each feature reports; null: it is not configured, or not in a replayed record."""
 
@@ -444,6 +479,7 @@ class Features:
     traffic: TrafficView | None = None
     tak: TakView | None = None
     fences: FencesView | None = None
+    remote_id: RemoteIdView | None = None
     lights: LightsView | None = None
 
     @property

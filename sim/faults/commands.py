@@ -97,6 +97,7 @@ VEHICLE_FAULTS: Mapping[str, Mapping[str, Field]] = MappingProxyType(
         "sensor": {"which": Choice(tuple(SENSORS))},
         "wrong-time": {"ahead_s": Number(-1e9, 1e9)},
         "stuck-mode": {"answer": Choice(("accepted", "rejected"))},
+        "transponder": {"how": Choice(("lost", "not-good", "lost-operator"))},
         "pilot": {
             "mode": Choice(PILOTED),
             "by": Choice(("switch", "sticks")),

@@ -249,6 +249,8 @@ class FaultInjector:
             return commander.terminate()
         if command.fault == "compass":
             return commander.doubt_compass()
+        if command.fault == "transponder":
+            return fleet.autopilots[at].break_transponder(str(command.values["how"]))
         return self._take_over(row, command.values)
 
     def _reboot(self, row: int, values: Mapping[str, Value]) -> None:
@@ -295,6 +297,8 @@ class FaultInjector:
             column[at] = healthy
         if fault == "stuck-mode":
             fleet.autopilots[at].commander.stuck = Stuck.NO
+        elif fault == "transponder":
+            fleet.autopilots[at].break_transponder("none")
         elif fault == "pilot":
             fleet.autopilots[at].commander.release()
             fleet.state.piloted[at], fleet.state.stick_m_s[at] = False, 0.0

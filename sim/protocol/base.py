@@ -8,6 +8,7 @@ from typing import ClassVar, Protocol, TypeAlias
 from gcs.sim.protocol.equipment import Equipment
 from gcs.sim.protocol.fences import Fences
 from gcs.sim.protocol.frames import AUTOPILOT_COMPONENT, Message
+from gcs.sim.protocol.remote_id import MESSAGES, Transponder, TransponderFault
 from gcs.sim.protocol.streams import Item, Outbox
 from gcs.sim.vehicle.parameters import Table
 from gcs.sim.vehicle.state import State, Stuck
@@ -61,6 +62,7 @@ class BaseAutopilot(ABC):
         self._state = state
         self._outbox = outbox
         self.equipment = Equipment()
+        self.transponder: Transponder | None = None
 
     @property
     @abstractmethod
@@ -78,9 +80,30 @@ class BaseAutopilot(ABC):
 
     def receive(self, message: Message) -> None:
         """Execute or answer a message for this vehicle; unknown ones change nothing."""
-        handler = self.handlers.get(message.get_type())
+        kind = message.get_type()
+        handler = self.handlers.get(kind)
         if handler is not None and not self.is_sender(message):
             handler(self, message)
+        elif kind in MESSAGES and self.transponder is not None:
+            self.transponder.receive(message, self._state.now_s)
+
+    def fit_transponder(self) -> None:
+        """Have a transponder for Remote ID behind it."""
+        self.transponder = Transponder()
+
+    def break_transponder(self, how: str) -> bool:
+        """Give the transponder a fault. Returns: whether there is one."""
+        if self.transponder is not None:
+            self.transponder.fault = TransponderFault(how)
+        return self.transponder is not None
+
+    def run_transponder(self) -> None:
+        """Have the transponder, if there is one, send what is due."""
+        if self.transponder is None:
+            return
+        for message in self.transponder.due(self._state.now_s):
+            self.reply(message)
+        self._state.transponder_ok[self.row] = self.transponder.is_ready(self._state.now_s)
 
     def is_sender(self, message: Message) -> bool:
         """Whether it claims to come from this autopilot itself: ignored, as by PX4 and ArduPilot.

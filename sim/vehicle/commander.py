@@ -18,6 +18,7 @@ from gcs.sim.vehicle.px4 import Mode, Parameters, Quirks
 from gcs.sim.vehicle.state import State, Stuck
 
 CRITICAL, INFO = 2, 6  # MAV_SEVERITY
+ODID_REQUIRED = 2  # COM_ARM_ODID: no arming without a transponder that is ready
 IMPATIENT_S = 0.25  # longest time without setpoints in OFFBOARD where the quirk of item 13 is off
 OVERRIDE_AUTO, OVERRIDE_OFFBOARD = 1, 2  # bits of COM_RC_OVERRIDE
 
@@ -69,6 +70,7 @@ def can_arm(state: State, parameters: Parameters | Columns, quirks: Quirks) -> M
     """(n,): the prearm check: started up, in a mode that allows arming, with the setpoints that it needs."""
     able: Mask = (state.now_s >= state.ready_at_s) & ~NOT_ARMABLE[state.intended]
     able &= (state.unhealthy_sensors == 0) & ~state.position_lost & ~state.terminated & ~state.fence_breached
+    able &= (parameters["COM_ARM_ODID"] < ODID_REQUIRED) | state.transponder_ok
     if quirks.starved_offboard:
         able &= (state.intended != OFFBOARD) | fed(state, parameters, quirks)
     return able
@@ -120,6 +122,8 @@ class Commander:
     def complain(self) -> None:
         """Send what fails its checks before arming: when that changes, and when arming is refused."""
         unhealthy = int(self.state.unhealthy_sensors[self.row])
+        if self.parameters["COM_ARM_ODID"] and not self.state.transponder_ok[self.row]:
+            self._report(CRITICAL, "Preflight Fail: Open Drone ID system not ready")
         for bit, text in COMPLAINTS.items():
             if unhealthy & bit:
                 self._report(CRITICAL, f"Preflight Fail: {text}")

@@ -50,7 +50,7 @@ FEATURES: Final = {
         r"|(?:state|estimation|links|sim) \. targets\b|\./targets",
         r"targets?|tracker",
         18,  # each source is a file; the WebSocket and the receiver of traffic are among them
-        15,  # traffic is received as targets are
+        17,  # traffic, and where the operator of Remote ID is, are received as targets are
     ),
     "tak": Named(r"\bTak[A-Z]|TAK_|OwnTracks?|\btak\b", r"tak|cot\w*", 5, 12),
     "fences": Named(  # in the autopilots; the service's own is `gcs/safety/walls.py`
@@ -58,6 +58,12 @@ FEATURES: Final = {
         r"fences?|polygon_fence|fence_\w+",
         8,
         6,
+    ),
+    "remote id": Named(
+        r"RemoteId[A-Z]\w+|\bRemoteId\b|\bremote_id\b|\./remoteId",
+        r"remote_id|remoteId",
+        7,
+        9,
     ),
     "traffic": Named(  # of others; `gcs/safety/traffic.py` is of the own vehicles
         r"TrafficView|TrafficSettings|TrafficSource|TrackTable|OtherTraffic|features\??\.traffic|\./traffic",

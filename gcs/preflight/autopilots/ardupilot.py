@@ -21,7 +21,7 @@ from gcs.links.autopilots.ardupilot import (
 )
 from gcs.planning.lost_space import AUTO_CRUISE_M_S
 from gcs.preflight.autopilots.common import WIDEST, least_tilt_deg, own_fence_m, own_fence_reasons
-from gcs.preflight.requirement import Requirement
+from gcs.preflight.requirement import Equipment, Requirement
 
 HEARTBEAT_ACTIONS: Final = {"hold": (0, 7), "return": (1,), "land": (5,), "descend": (5,)}
 """Values of FS_GCS_ENABLE: 0 hovers on, 1 RTL, 5 LAND, 7 BRAKE."""
@@ -49,7 +49,7 @@ def requirements(
     control: ControlSettings,
     return_height_m: float,
     station_id: int,
-    polygons: bool = False,
+    equipment: Equipment = Equipment(),  # noqa: B008 (a tuple)
 ) -> tuple[Requirement, ...]:
     """Return the requirements of a vehicle that returns at that height, for a station of that system id."""
     return (
@@ -57,7 +57,7 @@ def requirements(
         *_its_return(return_height_m),
         *_its_own_failsafes(operation),
         *_speeds(control),
-        *_last_wall(operation, control, polygons=polygons),
+        *_last_wall(operation, control, polygons=equipment.polygons),
     )
 
 

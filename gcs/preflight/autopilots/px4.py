@@ -13,7 +13,7 @@ from gcs.links.autopilots.px4 import LOSS_TIME
 from gcs.model.setpoint_loss import STOP_S
 from gcs.planning.lost_space import AUTO_CRUISE_M_S
 from gcs.preflight.autopilots.common import WIDEST, least_tilt_deg, own_fence_m, own_fence_reasons
-from gcs.preflight.requirement import Requirement
+from gcs.preflight.requirement import Equipment, Requirement
 
 SETPOINT_LOSS_ACTIONS: Final = {"descend": 0, "return": 3, "land": 4, "hold": 5}
 """Values of COM_OBL_RC_ACT; 0 is POSITION, in which a vehicle without a pilot descends."""
@@ -28,6 +28,7 @@ NO_MANUAL_CONTROL: Final = 4  # COM_RC_IN_MODE
 STICKS_TAKE_OVER: Final = 3  # COM_RC_OVERRIDE: bit 0 in the automatic modes, bit 1 in OFFBOARD
 OVERRIDE_SPEEDS_PER_S: Final = (0.1, 3.0)  # MAN_OVERRIDE_SPD; negative: never, and 0 by noise
 FENCE_HOLDS: Final = 2  # GF_ACTION
+ODID_REFUSES: Final = 2  # COM_ARM_ODID; 3 to 5 of 1.18 bring it down in flight as well
 
 
 def requirements(
@@ -35,7 +36,7 @@ def requirements(
     control: ControlSettings,
     return_height_m: float,
     station_id: int = 0,
-    polygons: bool = False,
+    equipment: Equipment = Equipment(),  # noqa: B008 (a tuple)
 ) -> tuple[Requirement, ...]:
     """Return the requirements of a vehicle that returns at that height (`Config.return_heights_m`)."""
     return (
@@ -44,7 +45,8 @@ def requirements(
         *_its_own_habits(),
         *_the_pilot(operation),
         *_speeds(control),
-        *_last_wall(operation, control, polygons=polygons),
+        *_last_wall(operation, control, polygons=equipment.polygons),
+        *_identified(equipment),
     )
 
 
@@ -98,6 +100,13 @@ def _its_own_habits() -> tuple[Requirement, ...]:
         Requirement("COM_ARM_WO_GPS", 0, blind, choices=(0,)),
         Requirement("COM_TAKEOFF_ACT", 0, holds, choices=(0,)),
     )
+
+
+def _identified(equipment: Equipment) -> tuple[Requirement, ...]:
+    if not equipment.remote_id:
+        return ()
+    arms = "it must not be armed without a transponder for Remote ID: remote_id.require"
+    return (Requirement("COM_ARM_ODID", ODID_REFUSES, arms, choices=(ODID_REFUSES,)),)
 
 
 def _the_pilot(operation: OperationSettings) -> tuple[Requirement, ...]:

@@ -73,6 +73,8 @@ def reasons(state: ArduState, row: int, parameters: Parameters, batteries: Batte
         problems += [f"{name} not healthy" for bit, name in SENSOR_NAMES.items() if unhealthy & bit]
         if state.breach[row]:
             problems.append("vehicle outside fence")
+    if state.odid_reasons[row]:
+        problems.append(f"OpenDroneID: {state.odid_reasons[row]}")
     if state.radio_failsafe[row] or radio_is_lost(state, row, parameters):
         problems.append("Radio failsafe on")
     if state.battery_failsafe[row]:

@@ -98,6 +98,15 @@ class ArduPilot(BaseAutopilot):
             self._columns.old_frames[self.row] = False
             super().receive(message)
 
+    def run_transponder(self) -> None:
+        """Have the transponder send what is due, and send what ArduPilot reports of it."""
+        super().run_transponder()
+        columns, row = self._columns, self.row
+        if self.transponder is not None:
+            columns.odid_reasons[row] = self.transponder.refusal(columns.now_s)
+            for severity, text in self.transponder.texts(columns.now_s, float(columns.boot_s[row])):
+                self._post_text(severity, text)
+
     def accepts_sender(self, system_id: int) -> bool:
         """Whether messages of that system count: with SYSID_ENFORCE only those of SYSID_MYGCS."""
         enforced = bool(self.parameters["SYSID_ENFORCE"]) and system_id != self.parameters["SYSID_MYGCS"]

@@ -36,6 +36,7 @@ class ArduState(State):
         self.yaw_rate_rad_s = np.zeros(count)
 
     def _watch(self, count: int) -> None:
+        self.odid_reasons = [""] * count  # why the transponder of Remote ID forbids arming
         self.dead = _no(count)  # the process has ended
         self.old_frames = ~_no(count)  # it speaks MAVLink 1 until it has received MAVLink 2
         self.boot_stage: Numbers = np.zeros(count, dtype=np.int64)  # texts of the start that were sent

@@ -100,7 +100,7 @@ def test_every_number_names_its_unit(document: Any) -> None:
         "floor_ratio_if_off",
         "slope",
         "tempo",
-        *("known", "near", "manned", "vehicles", "verified"),
+        *("known", "near", "manned", "vehicles", "verified", "area_count", "ready"),
     }
 
 

@@ -9,7 +9,7 @@ from gcs.links.autopilots import AUTOPILOTS
 from gcs.links.autopilots.versions import Release
 from gcs.preflight.autopilots import REQUIREMENTS
 from gcs.preflight.parameters import broken, remaining_risks
-from gcs.preflight.requirement import Requirement
+from gcs.preflight.requirement import Equipment, Requirement
 from tests.support.published import as_shipped, published
 
 STATION, RETURNS_M = 245, 34.0
@@ -19,7 +19,8 @@ NEW_NAMES_OF_4_7 = 14
 
 def needed(name: str, release: str, *, polygons: bool = False, **operation: object) -> list[Requirement]:
     settings = OperationSettings.model_validate(operation)
-    written = REQUIREMENTS[name](settings, ControlSettings(), RETURNS_M, STATION, polygons)
+    equipment = Equipment(polygons, remote_id=polygons)
+    written = REQUIREMENTS[name](settings, ControlSettings(), RETURNS_M, STATION, equipment)
     table, possible = AUTOPILOTS[name].versions, (Release.parse(release),)
     made = (one.of_versions(table, possible) for one in written)
     return [one for one in made if one is not None]

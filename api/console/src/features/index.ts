@@ -6,11 +6,12 @@ import { corrections } from "./corrections";
 import type { Feature, FeaturePanel } from "./feature";
 import { fences } from "./fences";
 import { lights } from "./lights";
+import { remoteId } from "./remoteId";
 import { targets } from "./targets";
 import { timecode } from "./timecode";
 import { traffic } from "./traffic";
 
-export const features: readonly Feature[] = [timecode, corrections, targets, traffic, fences, lights];
+export const features: readonly Feature[] = [timecode, corrections, targets, traffic, fences, remoteId, lights];
 
 /** Panels of those that are configured. */
 export const panelsOf = (status: Status | null): readonly FeaturePanel[] =>

@@ -52,7 +52,7 @@ export interface components {
          * @description Cause of an alarm.
          * @enum {string}
          */
-        AlarmCause: "killed" | "terminated" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "ground-left" | "own-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "ground-near" | "land-now" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "fence-differs" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "target-lost" | "target-outruns" | "target-beyond" | "target-sources" | "target-near" | "target-no-room" | "traffic-manned" | "traffic-near" | "traffic-crowded" | "traffic-unknown" | "tak-not-sent" | "obstacle-near" | "obstacle-waits" | "law-failed" | "no-headway" | "no-way" | "radius-small" | "uncertain-position" | "little-authority" | "slow-vehicle" | "slow-answers" | "height-differs" | "moved-on-pad" | "corrections-stopped" | "timecode" | "clock-doubtful" | "silent" | "poor-link" | "no-heartbeat" | "input-flooded" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
+        AlarmCause: "killed" | "terminated" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "ground-left" | "own-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "ground-near" | "land-now" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "fence-differs" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "target-lost" | "target-outruns" | "target-beyond" | "target-sources" | "target-near" | "target-no-room" | "traffic-manned" | "traffic-near" | "traffic-crowded" | "traffic-unknown" | "tak-not-sent" | "remote-id" | "operator-unknown" | "obstacle-near" | "obstacle-waits" | "law-failed" | "no-headway" | "no-way" | "radius-small" | "uncertain-position" | "little-authority" | "slow-vehicle" | "slow-answers" | "height-differs" | "moved-on-pad" | "corrections-stopped" | "timecode" | "clock-doubtful" | "silent" | "poor-link" | "no-heartbeat" | "input-flooded" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
         /** @description All alarms, and the overall severity. */
         AlarmList: {
             /** @description Lasting alarms before ended ones; the most severe first, of one severity the newest. */
@@ -276,6 +276,7 @@ export interface components {
             corrections: components["schemas"]["CorrectionsView"] | null;
             fences: components["schemas"]["FencesView"] | null;
             lights: components["schemas"]["LightsView"] | null;
+            remote_id: components["schemas"]["RemoteIdView"] | null;
             tak: components["schemas"]["TakView"] | null;
             targets: components["schemas"]["TargetsView"] | null;
             timecode: components["schemas"]["TimecodeView"] | null;
@@ -1974,6 +1975,32 @@ export interface components {
          * @enum {string}
          */
         Remedy: "leave-out" | "confirm-down" | "set-radius" | "remove-obstacle";
+        /** @description Remote ID: the operator's place and the swarm's area, sent to all transponders, and how these are. */
+        RemoteIdView: {
+            /** @description Of the swarm, above the WGS84 ellipsoid. */
+            area_ceiling_m: number | null;
+            /** @description Vehicles of the swarm: those in the air, lost ones too. */
+            area_count: number;
+            /** @description The same of its lowest vehicle. */
+            area_floor_m: number | null;
+            /** @description The greatest that a vehicle reports. */
+            area_radius_m: number;
+            /** @description Those without one, and why; empty: all have one. */
+            missing: string;
+            /** @description Above the WGS84 ellipsoid. */
+            operator_altitude_ellipsoid_m: number | null;
+            /** @description As its authority issued it; empty: none is sent. */
+            operator_id: string;
+            /** @description null: not known. */
+            operator_latitude_deg: number | null;
+            operator_longitude_deg: number | null;
+            /** @description Why not everything is sent; empty: it is. */
+            problem: string;
+            /** @description Vehicles with a transponder that is ready. */
+            ready: number;
+            /** @description Messages that left. */
+            sent: number;
+        };
         /** @description Changes of the playback; at least one field. */
         ReplayChange: {
             paused?: boolean;

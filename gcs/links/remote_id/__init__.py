@@ -1,0 +1,1 @@
+"""Remote ID: what is sent to transponders behind the autopilots, and what they report."""
