@@ -58,6 +58,9 @@ COMMANDS: Final = {
     "show": CliCommand(
         "shows.show_command", "check, draw, hash, import, sample, place, export show files", options=OPTIONS
     ),
+    "site": CliCommand(
+        "sites.site_command", "check and convert a site, compute its volumes, report on it", options=OPTIONS
+    ),
     "params": CliCommand(
         "params", "check or set the vehicles' parameters that decide what is safe", options=OPTIONS
     ),

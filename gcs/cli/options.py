@@ -124,8 +124,12 @@ def add_show_arguments(parser: argparse.ArgumentParser) -> None:
     placed.add_argument("--vehicles", metavar="FILE.json", help='their places: {"d1": [x, y], "d2": null}')
     placed.add_argument("--frame", **PLACE, help="origin of these; as the file has it")
     placed.add_argument("-o", "--output", metavar="NAME.yaml", help="write the show file with this placement")
-    for action in (brought, placed):
-        text = "of the service that is to fly it: the show file gets its take-off, limits and fence"
+    service = "of the service that is to fly it: "
+    for action, text in (
+        (brought, f"{service}the show file gets its take-off, limits and fence"),
+        (placed, f"{service}the show file gets its take-off, limits and fence"),
+        (check, f"{service}the show must fit its frame, its limits and the areas of its site"),
+    ):
         action.add_argument("--config", metavar="FILE", help=text)
         action.add_argument("--rules", help=argparse.SUPPRESS)  # of the service that calls, as JSON
     taken = actions.add_parser(
@@ -143,6 +147,30 @@ def add_show_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="with --json: and everything that is flown, as a service takes it",
     )
+
+
+def add_site_arguments(parser: argparse.ArgumentParser) -> None:
+    actions = parser.add_subparsers(dest="action", required=True)
+    check = actions.add_parser("check", help="say what is in it, or all that is wrong with it")
+    convert = actions.add_parser("convert", help="write it as GeoJSON, KML or QGroundControl's .plan")
+    for action in (check, convert):
+        text = "a .geojson, .kml or .plan, or a configuration that names one"
+        action.add_argument("site", metavar="FILE", help=text)
+        text = "of areas that have none in the file, above the origin; as the file has them"
+        action.add_argument("--heights", **_numbers("MIN,MAX"), help=text)
+    convert.add_argument(
+        "-o", "--output", required=True, metavar="FILE", help="to write; its name says as what"
+    )
+    volumes = actions.add_parser("volumes", help="how large its volumes must be, by two computations")
+    report = actions.add_parser("report", help="write what an authority asks for: HTML that prints, and KML")
+    for action in (volumes, report):
+        action.add_argument("config", metavar="CONFIG", help="as for gcs serve; it names a site")
+        text = "as the vehicles have them: the output of gcs params check --config CONFIG --json"
+        action.add_argument("--parameters", metavar="FILE.json", help=text)
+    text = "write the site with volumes as wide as the wider computation demands"
+    volumes.add_argument("--derive", metavar="FILE", help=text)
+    report.add_argument("show", nargs="?", metavar="SHOW", help="a show file, or the name of a shipped one")
+    report.add_argument("-o", "--output", required=True, metavar="OUT.html", help="and OUT.kml beside it")
 
 
 def _add_adversity(check: argparse.ArgumentParser) -> None:

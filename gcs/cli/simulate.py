@@ -10,12 +10,18 @@ from pydantic import ValidationError
 
 from gcs.cli.output import MOVING, PICTURES, answer, note, output_file, print_json, require_matplotlib
 from gcs.cli.progress import share_of
+from gcs.cli.shows.drawn_shows import rules_of
+from gcs.config import schema
+from gcs.config.schema import Config
 from gcs.config.setting_errors import explained
 from gcs.formation.laws.registry import allow_code
 from gcs.model.errors import ConfigError, ShowError
 from gcs.model.jit import is_compiled
 from gcs.shows import LoadedShow, find, load
+from gcs.shows.area_checks import area_flaws
 from gcs.shows.drawn_checks import examine
+from gcs.shows.loading import service_flaws
+from gcs.shows.service_rules import ServiceRules
 from gcs.simulation import scenario as scenarios
 from gcs.simulation.batch import Run, judged_runs, passed, run_once, summary
 from gcs.simulation.cores import on_all_cores
@@ -116,7 +122,9 @@ def check_show(arguments: argparse.Namespace) -> int:
     path = find(arguments.file)
     try:
         loaded = load(path)
-        _examine(loaded)
+        config = None if arguments.config is None else schema.load(schema.find(arguments.config))
+        rules = rules_of(arguments)
+        _examine(loaded, rules, config)
     except ShowError as error:
         if arguments.json:
             problems = [asdict(problem) for problem in error.problems]
@@ -127,7 +135,7 @@ def check_show(arguments: argparse.Namespace) -> int:
     _note_compilation(arguments)
     with share_of(f"flying {path.stem} in virtual time", shown=not arguments.json) as report:
         adversity, wind_m_s = _adversity(arguments)
-        verdict = judge(rehearse(loaded, arguments.seed, report, adversity, wind_m_s))
+        verdict = judge(rehearse(loaded, arguments.seed, report, adversity, wind_m_s, rules))
     model = {"model": loaded.show.model_dump(mode="json")} if arguments.model else {}
     answer(arguments, asdict(verdict) | model, table(verdict), indent=None)
     return 0 if verdict.good else 1
@@ -147,11 +155,13 @@ def _adversity(arguments: argparse.Namespace) -> tuple[Adversity, tuple[float, f
     return adversity, arguments.wind or (0.0, 0.0)
 
 
-def _examine(loaded: LoadedShow) -> None:
-    """Look at drawn parts before they are flown. Raises: ShowError when they cannot be flown as drawn."""
-    if loaded.drawing is None:
-        return
-    _, flaws = examine(loaded.timeline)
+def _examine(loaded: LoadedShow, rules: ServiceRules | None, config: Config | None) -> None:
+    """Look at drawn parts, and at what a service allows, before the flight. Raises: ShowError."""
+    flaws = [] if loaded.drawing is None else examine(loaded.timeline)[1]
+    if config is not None:
+        flaws += service_flaws(loaded.show, config.frame, config.control, config.operation, len(config.fleet))
+    if rules is not None:
+        flaws += area_flaws(loaded.timeline, rules)
     if flaws:
         raise ShowError(loaded.file, [loaded.problem(flaw) for flaw in flaws])
 

@@ -9,6 +9,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
+from gcs.areas.files.site_files import read_site
+from gcs.areas.site import FlightSite
+from gcs.areas.site_fence import fence_within, uploaded_fence
 from gcs.bus.settings import BusSettings
 from gcs.config import sections, yaml_files
 from gcs.config.setting_errors import Misfit, explained, located
@@ -22,7 +25,7 @@ from gcs.formation.orbit import CLEAR_OF_FENCE_M
 from gcs.links.features import FeatureSettings
 from gcs.links.settings import INSTANCES_MAX, RecordSettings, instances, occupied
 from gcs.links.tak.settings import OwnTracks
-from gcs.model.errors import FileError, InvalidError, Problem
+from gcs.model.errors import FileError, InvalidError, Problem, SiteError
 from gcs.model.frames import ShowFrame
 from gcs.model.plan import Formation, Orbit, Plan, Target, Yaw
 from gcs.model.polygon_fence import PolygonFence
@@ -91,6 +94,11 @@ class FlightSettings(Settings):
     """How the stations of a site exchange messages."""
     site_rows: SiteRows | None = None
     """Set by `gcs serve --station` in that station's own configuration; not for files."""
+    site: Path | None = None
+    """File of the site, beside the configuration: a .geojson, a .kml or a QGroundControl .plan. Its areas and
+    heights narrow `control.safety.fence`."""
+    flight_site: FlightSite | None = None
+    """The site as it was read; not for files."""
 
 
 class Config(FeatureSettings, FlightSettings):
@@ -101,6 +109,8 @@ class Config(FeatureSettings, FlightSettings):
     @property
     def polygon_fence(self) -> PolygonFence | None:
         """What the autopilots keep by themselves; None: nothing is uploaded to them."""
+        if self._polygon_fence is None and self.flight_site is not None:
+            return uploaded_fence(self.flight_site)
         return self._polygon_fence
 
     def fenced(self, fence: PolygonFence) -> "Config":
@@ -166,6 +176,8 @@ class Config(FeatureSettings, FlightSettings):
         self._check_stations()
         self._check_links()
         self._check_access()
+        if (self.site is None) != (self.flight_site is None):
+            raise located("it is read with its file: gcs.config.schema.load", "site")
         strangers = sorted(set(self.preflight.start_places) - set(self.ids))
         if strangers:
             raise ValueError(f"preflight.start_places: there is no vehicle {', '.join(strangers)}")
@@ -279,15 +291,34 @@ def parse(text: str, source: str) -> Config:
     """Parse the configuration in `text`; `source` names it in errors. Raises: ConfigError."""
     written = Source(text, source)
     raw = written.mapping("show_frame, links and formation at least")
+    named = raw.pop("site", None)
+    if "flight_site" in raw or not isinstance(named, str | None):
+        key = "flight_site" if "flight_site" in raw else "site"
+        text = f"{key}: the name of a site's file is needed, as in site: FILE.geojson"
+        raise FileError(source, [Problem(written.line(key), None, text)])
     try:
         config = Config.model_validate(raw)
+        if named is not None:
+            config = on_site(config, Path(source).parent / named)
     except ValidationError as error:
         raise explained(error, source, Config, written) from None
+    except SiteError as error:
+        problems = [Problem(written.line("site"), None, text) for text in str(error).splitlines()]
+        raise FileError(source, problems) from None
     ports, counts = [link.ports for link in config.links], [len(link.fleet) for link in config.links]
     misfits = [*misfits_of_fleet(ports, counts, config.formation.radius_m, config.control.safety)]
     if misfits:
         raise FileError(source, [Problem(written.line(*misfit.loc), None, str(misfit)) for misfit in misfits])
     return config
+
+
+def on_site(config: Config, path: Path) -> Config:
+    """The configuration with the site's areas in its fence. Raises: SiteError, ValidationError."""
+    site, safety = read_site(path), config.control.safety
+    fence = fence_within(site, config.frame, safety.fence)
+    control = config.control.model_copy(update={"safety": safety.model_copy(update={"fence": fence})})
+    within = {"site": path, "flight_site": site, "control": control}
+    return Config.model_validate({key: getattr(config, key) for key in Config.model_fields} | within)
 
 
 def misfits_of_fleet(

@@ -5,7 +5,8 @@ GcsError
 ├── ConfigError      a configuration file contains an impossible value
 │   ├── FileError    names the line of every problem
 │   │   └── ShowError    of a show file; also names the cue
-│   └── DrawingError a file of another program with a drawn show; names the place in it
+│   ├── DrawingError a file of another program with a drawn show; names the place in it
+│   └── SiteError    a site that cannot be flown; names file, area and corner
 ├── InvalidError     a value from outside is out of range; names the field and what is allowed
 ├── AccessError      the caller may not do this, or calls too often
 ├── RefusedError     a proper request at the wrong moment; gives the reason
@@ -125,6 +126,20 @@ class DrawingError(ConfigError):
         super().__init__(f"{place}: {problem}")
         self.place = place
         self.problem = problem
+
+
+class SiteError(ConfigError):
+    """A site that cannot be flown, or a file of one that cannot be read.
+
+    Attributes:
+        place: the file, and what of it is meant, for example ``field.geojson: features[2].geometry``.
+        problems: everything that is wrong there, and what would be right.
+    """
+
+    def __init__(self, place: str, *problems: str) -> None:
+        super().__init__("\n".join(f"{place}: {problem}" for problem in problems))
+        self.place = place
+        self.problems = problems
 
 
 class InvalidError(GcsError):

@@ -16,6 +16,7 @@ from gcs.formation.repulsion import smallest_radius_m
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array, VehicleId
+from gcs.planning.area_room import Space, area_name, ground_lack_m, lacking_m, space_of
 from gcs.safety.constraints import Braking
 from gcs.safety.filter import SafetySettings
 from gcs.safety.target_clearance import clear_height_m, kept_clear_m
@@ -114,13 +115,19 @@ def check_radius(
         fence.height_max_m - height_m,
         fence.distance_max_m - away_m - orbit.radius_m - CLEAR_OF_FENCE_M,
     )
+    areas = ""
+    if fence.areas:
+        formation = Formation(radius_m=radius_m, height_m=height_m)
+        space = space_of((target.x_m, target.y_m), orbit, formation)
+        lack_m = float(lacking_m(fence.areas, space, CLEAR_OF_FENCE_M).lack_m[0])
+        most_m, areas = min(most_m, radius_m - lack_m), " and its areas"
     if radius_m > most_m + NEARLY_M:
         raise InvalidError(
             "radius_m",
             radius_m,
             f"at most {_down(max(most_m, 0.0)):.1f} m at a height of {height_m:g} m, so that orbit and sphere"
             f" stay inside the fence ({fence.height_min_m:g} to {fence.height_max_m:g} m high,"
-            f" {fence.distance_max_m:g} m from the origin)",
+            f" {fence.distance_max_m:g} m from the origin){areas}",
         )
 
 
@@ -147,6 +154,7 @@ def check_target(
     control: ControlSettings,
     *,
     changed: Literal["target", "orbit", "formation"] = "target",
+    instead_of: tuple[Orbit, Formation] | None = None,
 ) -> None:
     """Check that the target can be followed on that orbit with that sphere, from where it is.
 
@@ -156,6 +164,7 @@ def check_target(
         formation: that flies it.
         control: speeds, and the fence.
         changed: what the caller changes, which the refusal names.
+        instead_of: what was accepted before: what the areas of the fence lack for it is no reason to refuse.
 
     Raises: InvalidError when the target is too fast, or the fence leaves no room round it.
     """
@@ -170,6 +179,7 @@ def check_target(
         least_m = _up(safety.fence.height_max_m + too_low_m)
         allowed = f"less, or `fence.height_max_m` of {least_m:.1f} m, so that the sphere stays clear of it"
         raise InvalidError("clearance_m", target.clearance_m, allowed)
+    _check_areas(target, orbit, formation, safety, changed, instead_of)
     fence_m, away_m = safety.fence.distance_max_m, hypot(target.x_m, target.y_m)
     if orbit.radius_m + formation.radius_m + away_m + CLEAR_OF_FENCE_M <= fence_m + NEARLY_M:
         return
@@ -184,6 +194,48 @@ def check_target(
     most_m = max(0.0, fence_m - other_m - away_m - CLEAR_OF_FENCE_M)
     from_origin = f"round a target {away_m:.1f} m from the origin"
     raise InvalidError("radius_m", radius_m, f"at most {_down(most_m):.1f} m {from_origin}, {inside}")
+
+
+def _check_areas(
+    target: Target,
+    orbit: Orbit,
+    formation: Formation,
+    safety: SafetySettings,
+    changed: Literal["target", "orbit", "formation"],
+    instead_of: tuple[Orbit, Formation] | None,
+) -> None:
+    """Check that orbit and sphere have room among the areas of the fence. Raises: InvalidError."""
+    at_m = target.x_m, target.y_m
+    lack_m, area = _lack(space_of(at_m, orbit, formation), safety, _speed_m_s(target, orbit))
+    before_m = 0.0
+    if instead_of is not None:
+        before_m, _ = _lack(space_of(at_m, *instead_of), safety, _speed_m_s(target, instead_of[0]))
+    if lack_m <= max(before_m, 0.0) + NEARLY_M:
+        return
+    place, lacks = f"({target.x_m:g}, {target.y_m:g}) m", f"{_up(lack_m):.1f} m are missing to {area}"
+    if changed == "target":
+        raise InvalidError("position", place, f"{lacks}: move it, or take a smaller orbit or sphere")
+    radius_m = orbit.radius_m if changed == "orbit" else formation.radius_m
+    most_m = _down(radius_m - lack_m)
+    room = f"at most {most_m:.1f} m" if most_m > 0.0 else "less does not help, move the target first"
+    raise InvalidError("radius_m", radius_m, f"{room}: round a target at {place} {lacks}")
+
+
+def _speed_m_s(target: Target, orbit: Orbit) -> float:
+    """How fast a formation moves as a whole."""
+    return target.speed_m_s + (orbit.speed_m_s if orbit.radius_m > 0.0 else 0.0)
+
+
+def _lack(space: Space, safety: SafetySettings, speed_m_s: float) -> tuple[float, str]:
+    """How many metres a formation lacks in the fence, and to what; not above 0: none."""
+    fence, lacks = safety.fence, [(-np.inf, "")]
+    if fence.areas:
+        lack = lacking_m(fence.areas, space, CLEAR_OF_FENCE_M)
+        lacks.append((float(lack.lack_m[0]), area_name(fence.areas, int(lack.area[0]))))
+    if fence.controlled_ground is not None:
+        lack_m = ground_lack_m(fence.controlled_ground, space, safety.impact, speed_m_s)
+        lacks.append((float(lack_m[0]), "the edge of the controlled ground, on which vehicles may fall"))
+    return max(lacks)
 
 
 def without_room_m(target: Target, orbit: Orbit, formation: Formation, safety: SafetySettings) -> float:

@@ -104,6 +104,13 @@ class FlightReport:
         return "incomplete" if self.missing else "kept"
 
     @property
+    def hashes(self) -> list[tuple[str, str]]:
+        """Hashes of the site and of the shows that were flown, with what each is of."""
+        trajectories = self.trajectories
+        site = [("site", trajectories.site_hash)] if trajectories.site_hash else []
+        return [*site, *(("show", digest) for digest in trajectories.show_hashes)]
+
+    @property
     def duration_s(self) -> float:
         return float(self.trajectories.time_s[-1] - self.trajectories.time_s[0])
 
@@ -135,6 +142,8 @@ class FlightReport:
             trajectories.tracking,
             trajectories.traffic,
             self.ground,
+            trajectories.site_hash or None,
+            trajectories.show_hashes,
         )
 
 
@@ -238,6 +247,7 @@ def _fence(trajectories: FlownTrajectories, standards: Sequence[Standard]) -> li
     lowest_m = limit(lambda standard: standard.safety.fence.height_min_m)
     lowest = _most("", -lowest_m, -height_m, trajectories.formed, trajectories, "m")
     return [
+        *_areas(trajectories, standards),
         _most("greatest distance", farthest_m, out_m, airborne, trajectories, "m"),
         _most("greatest height", highest_m, height_m, airborne, trajectories, "m"),
         replace(

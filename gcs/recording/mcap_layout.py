@@ -164,6 +164,7 @@ def about(
     vehicles: Mapping[str, tuple[int, str]],
     autopilots: Mapping[str, str] = MappingProxyType({}),
     elsewhere: int = 0,
+    site_hash: str = "",
 ) -> dict[str, str]:
     """Return the file's metadata: the meaning of its numbers, and everything that does not change.
 
@@ -173,6 +174,7 @@ def about(
         vehicles: system id and link of each, in the order of the rows.
         autopilots: name of each, where known.
         elsewhere: so many vehicles at the end are in `/fleet/elsewhere`.
+        site_hash: of the areas that were flown in; empty: the configuration names no site.
     """
     values = {
         "version": str(VERSION),
@@ -183,6 +185,8 @@ def about(
         "phases": json.dumps([phase.value for phase in PHASES]),
         "modes": json.dumps([mode.value for mode in MODES]),
     }
+    if site_hash:
+        values["site_hash"] = site_hash
     if autopilots:
         values["autopilots"] = json.dumps([autopilots[name] for name in vehicles])
     return {**values, CHECKSUM: checksum(values)}

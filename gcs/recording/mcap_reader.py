@@ -211,6 +211,7 @@ class About:
     phases: tuple[Phase, ...]  # by their numbers in the rows
     modes: tuple[Mode, ...]
     elsewhere: int = 0  # so many of the vehicles, the last ones, are recorded less often
+    site_hash: str = ""  # of the areas that were flown in; empty: there were none
 
     @classmethod
     def read(cls, metadata: Mapping[str, str]) -> Self:
@@ -232,6 +233,7 @@ class About:
             tuple(Phase(name) for name in json.loads(metadata["phases"])),
             tuple(Mode(name) for name in json.loads(metadata["modes"])),
             int(metadata["elsewhere"]),
+            metadata.get("site_hash", ""),
         )
 
 

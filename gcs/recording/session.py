@@ -39,6 +39,7 @@ class Record:
         elsewhere: Mapping[VehicleId, tuple[int, str]] = MappingProxyType({}),
         site_json: str | None = None,
         autopilots: Mapping[VehicleId, str] = MappingProxyType({}),
+        site_hash: str = "",
     ) -> None:
         """Writes nothing before it is entered.
 
@@ -53,6 +54,7 @@ class Record:
             elsewhere: the same of other stations' vehicles, which follow in the flight data.
             site_json: the configuration of all stations, for the flight data; None: there is one station.
             autopilots: name of each vehicle's, for the flight data; empty: the usual one.
+            site_hash: of the areas that are flown in, for the flight data; empty: there are none.
         """
         self.session, self.folder = _new_folder(root)
         self._config_json = config_json
@@ -62,7 +64,12 @@ class Record:
         self.audit = AuditTrail(self._journal, self.session, vehicles)
         everything = {**vehicles, **elsewhere}
         about = layout.about(
-            self.session, site_json or config_json, everything, autopilots, len(everything) - len(vehicles)
+            self.session,
+            site_json or config_json,
+            everything,
+            autopilots,
+            len(everything) - len(vehicles),
+            site_hash,
         )
         self._flight = FlightFile(self.folder, about) if flight else None
         self._handler = _LogHandler(self.audit, self._flight)

@@ -55,6 +55,8 @@ class FlownTrajectories:
     autopilots: tuple[str, ...] = ()  # (n,) names; empty: not known
     tracking: tuple[TargetTracking, ...] = ()  # by the estimates of vehicles and targets
     traffic: tuple[TrackPassed, ...] = ()  # likewise
+    site_hash: str = ""  # of the site's areas; empty: there were none
+    show_hashes: tuple[str, ...] = ()  # of the written shows that were selected in the air, in order
 
     def elapsed_s(self, sample: int | np.signedinteger[Any]) -> float:
         """Time of a sample since the first, to hundredths of a second."""
@@ -122,9 +124,17 @@ def estimated(data: FlightData, on_progress: OnProgress | None = None) -> FlownT
             data.about.autopilots,
             target_tracking(ticks, _center_m(position_m, formed)),
             traffic_passed(ticks, data.about.ids, position_m, airborne),
+            data.about.site_hash,
+            _shows_flown(ticks, airborne),
         ),
         [at for at, _ in gaps],
     )
+
+
+def _shows_flown(ticks: Sequence[RecordedSample], airborne: Mask) -> tuple[str, ...]:
+    flies = np.flatnonzero(airborne.any(axis=1)).tolist()
+    flown = (ticks[at].status.selected for at in flies)
+    return tuple(dict.fromkeys(selected.hash for selected in flown if selected is not None))
 
 
 def _center_m(position_m: Single, formed: Mask) -> Array:

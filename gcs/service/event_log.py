@@ -69,6 +69,8 @@ WORDS: Final[Mapping[str, str]] = {
     "show_check_failed": "the check of show {show} failed: {reason}",
     "show_began": "show {show} began[, {late_s} s after its time]",
     "show_begin_cancelled": "show {show}: its time to begin is cancelled",
+    "start_hashes": "{command} takes off[; site {site_hash}][; show {show_hash}]"
+    "[; parameters {parameters_hash}]",
     "target_not_restored": "target {target} is not followed any more, the formation holds: {reason}",
     "show_begin_forgotten": "show {show} does not begin at {at} any more: {reason}",
     "show_begins_at": "show {show} begins at {at}[ ({reason})]",

@@ -595,6 +595,12 @@ class ReportBody:
     ground: Annotated[
         GroundKept | None, Field(description="Where vehicles would have fallen; null: no controlled ground.")
     ] = None
+    site_hash: Annotated[
+        str | None, Field(description="SHA-256 of the areas of the site; null: there were none.")
+    ] = None
+    show_hashes: Annotated[
+        tuple[str, ...], Field(description="Of the written shows that were selected in the air, in order.")
+    ] = ()
 
 
 @dataclass(frozen=True, slots=True)

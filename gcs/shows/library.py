@@ -231,7 +231,7 @@ class ShowLibrary:
             self._checks[name] = _Checked(ShowCheck(name, CheckState.RUNNING))
             try:
                 text = await asyncio.to_thread(self._read, name)
-                answer = await _checked_in_process(name, text, self._place(name).parent)
+                answer = await _checked_in_process(name, text, self._place(name).parent, self.rules)
                 self._checks[name] = await asyncio.to_thread(self._reported, name, text, answer)
             except TimeoutError:
                 self._failed(name, f"not done within {CHECK_WITHIN_S:g} s")
@@ -371,8 +371,10 @@ def _drawing(named: Drawing, folder: Path) -> DrawnShow:
     return drawing
 
 
-async def _checked_in_process(name: str, text: bytes, kept: Path) -> dict[str, Any]:
+async def _checked_in_process(name: str, text: bytes, kept: Path, rules: str) -> dict[str, Any]:
     """Run `gcs show check` on a text with its drawing, if it names one, of the folder `kept`.
+
+    `rules` are those of the service, as JSON.
 
     Raises: RefusedError, OSError, TimeoutError, ValueError.
     """
@@ -383,6 +385,7 @@ async def _checked_in_process(name: str, text: bytes, kept: Path) -> dict[str, A
         if source is not None and (kept / source).is_file():
             await asyncio.to_thread(shutil.copyfile, kept / source, path.with_name(source))
         try:
-            return await answered(("show", "check", str(path), "--json", "--model"), CHECK_WITHIN_S)
+            arguments = ("show", "check", str(path), "--json", "--model", f"--rules={rules}")
+            return await answered(arguments, CHECK_WITHIN_S)
         except RefusedError as refused:
             raise RefusedError(str(refused).replace(f"{path}: ", "")) from None

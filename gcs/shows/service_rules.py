@@ -6,6 +6,8 @@ from typing import Final
 from gcs.config.sections import OperationSettings
 from gcs.control import ControlSettings
 from gcs.model.settings import NotNegative, Positive, Settings
+from gcs.safety.fenced_areas import FencedArea
+from gcs.safety.impact import ImpactSettings
 from gcs.shows.format import Fleet, ShowFence, ShowLimits
 
 HEIGHT_MIN_M: Final = 3.0
@@ -31,6 +33,9 @@ class ServiceRules(Settings):
     exchanges_pads: bool = True  # False: vehicles that return by themselves know only the pads that they left
     limits: ShowLimits = ShowLimits()
     fence: ShowFence | None = None  # the service's; None: not known
+    areas: tuple[FencedArea, ...] = ()  # of the service's fence, in its show frame
+    controlled_ground: FencedArea | None = None  # likewise
+    impact: ImpactSettings = ImpactSettings()
 
     @classmethod
     def of(cls, control: ControlSettings, operation: OperationSettings) -> "ServiceRules":
@@ -43,7 +48,19 @@ class ServiceRules(Settings):
             exchanges_pads=operation.setpoint_loss_action != "return",
             limits=ShowLimits(**within),
             fence=ShowFence(**safety.fence.model_dump(include=set(ShowFence.model_fields))),
+            areas=safety.fence.areas,
+            controlled_ground=safety.fence.controlled_ground,
+            impact=safety.impact,
         )
+
+    @property
+    def usual(self) -> ControlSettings:
+        """The usual control settings, with the areas of the service's fence."""
+        usual = ControlSettings()
+        changes = {"areas": self.areas, "controlled_ground": self.controlled_ground}
+        fence = usual.safety.fence.model_copy(update=changes)
+        safety = usual.safety.model_copy(update={"fence": fence, "impact": self.impact})
+        return usual.model_copy(update={"safety": safety})
 
     @property
     def height_min_m(self) -> float:

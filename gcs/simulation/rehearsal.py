@@ -6,7 +6,7 @@ from math import hypot
 
 import numpy as np
 
-from gcs.control import Task, Tasks
+from gcs.control import ControlSettings, Task, Tasks
 from gcs.control.law_step import LawRunner
 from gcs.failsafe.policy import Action, Cause, FailsafePolicy
 from gcs.flight.commands.spares import climb_is_free, replacements
@@ -22,6 +22,7 @@ from gcs.planning.return_paths.planner import closed_places
 from gcs.shows import Flaw, LoadedShow, Played
 from gcs.shows.following import APPROACH_MAX_S, TrackErrors, assigned
 from gcs.shows.format import control_of
+from gcs.shows.service_rules import ServiceRules
 from gcs.simulation.random_sites import drawn_site
 from gcs.simulation.scenario import Adversity, FormationFlight, Judged, Scenario, ScenarioBox, Wind, World
 from gcs.simulation.simulated_flight import SimulatedFlight
@@ -61,6 +62,7 @@ class Rehearsal(SimulatedFlight):
         world: World,
         seed: int,
         adversity: Adversity | None = None,
+        rules: ServiceRules | None = None,
     ) -> None:
         """Hover above the pads.
 
@@ -69,6 +71,7 @@ class Rehearsal(SimulatedFlight):
             world: vehicles and links.
             seed: of the vehicles' errors, and of which are lost.
             adversity: what the show does not know of; None: nothing.
+            rules: of the service that is to fly it, with the areas of its fence; None: it has none.
         """
         adversity = adversity or Adversity()
         show, timeline = loaded.show, loaded.timeline
@@ -86,7 +89,9 @@ class Rehearsal(SimulatedFlight):
         self._law_named = False  # which is among them
         self._shaped_s = np.inf  # since when the vehicles are where the law leads, where that is no sphere
         first = timeline.plan_at(0.0)
-        scenario = _scenario(loaded, world, adversity, first, spares=len(places_m) - count)
+        self.rules = rules = rules or ServiceRules()
+        control = control_of(show, rules.usual, timeline.areas)
+        scenario = _scenario(loaded, world, adversity, first, control, spares=len(places_m) - count)
         if adversity.site is not None:
             open_m = float(np.linalg.norm(places_m[:, :2], axis=1).max()) + first.formation.radius_m
             random = np.random.default_rng([seed, 7])
@@ -307,7 +312,13 @@ class Rehearsal(SimulatedFlight):
 
 
 def _scenario(
-    loaded: LoadedShow, world: World, adversity: Adversity, first: Plan, *, spares: int
+    loaded: LoadedShow,
+    world: World,
+    adversity: Adversity,
+    first: Plan,
+    control: ControlSettings,
+    *,
+    spares: int,
 ) -> Scenario:
     """Return what a simulated flight needs to know of a show that begins with the plan `first`."""
     show, formation = loaded.show, first.formation
@@ -327,7 +338,7 @@ def _scenario(
         flight=flight,
         judged=Judged(vehicles=(show.fleet.vehicles,)),
         world=world,
-        control=control_of(show, areas=loaded.timeline.areas),
+        control=control,
         failsafes=FailsafePolicy(),
     )
 
@@ -338,6 +349,7 @@ def rehearse(
     on_progress: Callable[[float], None] | None = None,
     adversity: Adversity | None = None,
     wind_m_s: tuple[float, float] = (0.0, 0.0),
+    rules: ServiceRules | None = None,
 ) -> Rehearsal:
     """Fly a show once, with the recorded errors of the vehicles' position estimates.
 
@@ -347,11 +359,13 @@ def rehearse(
         on_progress: called with the share of the flight that is done, from 0 to 1.
         adversity: losses, and obstacles that the show does not know of; None: none.
         wind_m_s: along the show's x and y; its gusts have a standard deviation of `GUSTS` of it.
+        rules: of the service that is to fly it, with the areas of its fence; None: it has none.
     """
     speed_m_s = hypot(*wind_m_s)
     wind = Wind(mean_x_m_s=wind_m_s[0], mean_y_m_s=wind_m_s[1], gust_m_s=GUSTS * speed_m_s)
     drag_per_s = WIND_DRAG_PER_S if speed_m_s else World().drag_per_s
-    flight = Rehearsal(loaded, World(noise=1.0, wind=wind, drag_per_s=drag_per_s), seed, adversity)
+    world = World(noise=1.0, wind=wind, drag_per_s=drag_per_s)
+    flight = Rehearsal(loaded, world, seed, adversity, rules)
     flight.fly(on_progress)
     return flight
 

@@ -13,7 +13,7 @@ from gcs.model.plan import Plan
 from gcs.model.state import Array
 from gcs.planning.landing_sites import column_m, overlapping
 from gcs.planning.return_paths.within_areas import cross_edges
-from gcs.safety.fenced_areas import beyond_m
+from gcs.safety.fenced_areas import FencedArea, beyond_m
 from gcs.service.snapshots import CueFigures, ShowFigures, VerticalOverlap
 from gcs.shows import Flaw, Played
 from gcs.shows.drawn_checks import DrawnFigures, drawn_within, examine
@@ -300,15 +300,20 @@ class _Judge:
         return f"vehicle {row + 1} is at {self._show_s[tick]:.1f} s of the show {why}" if why else ""
 
     def _areas(self, ours_m: Array) -> None:
-        """Check that no vehicle leaves the areas of the drawing's fence, on its way home either."""
-        areas = self._loaded.timeline.areas
-        if not areas:
-            return
-        over_m = np.stack([beyond_m(areas, place_m[:, :2]) for place_m in ours_m])
+        """Check that no vehicle leaves the areas of the fence, on its way home either."""
+        for areas, whose in (
+            (self._loaded.timeline.areas, "of the drawing"),
+            (self._flight.rules.areas, "of the service"),
+        ):
+            if areas:
+                self._beyond(ours_m, areas, whose)
+
+    def _beyond(self, ours_m: Array, areas: Sequence[FencedArea], whose: str) -> None:
+        over_m = np.stack([beyond_m(areas, place_m) for place_m in ours_m])
         at, row = np.unravel_index(int(over_m.argmax()), over_m.shape)
         if over_m[at, row] > 0.0:
             vehicle = int(np.flatnonzero(~self._lost)[row]) + 1
-            words = f"vehicle {vehicle} is {over_m[at, row]:.2f} m beyond the fence of the drawing"
+            words = f"vehicle {vehicle} is {over_m[at, row]:.2f} m beyond the fence {whose}"
             self._note(int(at), words)
 
     def _home_s(self) -> float | None:

@@ -28,8 +28,9 @@ def test_no_module_lies_flat_in_gcs() -> None:
     assert {path.name for path in (ROOT / "gcs").glob("*.py")} == {"__init__.py", "__main__.py"}
 
 
-def test_at_most_twenty_two_packages() -> None:
-    assert len([path for path in PACKAGES if path.parent.name == "gcs"]) <= 22
+def test_at_most_twenty_three_packages() -> None:
+    """The twenty-third are the areas of a site, which configuration, shows and planning ask alike."""
+    assert len([path for path in PACKAGES if path.parent.name == "gcs"]) <= 23
 
 
 def test_no_two_classes_of_gcs_share_a_name() -> None:

@@ -204,6 +204,7 @@ def make_record(config: Config, site: Config | None = None) -> Record | None:
         elsewhere={} if site is None else _elsewhere(config, site),
         site_json=None if site is None else site.model_dump_json(),
         autopilots=(site or config).autopilots,
+        site_hash="" if config.flight_site is None else config.flight_site.digest,
     )
 
 

@@ -67,6 +67,7 @@ class Commander(VehicleCommands):
             maneuvers,
             preflight_gate,
             show_player,
+            flight.start_hashes,
         )
         self.spares = Spares(newest, vehicles, show, book, places, maneuvers, preflight_gate)
         frame, space = flight.config.show_frame, flight.uncontrolled

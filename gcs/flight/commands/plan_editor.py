@@ -80,15 +80,25 @@ class PlanEditor:
             # the radius stays, also where receivers are worse
             uncertainty_m = np.zeros_like(uncertainty_m)
         check_formation(formation, len(uncertainty_m), control.safety, uncertainty_m)
-        check_target(target, self.in_force.plan.orbit, formation, control, changed="formation")
+        check_target(
+            target,
+            self.in_force.plan.orbit,
+            formation,
+            control,
+            changed="formation",
+            instead_of=(self.in_force.plan.orbit, was),
+        )
         self.in_force.plan = replace(self.in_force.plan, formation=formation)
 
     def set_orbit(self, orbit: Orbit, fields: Sequence[str] = ()) -> None:
         self.show_player.need_free("orbit")
-        orbit = _changed(self.in_force.plan.orbit, orbit, fields)
-        control = self.in_force.control
+        was, control = self.in_force.plan.orbit, self.in_force.control
+        orbit = _changed(was, orbit, fields)
         check_orbit(orbit, control.law)
-        check_target(self._followed(), orbit, self.in_force.plan.formation, control, changed="orbit")
+        formation = self.in_force.plan.formation
+        check_target(
+            self._followed(), orbit, formation, control, changed="orbit", instead_of=(was, formation)
+        )
         self.in_force.plan = replace(self.in_force.plan, orbit=orbit)
 
     def set_target(self, target: Target) -> None:
@@ -289,7 +299,8 @@ class RestoredPlan:
             check_formation(plan.formation, max(1, len(interruption.vehicles)), control.safety)
             check_orbit(plan.orbit, control.law)
             target = followed(plan, self.newest.state.time_s, control.safety.fence)
-            check_target(replace(target, clearance_m=0.0), plan.orbit, plan.formation, control)
+            target, flown = replace(target, clearance_m=0.0), (plan.orbit, plan.formation)
+            check_target(target, *flown, control, instead_of=flown)  # the areas' walls keep it as it was
         except GcsError as error:
             raise RefusedError(f"what was flown cannot be flown now: {error}") from None
         return plan

@@ -1,7 +1,7 @@
 """A start, immediate or scheduled: the checks before it, and the order of take-offs."""
 
 import logging
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -75,6 +75,7 @@ class Starting:
     maneuvers: Maneuvers
     preflight_gate: PreflightGate
     show_player: ShowPlayer
+    hashes: Callable[[Sequence[VehicleId], str | None], Mapping[str, str]]  # of vehicles and a show
     countdown: Countdown | None = None
 
     def begin(
@@ -102,12 +103,17 @@ class Starting:
         if self.countdown is not None:
             self._end_countdown(self.countdown, "started before its time, by another command")
         record = self.book.open("start", chosen, left_out)
-        self._take_off(record, chosen, left_out)
+        self._take_off(record, chosen, left_out, show_hash)
         return record
 
     def _take_off(
-        self, record: CommandRecord, chosen: Sequence[VehicleId], left_out: dict[VehicleId, str]
+        self,
+        record: CommandRecord,
+        chosen: Sequence[VehicleId],
+        left_out: dict[VehicleId, str],
+        show_hash: str | None,
     ) -> None:
+        log.info("start_hashes", extra={"command": record.id, **self.hashes(chosen, show_hash)})
         flies = self.show_player.give_parts(chosen)
         for name in chosen[len(flies) :]:
             left_out = left_out | {name: STANDS_BY}
@@ -151,7 +157,7 @@ class Starting:
             self.show.move(ShowEvent.CHECK_FAILED, f"did not start: {error}")
             return
         self.countdown = None
-        self._take_off(countdown.record, chosen, left_out)
+        self._take_off(countdown.record, chosen, left_out, countdown.show_hash)
 
     def _still_ready(self, countdown: Countdown, late_s: float) -> Cleared:
         """Check again, at take-off time. Raises: RefusedError, InvalidError, UnknownError."""

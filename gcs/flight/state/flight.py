@@ -31,6 +31,7 @@ from gcs.flight.state.elsewhere import Elsewhere
 from gcs.flight.state.feature import Feature, Instant
 from gcs.flight.state.newest import InForce, Newest
 from gcs.flight.state.show_state import ShowState
+from gcs.flight.state.start_hashes import start_hashes
 from gcs.flight.state.timecode import Timecode
 from gcs.flight.state.uncontrolled_space import UncontrolledSpace
 from gcs.flight.state.vehicle import SHOW_FLIES, FlightVehicles, Vehicle
@@ -323,6 +324,10 @@ class Flight:
                 for vehicle in self.vehicles.values()
             ]
         )
+
+    def start_hashes(self, vehicles: Sequence[VehicleId], show_hash: str | None) -> dict[str, str]:
+        """What a start of these vehicles stands for, by names in the audit."""
+        return start_hashes(vehicles, self.config.flight_site, show_hash, self.parameters)
 
     def _known_parameters(self, vehicle: Vehicle) -> Mapping[str, ParameterValue]:
         """Those that were read, and until then those that are demanded."""

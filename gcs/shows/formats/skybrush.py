@@ -13,6 +13,7 @@ import numpy as np
 
 from gcs.model.errors import DrawingError, quoted
 from gcs.model.frames import ShowFrame
+from gcs.model.json_values import Value, parsed
 from gcs.model.state import Array
 from gcs.shows.drawn import (
     Claims,
@@ -29,7 +30,6 @@ from gcs.shows.drawn.piece_index import TIME_MAX_S
 from gcs.shows.drawn.yaw_programs import NO_YAW, YawProgram
 from gcs.shows.format import MAX_CUES, MAX_VEHICLES
 from gcs.shows.formats.archive import Archive
-from gcs.shows.formats.json_values import Value, parsed
 from gcs.shows.formats.samples import COORDINATE_MAX_M, NWU
 from gcs.shows.formats.skybrush_lights import decoded
 from gcs.shows.formats.skybrush_trajectory import has_yaw, read_trajectory

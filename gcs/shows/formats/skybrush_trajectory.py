@@ -12,11 +12,11 @@ from typing import Any, Final, NoReturn
 import numpy as np
 
 from gcs.model.errors import DrawingError
+from gcs.model.json_values import Value
 from gcs.model.state import Array
 from gcs.shows.drawn import Trajectory
 from gcs.shows.drawn.piece_index import TIME_MAX_S
 from gcs.shows.drawn.trajectories import DEGREE_MAX, power_of_bezier
-from gcs.shows.formats.json_values import Value
 from gcs.shows.formats.samples import COORDINATE_MAX_M, NWU, through_samples
 
 POINTS_MAX: Final = 50_000

@@ -2028,6 +2028,10 @@ export interface components {
             nearest_pairs: components["schemas"]["NearestPair"][];
             /** @description Remarks about the file. */
             remarks: string[];
+            /** @description Of the written shows that were selected in the air, in order. */
+            show_hashes: string[];
+            /** @description SHA-256 of the areas of the site; null: there were none. */
+            site_hash: string | null;
             source: string;
             /** @description Of each target that was followed; empty: of none. */
             tracking: components["schemas"]["TargetTracking"][];
