@@ -247,7 +247,6 @@ def _fence(trajectories: FlownTrajectories, standards: Sequence[Standard]) -> li
     lowest_m = limit(lambda standard: standard.safety.fence.height_min_m)
     lowest = _most("", -lowest_m, -height_m, trajectories.formed, trajectories, "m")
     return [
-        *_areas(trajectories, standards),
         _most("greatest distance", farthest_m, out_m, airborne, trajectories, "m"),
         _most("greatest height", highest_m, height_m, airborne, trajectories, "m"),
         replace(

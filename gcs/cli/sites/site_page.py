@@ -13,12 +13,15 @@ from gcs.areas.volumes import Comparison, Volumes
 from gcs.cli.sites.fleet_kinds import ReadParameters, fleet_kinds
 from gcs.cli.sites.site_map import drawn, legend
 from gcs.config.schema import Config
+from gcs.links.features import FeatureSettings
 from gcs.preflight.parameters import requirements_of
 from gcs.safety.impact import impacts
 from gcs.shows import LoadedShow
 
 NEARLY_M: Final = 0.01
 LIMITS_J: Final = "for comparison: 14.9 J and 33.9 J (FAA, operations over people), 80 J (EU class C1)"
+
+BESIDE: Final = "Remote ID, and what else is sent and received"
 
 STYLE: Final = """
 body { font: 14px/1.45 system-ui, sans-serif; color: #222; }
@@ -77,7 +80,7 @@ def page(reported: SiteReported) -> str:
 {_vehicles(reported)}
 {_show(reported)}
 {_parameters(reported)}
-{_remote_id(reported.config)}
+{_features(reported.config)}
 </html>
 """
 
@@ -272,12 +275,17 @@ def _values(read: ReadParameters, parameter: str, names: Sequence[str]) -> str:
     return "; ".join(f"{value}: {', '.join(map(escape, of))}" for value, of in by_value.items())
 
 
-def _remote_id(config: Config) -> str:
-    """The section of the configuration, key by key."""
-    section = config.model_dump(mode="json").get("remote_id")
-    if not section:
-        return "<h2>Remote ID</h2><p class=note>There is no section remote_id: this station sends none.</p>"
+def _features(config: Config) -> str:
+    """What is sent and received beside the flight, Remote ID for example, as the configuration has it."""
+    sections = config.model_dump(mode="json", include=set(FeatureSettings.model_fields))
+    usual = FeatureSettings().model_dump(mode="json")
     rows = [
-        (escape(key), escape(str(value))) for key, value in section.items() if value not in (None, "", {})
+        (f"{escape(name)}.{escape(key)}", escape(str(value)))
+        for name, section in sections.items()
+        if isinstance(section, dict) and section != usual.get(name)
+        for key, value in section.items()
+        if value not in (None, "", {}, [])
     ]
-    return f"<h2>Remote ID</h2>{_table(('Key', 'Value'), rows)}"
+    if not rows:
+        return f"<h2>{BESIDE}</h2><p class=note>The configuration has none of it, and no Remote ID.</p>"
+    return f"<h2>{BESIDE}</h2>{_table(('Key', 'Value'), rows)}"

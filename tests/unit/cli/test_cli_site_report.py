@@ -67,7 +67,7 @@ def test_the_page_has_everything_and_asks_no_other_host(tmp_path: Path) -> None:
         "Vehicles",
         "Show lakeside",
         "Parameters",
-        "Remote ID",
+        "Remote ID, and what else is sent and received",
     ]
     rows = {name: {"COM_OF_LOSS_T": 1.0} for name in (f"d{number}" for number in range(1, 9))}
     for words in (
@@ -80,9 +80,21 @@ def test_the_page_has_everything_and_asks_no_other_host(tmp_path: Path) -> None:
         "1.5 kg",
         "It fits the areas, the limits and the frame.",
         "COM_OF_LOSS_T",
-        "There is no section remote_id",
+        "The configuration has none of it, and no Remote ID.",
     ):
         assert words in page, words
+
+
+def test_remote_id_is_on_the_page(tmp_path: Path) -> None:
+    section = (
+        "remote_id: {operator_id: FIN87astrdge12k8, self_id: Evening show, geoid_m: 47.4, operator:"
+        " {latitude_deg: 47.397, longitude_deg: 8.545, altitude_amsl_m: 488.0}}\n"
+    )
+    text = find("lakeside").read_text().replace("sites/", f"{shipped_folder() / 'sites'}/")
+    (tmp_path / "a.yaml").write_text(text + section)
+    page = reported(tmp_path, str(tmp_path / "a.yaml"))
+    assert "FIN87astrdge12k8" in page
+    assert "Evening show" in page
 
 
 def test_differing_parameters_are_named_with_their_vehicles(tmp_path: Path) -> None:
