@@ -178,9 +178,10 @@ class FakeService:
         self.excluded: dict[str, Exclusion] = {}
         self.book, self.plan, self.command_log = AlarmBook(), FakePlan(self.phases), CommandLog()
 
-    def propose(self, by: str) -> None:
+    def propose(self, by: str, until_unix_s: float = 9e9) -> None:
         """Have a start proposed by a token."""
-        self.features = replace(self.features, go=self._go(ProposedStart("o1", by, GO_HASH, 9e9, 3, None)))
+        proposal = ProposedStart("o1", by, GO_HASH, until_unix_s, len(self.phases), None)
+        self.features = replace(self.features, go=self._go(proposal))
         self.tick()
 
     def _go(self, proposal: ProposedStart | None = None) -> GoView:
