@@ -483,7 +483,6 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "Mend what is named, or call the countdown off: stop. Otherwise the start is refused at its time.",
         off_after_s=0.0,
         past="A start that was counted down was not ready",
-        action=X.STOP,
     ),
     AlarmCause.CLOCK_DOUBTFUL: CauseRow(
         C,

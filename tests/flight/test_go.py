@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from random import Random
 from typing import Any, Final
 
 import pytest
@@ -12,7 +13,8 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation
 from gcs.service import CommandRecord, GoView, Outcome, ShowAction, WeatherEntry
 from gcs.service.alarms import AlarmCause
-from gcs.testing.virtual_show import VirtualShow, fly, refused, show_config
+from gcs.testing.views import vehicles_of
+from gcs.testing.virtual_show import HOLDS_WHEN_LOST, VirtualShow, fly, refused, show_config
 from tests.support import written_show
 from tests.support.tokens_flown import by_two, lists_file, token
 
@@ -125,6 +127,72 @@ def test_what_changes_after_the_proposal_calls_it_off(tmp_path: Path) -> None:
             assert show.view.show is ShowPhase.IDLE
 
     fly(story, show_config(2, **by_two(weather=WEATHER, checklists=str(lists_file(tmp_path)))))
+
+
+def test_a_parameter_that_changes_calls_the_proposal_off() -> None:
+    """One of which preflight demands nothing that it breaks: the hash alone notices it."""
+
+    async def story(show: VirtualShow) -> None:
+        await show.standby()
+        await show.link.set_parameter("d2", "COM_OF_LOSS_T", 0.8)
+        await show.wait(2.0)
+        propose(show)
+        shown = await hash_shown(show)
+        await show.link.set_parameter("d2", "COM_OF_LOSS_T", 0.9)
+        await show.wait(2.0)
+        assert "parameters changed since alice proposed it" in await why_not(show, "bob", shown)
+        propose(show)
+        confirm(show, "bob", await hash_shown(show))
+        await show.reach(ShowPhase.RUNNING)
+
+    fly(story, show_config(2, operation=HOLDS_WHEN_LOST, **by_two()))
+
+
+async def standing(show: VirtualShow) -> None:
+    await show.standby()
+
+
+@pytest.mark.keeps("1")
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_random_calls_of_three_tokens_start_nothing_alone(seed: int) -> None:
+    """Proposals, confirmations, changes and pauses in any order: what starts was confirmed by another."""
+
+    async def story(show: VirtualShow) -> bool:
+        chance, service = Random(seed), show.service
+        by, shown, until_s, radius_m = "", "", 0.0, show.view.plan.formation.radius_m
+        first_m = proposed_m = radius_m
+        kept = True  # nothing has changed since the proposal, not even for a moment
+        for _ in range(100):
+            token_ = chance.choice(["alice", "bob", "carol"])
+            what = chance.choice(["propose", "confirm", "guess", "change", "wait", "wait"])
+            now_s = show.now_s
+            if what == "wait":
+                await show.wait(chance.choice([0.1, 2.0, 25.0, 40.0]))
+                continue
+            try:
+                if what == "propose":
+                    propose(show, token_)
+                    by, until_s, proposed_m, kept = token_, now_s + 60.0, radius_m, True
+                    shown = await hash_shown(show)
+                elif what == "change":
+                    radius_m = first_m if radius_m != first_m else first_m + 0.5
+                    service.plan.set_formation(Formation(radius_m, show.view.plan.formation.height_m))
+                    kept = False
+                else:
+                    confirm(show, token_, shown if what == "confirm" else "ab12" * 3)
+                    assert what == "confirm"
+                    assert token_ != by != ""
+                    assert radius_m == proposed_m
+                    assert now_s <= until_s
+                    await show.reach(ShowPhase.RUNNING)
+                    return True
+            except RefusedError:
+                assert not (what == "confirm" and token_ != by != "" and kept and now_s <= until_s)
+            assert show.view.show is ShowPhase.IDLE
+            assert not any(vehicle.armed for vehicle in vehicles_of(show.view))
+        return False
+
+    assert fly(story, show_config(2, **by_two()), after=standing)
 
 
 def test_anyone_stops_a_proposal_and_a_flight() -> None:

@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from types import MappingProxyType
 from typing import Final
 
 from gcs.flight.state.feature import Feature, Instant
@@ -46,6 +47,7 @@ class CrewGo(Feature):
         flight: Flight,
         followed: Callable[[], str],
         now_s: Callable[[], float],
+        further: Mapping[str, Callable[[], str]] = MappingProxyType({}),
     ) -> None:
         """Reads the checklists. Raises: ConfigError.
 
@@ -54,11 +56,13 @@ class CrewGo(Feature):
             flight: what a start is confirmed for.
             followed: name of the target that the plan follows; empty: it follows none.
             now_s: the loop's clock.
+            further: hash of what else a start is confirmed for, by name; empty: there is none of it.
         """
         self._settings = settings
         self._flight = flight
         self._followed = followed
         self._now_s = now_s
+        self._further = dict(further)
         given = settings or GoSettings()
         self._checklists = read_checklists(given.checklists)
         self._entered: _Entered | None = None
@@ -81,6 +85,7 @@ class CrewGo(Feature):
             "parameters": digest(self._parameters()) if self._flight.parameters else "",
             "weather": "" if entry is None else digest(asdict(entry)),
             "checklists": digest([asdict(each) for each in lists]) if lists else "",
+            **{name: value() for name, value in self._further.items()},
         }
         return {name: value for name, value in parts.items() if value}
 

@@ -13,7 +13,7 @@ type Proposal = NonNullable<Go["proposal"]>;
 
 export const t = {
   title: "Start by two",
-  panel: "Checklists and weather",
+  panel: "Checklists",
   proposed: (by: string): string => `Start proposed by ${by}`,
   left: (left_s: number): string => `${left_s} s left`,
   hash: (hash: string): string => `hash ${hash}`,
