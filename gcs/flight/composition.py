@@ -87,7 +87,11 @@ class FlightParts:
             law_wait_s,
         )
         self.go = go = CrewGo(
-            flight.config.go, flight, lambda: targets.selected, asyncio.get_running_loop().time
+            flight.config.go,
+            flight,
+            lambda: targets.selected,
+            asyncio.get_running_loop().time,
+            {"site": lambda: flight.start_hashes((), None).get("site_hash", "")},
         )
         flight.features = [*features_of(flight, targets, guard, unix_minus_loop_s, group), go]
         self.refusals = refusals = refusals_of(flight)
