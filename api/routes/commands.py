@@ -138,12 +138,31 @@ _add_routes(
 async def start_show(
     context: ContextDep, response: Response, body: requests.StartBody | None = None
 ) -> CommandRecord:
-    """Starts the named vehicles or all but those left out, now or later; a selected show needs its hash."""
+    """Starts the named vehicles or all but those left out, now or later; a selected show needs its hash.
+
+    With `go.confirmed_by_another` the start is proposed: it is pending until another token confirms it.
+    """
     given = body or requests.StartBody()
     record = context.service.commands.command_show(
         ShowAction.START, given.vehicles, show_hash=given.show_hash, at_unix_time_s=given.at_unix_time_s
     )
     return _accepted(response, record)
+
+
+@router.post(
+    "/show/confirm",
+    tags=["show"],
+    summary="Confirm a start that another token proposed",
+    **command(status=HTTPStatus.ACCEPTED),
+)
+async def confirm_start(
+    body: requests.GoConfirmation, context: ContextDep, response: Response
+) -> CommandRecord:
+    """Returns the start's command.
+
+    `409` for the token that proposed it, for another hash, too late, and after anything has changed.
+    """
+    return _accepted(response, context.service.commands.confirm_start(body.hash))
 
 
 _add_routes(

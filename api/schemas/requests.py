@@ -188,6 +188,40 @@ TargetPut = Annotated[
 ]
 
 
+class GoConfirmation(Inward):
+    """The start that is confirmed."""
+
+    hash: Annotated[
+        str,
+        Field(
+            pattern=r"^[0-9a-f]{12}$",
+            description="Hash of what is proposed, as `GET /go` has it.",
+            examples=["3f2a9c01b4de"],
+        ),
+    ]
+
+
+class ChecklistItems(Inward):
+    """Items of the checklist of one role."""
+
+    role: Annotated[str, Field(max_length=32, examples=["pads"])]
+    items: Annotated[
+        list[Annotated[int, Field(ge=1, le=64)]],
+        Field(min_length=1, max_length=64, description="Their numbers, from 1.", examples=[[1, 2]]),
+    ]
+
+
+class Weather(Change):
+    """The weather now, as it was measured or looked up."""
+
+    wind_m_s: Annotated[float, Field(ge=0, le=100)] = Field(default=ABSENT, examples=[4.0])
+    gust_m_s: Annotated[float, Field(ge=0, le=100)] = Field(default=ABSENT, examples=[6.5])
+    visibility_m: Annotated[float, Field(ge=0, le=100_000)] = Field(default=ABSENT, examples=[8000.0])
+    kp: Annotated[float, Field(ge=0, le=9)] = Field(
+        default=ABSENT, description="Planetary index of geomagnetic activity.", examples=[2.0]
+    )
+
+
 class TargetName(Inward):
     """A target of the configuration."""
 

@@ -88,6 +88,11 @@ _BOX: Final = ("x_m", "y_m", "half_length_x_m", "half_length_y_m", "height_m")
 
 CALLS: Final = (
     ApiCall("start", "start", "start the vehicles named, or all that are not left out"),
+    ApiCall("confirm", "confirm", "confirm the start that another token proposed, by its hash"),
+    ApiCall("go", "go", "what a start needs of people: the proposed start, checklists, weather"),
+    ApiCall("sign", "sign", "sign items of a role's checklist, by their numbers"),
+    ApiCall("reopen", "reopen", "take signatures of a checklist back"),
+    ApiCall("weather", "enter_weather", "enter the weather as it is now"),
     ApiCall("stop", "stop", "all vehicles return home and land"),
     ApiCall("pause", "pause", "the formation stands still"),
     ApiCall("resume", "resume", "go on after a pause"),

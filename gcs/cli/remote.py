@@ -122,7 +122,8 @@ def _add_parameters(
         hint = str(parameter.annotation).partition(" | ")[0]
         kind = KINDS[hint.removeprefix("list[").removesuffix("]")]
         if hint.startswith("list["):
-            parser.add_argument(name, nargs="*", metavar=name.upper(), type=kind)
+            needed = parameter.default is inspect.Parameter.empty
+            parser.add_argument(name, nargs="+" if needed else "*", metavar=name.upper(), type=kind)
         elif parameter.kind is inspect.Parameter.KEYWORD_ONLY and name not in call.positional:
             parser.add_argument(f"--{name.replace('_', '-')}", type=kind)
         else:
@@ -164,9 +165,22 @@ def _run(call: ApiCall, names: Sequence[str], arguments: argparse.Namespace) -> 
                 error.args = (BEFORE_CAUSE.sub("\n", str(error)),)
             raise
         if isinstance(answer, service.CommandRecord):
+            if call.name == "start" and not arguments.json:
+                _say_proposed(client, answer)
             return _reported(client, [answer], arguments)
     _print(answer, arguments)
     return 0
+
+
+def _say_proposed(client: Client, start: service.CommandRecord) -> None:
+    """Say what was proposed, where a start needs a second token."""
+    proposal = client.go().proposal
+    if proposal is not None and proposal.command_id == start.id:
+        left_s = max(0.0, proposal.until_unix_time_s - start.accepted_unix_time_s)
+        print(
+            f"proposed, with the hash {proposal.hash}: another token confirms it within {left_s:.0f} s:"
+            f" gcs confirm {proposal.hash}"
+        )
 
 
 def _command(parser: argparse.ArgumentParser, action: str, arguments: argparse.Namespace) -> int:

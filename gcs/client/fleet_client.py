@@ -356,6 +356,33 @@ class Client(Calls):
     ) -> service.CommandRecord:
         """Start with `vehicles` or all but those left out, now or later. A selected show needs its hash."""
 
+    @calls("POST", "/api/v1/show/confirm", go_hash="hash")
+    def confirm(self, go_hash: str) -> service.CommandRecord:
+        """Confirm the start that another token proposed; `go()` has its hash."""
+
+    @calls("GET", "/api/v1/go")
+    def go(self) -> service.GoView:
+        """Get what a start needs of people: the proposed start, checklists, weather."""
+
+    @calls("POST", "/api/v1/go/sign")
+    def sign(self, role: str, items: list[int]) -> service.GoView:
+        """Sign items of a role's checklist, by their numbers."""
+
+    @calls("POST", "/api/v1/go/reopen")
+    def reopen(self, role: str, items: list[int]) -> service.GoView:
+        """Take the signatures of these items back."""
+
+    @calls("PUT", "/api/v1/go/weather")
+    def enter_weather(
+        self,
+        *,
+        wind_m_s: float | None = None,
+        gust_m_s: float | None = None,
+        visibility_m: float | None = None,
+        kp: float | None = None,
+    ) -> service.GoView:
+        """Enter the weather as it is now."""
+
     @calls("POST", "/api/v1/show/stop")
     def stop(self) -> service.CommandRecord:
         """Return all vehicles home and land them."""

@@ -234,6 +234,9 @@ class Config(FeatureSettings, FlightSettings):
 
     def _check_access(self) -> None:
         """Check that each API is reachable from other machines only with tokens."""
+        if self.go is not None and self.go.confirmed_by_another and self.access.tokens_file is None:
+            text = "needs access.tokens_file: tokens tell callers apart"
+            raise located(text, "go", "confirmed_by_another")
         apis = [("api", self.api)]
         apis += [(f"stations.{at}.api", each.api or self.api) for at, each in enumerate(self.stations)]
         for key, api in apis:

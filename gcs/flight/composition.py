@@ -21,6 +21,7 @@ from gcs.flight.maneuvers.maneuver_steps import Steps
 from gcs.flight.maneuvers.maneuvers import Maneuvers
 from gcs.flight.monitors.failsafe_monitor import FailsafeMonitor
 from gcs.flight.monitors.telemetry_monitor import TelemetryMonitor
+from gcs.flight.preflight.go import CrewGo
 from gcs.flight.preflight.parameter_reader import ParameterReader
 from gcs.flight.preflight.preflight_gate import PreflightGate
 from gcs.flight.show_progress import ComeBack, ShowProgress
@@ -85,7 +86,14 @@ class FlightParts:
             1.0 / flight.config.tick_rate_hz,
             law_wait_s,
         )
-        flight.features = features_of(flight, targets, guard, unix_minus_loop_s, group)
+        self.go = go = CrewGo(
+            flight.config.go,
+            flight,
+            lambda: targets.selected,
+            asyncio.get_running_loop().time,
+            {"site": lambda: flight.start_hashes((), None).get("site_hash", "")},
+        )
+        flight.features = [*features_of(flight, targets, guard, unix_minus_loop_s, group), go]
         self.refusals = refusals = refusals_of(flight)
         places = landing_places_of(flight)
         self.maneuvers = maneuvers = maneuvers_of(flight, group, places)
@@ -96,7 +104,7 @@ class FlightParts:
         self.plan = plan_editor_of(flight, player, maneuvers, targets)
         plans = RestoredPlan(flight.in_force, flight.show, flight.newest, flight.unix_s, player, targets)
         self.commands = commands = Commander(
-            flight, refusals, places, maneuvers, player, self.preflight, planning, plans, interruption
+            flight, refusals, places, maneuvers, player, self.preflight, planning, plans, go, interruption
         )
         guard.pause = partial(commands.execute_show_failsafe, ShowAction.PAUSE)
         self.telemetry_monitor = telemetry_monitor_of(flight, maneuvers, commands)

@@ -120,6 +120,7 @@ class Orchestrator:
         self._guard = parts.guard
         self.refusals, self.maneuvers, self.shows = parts.refusals, parts.maneuvers, parts.shows
         self.player, self.preflight, self.plan = parts.player, parts.preflight, parts.plan
+        self.go = parts.go
         self.commands, self.recovery = parts.commands, parts.commands.recovery
         self._telemetry_monitor = parts.telemetry_monitor
         self._failsafe_monitor, self._progress = parts.failsafe_monitor, parts.progress
@@ -221,6 +222,7 @@ class Orchestrator:
             interrupted=self.recovery.view(),
             return_problem=self.commands.return_problem,
             clock_doubt=self.player.begin.why_doubtful,
+            not_ready=self.commands.starting.why_not_ready,
             supervisor="" if self._heart is None else self._heart.problem,
             notes=self._standing,
         )

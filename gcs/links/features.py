@@ -204,6 +204,34 @@ class TakSettings(Settings):
         return f"gcs-{sha256(show.encode()).hexdigest()[:8]}"
 
 
+class WeatherLimits(Settings):
+    """Weather in which vehicles may start. What has a limit must be entered, or no start is possible."""
+
+    wind_max_m_s: Positive | None = None
+    """Most wind, in m/s; null: not asked for."""
+    gust_max_m_s: Positive | None = None
+    """Most gusts, in m/s; null: not asked for."""
+    visibility_min_m: Positive | None = None
+    """Least visibility, in m; null: not asked for."""
+    kp_max: Annotated[float, Field(ge=0, le=9)] | None = None
+    """Greatest Kp, the planetary index of geomagnetic activity; null: not asked for."""
+    age_max_s: Annotated[float, Field(ge=60, le=86_400)] = 3600.0
+    """An entry that is older counts as unknown, in s."""
+
+
+class GoSettings(Settings):
+    """What people must say before a start (docs/how-to/go.md)."""
+
+    confirmed_by_another: bool = False
+    """Whether a start is proposed by one token and confirmed by another; false: one person starts."""
+    within_s: Annotated[float, Field(ge=10, le=600)] = 60.0
+    """How long a proposed start waits for that, in s."""
+    checklists: Path | None = None
+    """File of checklists by role, whose open items block a start; null: there are none."""
+    weather: WeatherLimits = WeatherLimits()
+    """Limits of the weather that is entered."""
+
+
 class StationInputs(Settings):
     """Inputs that each station of a site may have of its own."""
 
@@ -226,6 +254,8 @@ class FeatureSettings(StationInputs):
     """Where the vehicles are sent as tracks of TAK; without it nowhere (docs/how-to/targets.md)."""
     remote_id: RemoteIdSettings | None = None
     """Remote ID; without it none is sent (docs/how-to/remote-id-and-fences.md)."""
+    go: GoSettings | None = None
+    """What people must say before a start: a second token, checklists, weather (docs/how-to/go.md)."""
 
     @model_validator(mode="after")
     def _check_names(self) -> "FeatureSettings":

@@ -19,6 +19,8 @@ from gcs.service.commands import VehicleOutcome as VehicleOutcome
 from gcs.service.features import Features as Features
 from gcs.service.features import TargetsView as TargetsView
 from gcs.service.features import TrafficView as TrafficView
+from gcs.service.go import GoView as GoView
+from gcs.service.go import WeatherEntry as WeatherEntry
 from gcs.service.interface import DRAWING_MAX_BYTES as DRAWING_MAX_BYTES
 from gcs.service.interface import Audit as Audit
 from gcs.service.interface import Call as Call

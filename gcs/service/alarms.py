@@ -88,6 +88,7 @@ class AlarmCause(StrEnum):
     CORRECTIONS_STOPPED = "corrections-stopped"
     TIMECODE = "timecode"
     CLOCK_DOUBTFUL = "clock-doubtful"
+    START_NOT_READY = "start-not-ready"
     SILENT = "silent"
     POOR_LINK = "poor-link"
     NO_HEARTBEAT = "no-heartbeat"
@@ -475,6 +476,13 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "Bring the timecode to where the show is, or pause the show."
         " gcs shows follow-external-clock no lets it run by this station's clock.",
         on_after_s=1.0,
+    ),
+    AlarmCause.START_NOT_READY: CauseRow(
+        W,
+        "Counting down, but not ready",
+        "Mend what is named, or call the countdown off: stop. Otherwise the start is refused at its time.",
+        off_after_s=0.0,
+        past="A start that was counted down was not ready",
     ),
     AlarmCause.CLOCK_DOUBTFUL: CauseRow(
         C,

@@ -29,6 +29,9 @@ WORDS: Final[Mapping[str, str]] = {
     "api_failed": "API on {listener} failed, and is started again: {cause}",
     "battery_forgotten": "battery pack {pack}, the emptiest, fell silent on the ground: it is left out",
     "cannot_connect": "link {link} cannot connect to {address}: {cause}",
+    "checklist_reopened": "checklist {role}: {items} opened again by {by}",
+    "checklist_signed": "checklist {role}: {items} signed by {by}",
+    "checklists_open": "{count} signed items of the checklists are open again: {reason}",
     "columns_overlap": "stacked pairs: {reason}",
     "connected": "link {link} connected to {address}",
     "connection_lost": "link {link} lost the connection to {address}: {cause}",
@@ -81,6 +84,9 @@ WORDS: Final[Mapping[str, str]] = {
     "signing_time_not_kept": "the time of MAVLink signing is not kept: {cause}",
     "spare_flies": "takes the place of {other}, which is lost",
     "stranger_ignored": "system id {system_id} at {address} on link {link} is not configured: ignored",
+    "start_confirmed": "start of {proposed_by} confirmed by {by}, hash {hash}",
+    "start_not_confirmed": "the start of {by} was not confirmed: {reason}",
+    "start_proposed": "start of {count} vehicles proposed by {by}, to be confirmed in {within_s} s: {hash}",
     "supervisor_gone": "nothing restarts this service any more: {cause}",
     "takeoff_failed": "take-off failed: {reason}",
     "token_file_open": "the token file {file} can be read by others: {fix}",
@@ -91,6 +97,7 @@ WORDS: Final[Mapping[str, str]] = {
     "vehicle_moved": "system id {system_id} on link {link} is now at {address}",
     "vehicle_not_discovered": "MAVSDK does not find system id {system_id}: {cause}",
     "vehicle_phase": "{phase}[: {reason}]",
+    "weather_entered": "weather entered by {by}: {weather}",
     "vehicles_discovered": "MAVSDK found system ids {system_ids} on link {link}",
 }
 """Text of each event; a part in brackets is omitted when its values are unknown. The vehicle concerned is

@@ -14,6 +14,7 @@ from gcs.model.target_fix import TargetFix
 from gcs.service.alarms import Alarm
 from gcs.service.commands import CommandRecord, ShowAction, VehicleAction
 from gcs.service.event_log import LogEvent
+from gcs.service.go import GoView, WeatherEntry
 from gcs.service.snapshots import (
     FleetView,
     FlightMarks,
@@ -144,6 +145,9 @@ class Commands(Protocol):
         selected show (None where none is selected), and when they take off (None: now).
         """
 
+    def confirm_start(self, go_hash: str) -> CommandRecord:
+        """Make the start that another token proposed; `go_hash` is the proposal's. Returns: the start."""
+
     def command_vehicle(self, vehicle_id: VehicleId, action: VehicleAction) -> CommandRecord:
         """Execute a command to one vehicle."""
 
@@ -169,6 +173,19 @@ class LastResort(Protocol):
 
     def find(self, command_id: str) -> CommandRecord | None:
         """Return one of its own commands."""
+
+
+class Go(Protocol):
+    """What people say before a start. Raises: InvalidError, RefusedError, UnknownError."""
+
+    def sign(self, role: str, items: Sequence[int]) -> GoView:
+        """Sign items of a role's checklist, by their numbers from 1."""
+
+    def reopen(self, role: str, items: Sequence[int]) -> GoView:
+        """Take the signatures of these items back."""
+
+    def enter_weather(self, entry: WeatherEntry) -> GoView:
+        """Enter the weather as it is now, in place of the last entry; name and time are the service's."""
 
 
 class Stations(Protocol):
@@ -353,6 +370,9 @@ class Service(Protocol):
 
     @property
     def preflight(self) -> Preflight: ...
+
+    @property
+    def go(self) -> Go: ...
 
     @property
     def alarms(self) -> Alarms: ...

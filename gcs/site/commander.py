@@ -2,12 +2,13 @@
 
 import logging
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
 
 from gcs.flight.commands.commander import Commander
 from gcs.flight.commands.recovery import FlightRecovery
+from gcs.flight.preflight.go import CrewGo
 from gcs.flight.preflight.preflight_gate import REASON_MAX, PreflightGate
 from gcs.model.errors import InvalidError, RefusedError, UnknownError
 from gcs.model.interrupted_flight import Offer
@@ -16,6 +17,7 @@ from gcs.model.preflight_report import PreflightReport
 from gcs.model.state import VehicleId
 from gcs.service import CALLER, CommandRecord, ShowAction, StationView, VehicleAction
 from gcs.service.commands import CommandLog
+from gcs.service.go import GoView, WeatherEntry
 from gcs.site.display import SiteDisplay
 from gcs.site.holds import SiteHolds
 from gcs.site.member import SiteMember
@@ -46,6 +48,7 @@ class SiteCommands:
     shows: SiteShows
     routing: SiteRouting
     holds: SiteHolds
+    _proposed: tuple[ShowRequest, Sequence[VehicleId] | None] | None = None  # the start that waits
 
     @property
     def _book(self) -> CommandLog:
@@ -59,38 +62,89 @@ class SiteCommands:
         show_hash: str | None = None,
         at_unix_time_s: float | None = None,
     ) -> CommandRecord:
-        here, away = split(self.member, vehicles)
-        if action is ShowAction.START and (why := self.member.why_not_start()):
-            raise RefusedError(f"a start needs every station: {why}")
-        lead = self.member.site.lead
-        if vehicles is not None and action is ShowAction.START:
-            self.shows.check_named(vehicles, here if lead.leads else away.get(lead.name, ()))
-        named = None if vehicles is None or self.local.flight.show.run is None else (*vehicles,)
         if action is ShowAction.START:
-            self.shows.named = None if named is None else frozenset(named)
+            return self._start(vehicles, show_hash, at_unix_time_s)
+        here, _ = split(self.member, vehicles)
         own_here = None if vehicles is None else here
         local = partial(
             self.local.command_show, action, own_here, show_hash=show_hash, at_unix_time_s=at_unix_time_s
         )
         self.holds.end()
-        may_skip = action is not ShowAction.START or vehicles is not None
-        record = execute_own(self.member, action.value, local, others=self._others_fly(action) and may_skip)
-        reached = (*AIRBORNE,) if action is not ShowAction.START else (Phase.STANDBY,)
+        record = execute_own(self.member, action.value, local, others=self._others_fly(action))
+        request = ShowRequest(record.id, CALLER.get(), action, None, at_unix_time_s, show_hash)
+        return self._ask(record, request, vehicles)
+
+    def _start(
+        self, vehicles: Sequence[VehicleId] | None, show_hash: str | None, at_unix_time_s: float | None
+    ) -> CommandRecord:
+        """Start at every station; where a start needs two tokens, propose it at this one, which leads."""
+        by_two = self.local.starting.go.two is not None
+        if by_two:
+            need_lead(self.member, "propose a start")
+            if at_unix_time_s is not None:
+                raise RefusedError(
+                    "with several stations a start that needs two tokens is made at once: give the show"
+                    " a time to begin instead"
+                )
+        here = self._prepared(vehicles)
+        own_here = None if vehicles is None else here
+        action = ShowAction.START
+        local = partial(
+            self.local.command_show, action, own_here, show_hash=show_hash, at_unix_time_s=at_unix_time_s
+        )
+        others = bool(self.member.present()) and vehicles is not None and not by_two
+        record = execute_own(self.member, action.value, local, others=others)
+        named = self._named(vehicles)
+        request = ShowRequest(record.id, CALLER.get(), action, None, at_unix_time_s, show_hash, named=named)
+        if by_two:
+            self._proposed = request, vehicles
+            return record
+        return self._ask(record, request, vehicles)
+
+    def confirm_start(self, go_hash: str) -> CommandRecord:
+        """Make the start that another token proposed here, at every station."""
+        need_lead(self.member, "confirm a start")
+        waiting = self.local.starting.waiting
+        if self._proposed is None or waiting is None or self._proposed[0].ref != waiting.record.id:
+            return self.local.confirm_start(go_hash)  # which says why that is refused
+        request, vehicles = self._proposed
+        self._prepared(vehicles)
+        record = self.local.confirm_start(go_hash)
+        self._proposed = None
+        approved = replace(request, proposed_by=record.by, confirmed_by=CALLER.get())
+        return self._ask(record, approved, vehicles)
+
+    def _prepared(self, vehicles: Sequence[VehicleId] | None) -> list[VehicleId]:
+        """Check the other stations before a start. Returns: the own of these. Raises: RefusedError."""
+        here, away = split(self.member, vehicles)
+        if why := self.member.why_not_start():
+            raise RefusedError(f"a start needs every station: {why}")
+        lead = self.member.site.lead
+        if vehicles is not None:
+            self.shows.check_named(vehicles, here if lead.leads else away.get(lead.name, ()))
+        named = self._named(vehicles)
+        self.shows.named = None if named is None else frozenset(named)
+        self.holds.end()
+        return here
+
+    def _named(self, vehicles: Sequence[VehicleId] | None) -> tuple[VehicleId, ...] | None:
+        """The vehicles of all stations that a start of a show names; None: all but those left out."""
+        return None if vehicles is None or self.local.flight.show.run is None else (*vehicles,)
+
+    def _ask(
+        self, record: CommandRecord, request: ShowRequest, vehicles: Sequence[VehicleId] | None
+    ) -> CommandRecord:
+        """Have the other stations execute a command with their vehicles, or those of `vehicles`."""
+        _, away = split(self.member, vehicles)
+        starts = request.action is ShowAction.START
+        reached = (Phase.STANDBY,) if starts else (*AIRBORNE,)
         for name in self.member.site.stations:
             expected = self.member.ids_of(name, *reached)
-            if vehicles is not None:
-                expected = [vehicle_id for vehicle_id in away.get(name, ()) if vehicle_id in expected]
-            request = ShowRequest(
-                record.id,
-                CALLER.get(),
-                action,
-                None if vehicles is None else tuple(away.get(name, ())),
-                at_unix_time_s,
-                show_hash,
-                named=named,
-            )
-            if expected or action is not ShowAction.START:
-                record = self.routing.ask(record, name, request, expected)
+            of_station = None if vehicles is None else tuple(away.get(name, ()))
+            if of_station is not None:
+                expected = [vehicle_id for vehicle_id in of_station if vehicle_id in expected]
+            if expected or not starts:
+                record = self.routing.ask(record, name, replace(request, vehicles=of_station), expected)
         return record
 
     def spread(self, record: CommandRecord, action: ShowAction, reason: str) -> CommandRecord:
@@ -141,9 +195,30 @@ class SiteCommands:
     def _others_fly(self, action: ShowAction) -> bool:
         """Whether another station may accept a command that this one refuses."""
         member = self.member
-        if action is ShowAction.START:
-            return bool(member.present())
+        calls_off = action in {ShowAction.STOP, ShowAction.ABORT} and self.local.starting.go.two is not None
+        if calls_off and member.present():
+            return True  # one may wait at the lead for its confirmation
         return any(member.show_of(name) not in ON_THE_GROUND for name in member.present())
+
+
+@dataclass(eq=False)
+class SiteGo:
+    """Checklists and weather, kept at the station that leads. Implements `gcs.service.interface.Go`."""
+
+    local: CrewGo
+    member: SiteMember
+
+    def sign(self, role: str, items: Sequence[int]) -> GoView:
+        need_lead(self.member, "sign a checklist")
+        return self.local.sign(role, items)
+
+    def reopen(self, role: str, items: Sequence[int]) -> GoView:
+        need_lead(self.member, "open a checklist's items")
+        return self.local.reopen(role, items)
+
+    def enter_weather(self, entry: WeatherEntry) -> GoView:
+        need_lead(self.member, "enter the weather")
+        return self.local.enter_weather(entry)
 
 
 @dataclass(eq=False)
@@ -243,6 +318,15 @@ class SiteRecovery:
             request = SettleRequest(record.id, CALLER.get(), offer)
             record = self.routing.ask(record, name, request, self.member.ids_of(name, Phase.PILOT))
         return record
+
+
+def need_lead(member: SiteMember, what: str) -> None:
+    """Raises: RefusedError unless this station leads."""
+    lead = member.site.lead
+    if not lead.leads:
+        raise RefusedError(
+            f"cannot {what} here: station {lead.name} leads, and decides on a start; do it there"
+        )
 
 
 def split(

@@ -8,8 +8,9 @@ from functools import partial
 from typing import Any
 
 from gcs.flight.commands.commander import Commander
+from gcs.flight.commands.start import Approval
 from gcs.flight.preflight.preflight_gate import PreflightGate
-from gcs.model.errors import GcsError
+from gcs.model.errors import GcsError, RefusedError
 from gcs.model.lifecycle import ON_THE_GROUND, Phase
 from gcs.service import CALLER, CommandRecord, ShowAction, VehicleAction
 from gcs.site.holds import FORMED, SiteHolds
@@ -120,6 +121,7 @@ class RequestExecutor:
         self.holds.end()
         if request.action is ShowAction.START:
             self.shows.named = None if request.named is None else frozenset(request.named)
+            return partial(self._start, request)
         return partial(
             self.local.command_show,
             request.action,
@@ -127,6 +129,13 @@ class RequestExecutor:
             show_hash=request.show_hash,
             at_unix_time_s=request.at_unix_time_s,
         )
+
+    def _start(self, request: ShowRequest) -> CommandRecord:
+        """Raises: RefusedError where a start needs two tokens, and the request does not have both."""
+        starting, approval = self.local.starting, Approval(request.proposed_by, request.confirmed_by)
+        if starting.go.two is not None and not approval.holds:
+            raise RefusedError("a start needs two tokens: propose and confirm it at the station that leads")
+        return starting.begin(request.vehicles, request.show_hash, request.at_unix_time_s, approval)
 
     def _part(
         self, request: VehiclesRequest | KillRequest | ExcludeRequest | StandbyRequest | SettleRequest

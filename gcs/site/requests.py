@@ -31,6 +31,8 @@ class ShowRequest:
     show_hash: Text | None = None  # START only: of the selected show
     reason: Text = ""  # of a failsafe; empty: an operator's command
     named: Named | None = None  # START of a show: the vehicles of all stations; None: all but those left out
+    proposed_by: Text = ""  # START that needs two tokens: their names, checked by the lead
+    confirmed_by: Text = ""
     kind: Literal["show"] = "show"
 
 

@@ -17,7 +17,7 @@ from gcs.service import CommandRecord, FleetView, ShowAction
 from gcs.service.alarms import AlarmCause, Condition
 from gcs.site.arrivals import ShowArrivals
 from gcs.site.begin import FollowedBegin
-from gcs.site.commander import SiteCommands, SitePreflight, SiteRecovery, SiteStations
+from gcs.site.commander import SiteCommands, SiteGo, SitePreflight, SiteRecovery, SiteStations
 from gcs.site.display import SiteDisplay
 from gcs.site.executor import RequestExecutor
 from gcs.site.holds import SiteHolds
@@ -124,6 +124,7 @@ class SiteService:
         )
         self.commands = SiteCommands(commander, member, shows, routing, holds)
         self.stations = SiteStations(member, display, standby, routing)
+        self.go = SiteGo(local.go, member)
         self.preflight = SitePreflight(local.preflight, member, routing)
         self.recovery = SiteRecovery(local.recovery, member, routing)
         executor = RequestExecutor(

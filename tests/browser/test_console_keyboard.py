@@ -204,6 +204,12 @@ COMMANDS: Final[dict[Command, ByKeys]] = {
         (opened("preflight"), ">exclude-d3", "exclude-reason=propeller", "!Enter"), states.fails
     ),
     ("POST", "vehicles/{vehicle_id}/include"): ByKeys((opened("preflight"), ">include-d2"), excluded),
+    ("POST", "show/confirm"): ByKeys((">>go-confirm",), states.proposed),
+    ("POST", "go/sign"): ByKeys((">tab-feature-go", ">sign-pads-1"), states.proposed),
+    ("POST", "go/reopen"): ByKeys((">tab-feature-go", ">reopen-pads-2"), states.proposed),
+    ("PUT", "go/weather"): ByKeys(
+        (">tab-feature-go", "weather:wind_m_s=4", ">weather-enter"), states.proposed
+    ),
     ("PATCH", "formation"): ByKeys((opened("shape"), "formation:radius_m=14", "!Enter")),
     ("PATCH", "orbit"): ByKeys((opened("shape"), "orbit:radius_m=5", "!Enter")),
     ("PATCH", "yaw"): ByKeys((opened("shape"), ">yaw-policy-target")),

@@ -84,6 +84,12 @@ EVERYTHING = [
     "include d1",
     "law set article",
     "preflight d1 d2 d3",
+    "go",
+    "sign pads 1 2",
+    "reopen pads 2",
+    "weather --wind-m-s 4 --gust-m-s 6.5 --visibility-m 8000 --kp 2",
+    "proposed",
+    "confirm 3f2a9c01b4de",
     "start d1 d2 d3",
     "command list",
     "command show o1",
@@ -148,7 +154,8 @@ EVERYTHING = [
     "status",
 ]
 """In an order in which each is possible; `!` has every vehicle in the formation, with names that of a site of
-these stations, `silent` has a station lost, `good` has a check end well, `recorded` makes it a replay."""
+these stations, `silent` has a station lost, `good` has a check end well,
+`proposed` has a start proposed by another token, `recorded` makes it a replay."""
 
 LIGHTHOUSE = next(path for path in shipped() if path.stem == "lighthouse")
 DRAWING = LIGHTHOUSE.with_name("drawn-30.skyc")
@@ -183,6 +190,8 @@ def become(service: FakeService, word: str, names: list[str]) -> None:
     """Have the service be of a site, or one of its stations lost, or have a timecode."""
     if word == "timecode":
         service.features = Features(timecode=VIEW)
+    elif word == "proposed":
+        service.propose("alice")
     elif word == "!":
         service.join_site(names)
         service.fly()
@@ -194,7 +203,7 @@ def asked_of(service: FakeService, line: str, *options: str) -> int:
     """Carry out a line of EVERYTHING."""
     service.tick()
     word, *names = line.split()
-    if word in {"!", "silent", "timecode"}:
+    if word in {"!", "silent", "timecode", "proposed"}:
         become(service, word, names)
         return 0
     if word == "pilot":
@@ -254,7 +263,17 @@ def test_with_json_every_command_prints_exactly_one_document(
     reported: dict[str, object] = {}
     with station(service, monkeypatch):
         for line in EVERYTHING:
-            if line.split()[0] in {"!", "silent", "timecode", "pilot", "lost", "cut-off", "recorded", "good"}:
+            if line.split()[0] in {
+                "!",
+                "silent",
+                "timecode",
+                "pilot",
+                "lost",
+                "cut-off",
+                "recorded",
+                "good",
+                "proposed",
+            }:
                 asked_of(service, line)
                 continue
             assert asked_of(service, line, "--json") == 0

@@ -20,6 +20,7 @@ from gcs.model.state import Landed, Mode
 from gcs.model.target_fix import TargetFix
 from gcs.model.vehicle_columns import unknown
 from gcs.preflight.causes import causes_of
+from gcs.preflight.checklists import parse_checklists
 from gcs.service import (
     CALLER,
     Audit,
@@ -45,6 +46,7 @@ from gcs.service.alarms import Alarm, Condition
 from gcs.service.commands import CommandLog
 from gcs.service.event_log import LogEvent, Severity
 from gcs.service.features import Features, LightsView
+from gcs.service.go import GoView, ProposedStart, WeatherEntry
 from gcs.service.histograms import TickHistogram
 from gcs.service.vehicle_table import VehicleTable
 from gcs.shows.library import ShowLibrary
@@ -57,6 +59,8 @@ HISTOGRAMS = tuple(
 for seconds in (0.005, 0.005, 0.01, 0.05, 0.1, 0.33):
     HISTOGRAMS[0].observe(seconds)
     HISTOGRAMS[1].observe(0.001)
+
+GO_HASH = "3f2a9c01b4de"
 
 EVENT: dict[VehicleAction, Event] = dict(
     zip(
@@ -134,6 +138,7 @@ class FakeService:
     def __init__(self, count: int = 3, folder: Path | None = None, station_names: Sequence[str] = ()) -> None:
         """`station_names`: each flies as many vehicles; the first is the one that answers, and leads."""
         self.commands = self.recovery = self.player = self.preflight = self.alarms = self.events = self
+        self.go = self
         self.shows = ShowLibrary(folder)
         self.phases = dict.fromkeys((f"d{row}" for row in range(1, count + 1)), Phase.STANDBY)
         self.stations: Stations | None = None
@@ -165,11 +170,46 @@ class FakeService:
         self.interrupted: InterruptedFlight | None = None
         self.start_unix_s: float | None = None
         self.features = Features(lights=LightsView("led-control", sent=120, dropped=30))
+        self.checklists = parse_checklists("pads: [each vehicle on its pad, no person near]", "lists")
+        self.weather: WeatherEntry | None = None
         self.conditions: tuple[Condition, ...] = ()
         self.happened: tuple[LogEvent, ...] = ()
         self.marks = FlightMarks()
         self.excluded: dict[str, Exclusion] = {}
         self.book, self.plan, self.command_log = AlarmBook(), FakePlan(self.phases), CommandLog()
+
+    def propose(self, by: str, until_unix_s: float = 9e9) -> None:
+        """Have a start proposed by a token."""
+        proposal = ProposedStart("o1", by, GO_HASH, until_unix_s, len(self.phases), None)
+        self.features = replace(self.features, go=self._go(proposal))
+        self.tick()
+
+    def _go(self, proposal: ProposedStart | None = None) -> GoView:
+        missing = tuple(check.problem for check in self.checklists.checks() if not check.passes)
+        lists = self.checklists.view()
+        return GoView(True, 60.0, proposal, "", {"show": "1"}, lists, self.weather, missing)
+
+    def confirm_start(self, go_hash: str) -> CommandRecord:
+        proposal = None if self.features.go is None else self.features.go.proposal
+        if proposal is None or proposal.by == CALLER.get() or go_hash != proposal.hash:
+            raise RefusedError("no start is proposed that this confirms")
+        return self.command_log.open("confirm", [], {})
+
+    def sign(self, role: str, items: Sequence[int]) -> GoView:
+        self.checklists.sign(role, items, CALLER.get(), time.time())
+        return self._noted()
+
+    def reopen(self, role: str, items: Sequence[int]) -> GoView:
+        self.checklists.reopen(role, items)
+        return self._noted()
+
+    def enter_weather(self, entry: WeatherEntry) -> GoView:
+        self.weather = replace(entry, by=CALLER.get(), unix_time_s=time.time())
+        return self._noted()
+
+    def _noted(self) -> GoView:
+        self.features = replace(self.features, go=self._go())
+        return self._go()
 
     def tick(self) -> None:
         """Publish a new state."""

@@ -200,6 +200,18 @@ def traffic(service: FakeService) -> None:
     )
 
 
+def proposed(service: FakeService) -> None:
+    """A start that another token proposed, checklists of which one item is open, no weather."""
+    service.sign("pads", [2])
+    service.propose("alice", time.time() + 42.0)
+
+
+def countdown_not_ready(service: FakeService) -> None:
+    counts_down(service)
+    reason = "d3: battery at 15%, at least 25% is needed"
+    service.conditions = (Condition(AlarmCause.START_NOT_READY, reason),)
+
+
 def corrections(problem: str) -> Prepare:
     def prepare(service: FakeService) -> None:
         running(service)
@@ -445,6 +457,8 @@ STATES: Final = (
         ),
     ),
     ConsoleState("countdown", "countdown", counts_down),
+    ConsoleState("countdown-not-ready", "countdown", countdown_not_ready),
+    ConsoleState("proposed", "go-confirm", proposed, panel("feature-go")),
     # in the air
     *(
         ConsoleState(f"show-{show}", "show-phase", flown(show, vehicles))

@@ -52,6 +52,12 @@ FEATURES: Final = {
         18,  # each source is a file; the WebSocket and the receiver of traffic are among them
         17,  # traffic, and where the operator of Remote ID is, are received as targets are
     ),
+    "go": Named(
+        r"GoView|GoSettings|CrewGo|GoByTwo|ProposedStart|WeatherEntry|features\??\.go\b|\./go\b",
+        r"go|weather|checklists",
+        6,
+        10,
+    ),
     "tak": Named(r"\bTak[A-Z]|TAK_|OwnTracks?|\btak\b", r"tak|cot\w*", 5, 12),
     "fences": Named(  # in the autopilots; the service's own is `gcs/safety/walls.py`
         r"Fences?View|FenceUploads|PolygonFence|FenceTransfers?|features\??\.fences|\./fences",

@@ -63,6 +63,7 @@ export const texts = {
   },
   bar: {
     countdown: "Takes off in",
+    notReady: "NOT READY, in",
     separation: "Min. separation",
     floor: "limit",
     airborne: "In the air",

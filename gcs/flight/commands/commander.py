@@ -14,6 +14,7 @@ from gcs.flight.commands.vehicle_commands import VehicleCommands
 from gcs.flight.maneuvers.collective_return import CollectiveReturn
 from gcs.flight.maneuvers.landing_places import LandingPlaces
 from gcs.flight.maneuvers.maneuvers import Done, Maneuvers
+from gcs.flight.preflight.go import CrewGo
 from gcs.flight.preflight.preflight_gate import PreflightGate
 from gcs.flight.shows.show_player import ShowPlayer
 from gcs.flight.state.flight import Flight
@@ -21,7 +22,7 @@ from gcs.flight.state.refusals import Refusals, with_alternative
 from gcs.flight.state.vehicle import Vehicle
 from gcs.model.errors import InvalidError, RefusedError
 from gcs.model.interrupted_flight import Interruption, Offer
-from gcs.model.lifecycle import Event, Phase, ShowEvent, ShowPhase, advance_show
+from gcs.model.lifecycle import ON_THE_GROUND, Event, Phase, ShowEvent, ShowPhase, advance_show
 from gcs.model.plan import Formation
 from gcs.model.state import Array, VehicleId
 from gcs.service import CommandRecord, Outcome, ShowAction
@@ -46,6 +47,7 @@ class Commander(VehicleCommands):
         preflight_gate: PreflightGate,
         planning: Executor,
         plans: RestoredPlan,
+        go: CrewGo,
         interruption: Interruption | None = None,
     ) -> None:
         """`planning` runs the planner of the collective return, outside the tick.
@@ -63,11 +65,13 @@ class Commander(VehicleCommands):
             show,
             book,
             flight.unix_s,
+            asyncio.get_running_loop().time,
             flight.config.operation.takeoff_stagger_s,
             maneuvers,
             preflight_gate,
             show_player,
             flight.start_hashes,
+            go,
         )
         self.spares = Spares(newest, vehicles, show, book, places, maneuvers, preflight_gate)
         frame, space = flight.config.show_frame, flight.uncontrolled
@@ -157,9 +161,14 @@ class Commander(VehicleCommands):
             return self._pause()
         if action is ShowAction.RESUME:
             return self._resume()
-        if self.starting.countdown is not None:
+        if self.starting.can_call_off and self.flight.show.phase in ON_THE_GROUND:
             return self.starting.call_off(action)
         return self._bring_down(ShowEvent(action.value))
+
+    @with_alternative
+    def confirm_start(self, go_hash: str) -> CommandRecord:
+        """Make the start that another token proposed. Raises: RefusedError."""
+        return self.starting.confirm(go_hash)
 
     def _reclaimed(self, *, reclaim: bool) -> list[Vehicle]:
         """Airborne vehicles outside control that a command reaches, and first takes control of.

@@ -117,6 +117,7 @@ class Findings:
     interrupted: InterruptedFlight | None = None
     return_problem: str = ""  # why the vehicles return without a common plan
     clock_doubt: str = ""  # why a show may begin at a wrong time
+    not_ready: str = ""  # why a start that is counted down would be refused now
     supervisor: str = ""  # why this service is no longer restarted
     notes: Sequence[str] = ()  # notices for as long as this service runs
 
@@ -346,6 +347,8 @@ def _of_the_service(findings: Findings) -> Iterator[Condition]:
         yield Condition(AlarmCause.RETURN_UNPLANNED, findings.return_problem, consequence=consequence)
     if findings.obstacles_wait:
         yield Condition(AlarmCause.OBSTACLE_WAITS, "; ".join(findings.obstacles_wait))
+    if findings.not_ready:
+        yield Condition(AlarmCause.START_NOT_READY, findings.not_ready)
     if findings.clock_doubt:
         yield Condition(AlarmCause.CLOCK_DOUBTFUL, findings.clock_doubt)
     if findings.not_recorded:

@@ -139,7 +139,7 @@ class PreflightGate:
 
     def _made(self, desired: Sequence[VehicleId] | None, show_hash: str | None) -> PreflightReport:
         """Look at everything, for a start with this hash."""
-        meant, left_out = self._meant(desired)
+        meant, left_out = self.meant(desired)
         chosen = [name for name in meant if self.flight.vehicles[name].phase is Phase.STANDBY]
         fleet = [_all_vehicles(chosen, meant)]
         look_at_show = partial(self._show, show_hash=show_hash, desired=desired)
@@ -276,7 +276,7 @@ class PreflightGate:
         if not report.passes:
             self._last = before  # that one is of the selected show's hash
             raise RefusedError(in_words(report))
-        cleared = self._meant(desired)
+        cleared = self.meant(desired)
         self._check_vertical_overlap(cleared.chosen)
         return cleared
 
@@ -537,7 +537,7 @@ class PreflightGate:
 
     # participants
 
-    def _meant(self, desired: Sequence[VehicleId] | None) -> Cleared:
+    def meant(self, desired: Sequence[VehicleId] | None) -> Cleared:
         """Return the vehicles that are to fly, whatever they do now, and why the others are not."""
         flight, meant = self.flight, list[VehicleId]()
         left_out: dict[VehicleId, str] = {}

@@ -13,7 +13,7 @@ from gcs.links.intake import Intake
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.preflight_report import Check
 from gcs.service.alarms import Condition
-from gcs.service.features import FeatureView
+from gcs.service.feature_view import FeatureView
 
 
 class Instant(NamedTuple):

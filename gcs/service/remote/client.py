@@ -26,6 +26,7 @@ from gcs.service.interface import (
     Call,
     CommandRecords,
     Commands,
+    Go,
     PlanChanges,
     Player,
     Preflight,
@@ -294,6 +295,7 @@ class RemoteService:
         self.recovery = cast("Recovery", _Role(self._line, "recovery"))
         self.player = cast("Player", _Role(self._line, "player"))
         self.preflight = cast("Preflight", _Role(self._line, "preflight"))
+        self.go = cast("Go", _Role(self._line, "go"))
         self.alarms = cast("Alarms", _Role(self._line, "alarms"))
 
     def listens(self) -> None:

@@ -55,6 +55,7 @@ ROLES: Final[Mapping[str, type]] = {
     "shows": interface.Shows,
     "player": interface.Player,
     "preflight": interface.Preflight,
+    "go": interface.Go,
     "alarms": interface.Alarms,
     "events": interface.Events,
     "api": ApiWatch,

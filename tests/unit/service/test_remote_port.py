@@ -15,7 +15,7 @@ from gcs.model.errors import GcsError, InvalidError, LinkError, Problem, Refused
 from gcs.model.interrupted_flight import Offer
 from gcs.model.plan import Direction, Formation, Obstacle, Orbit, Target, Yaw, YawPolicy
 from gcs.model.target_fix import TargetFix
-from gcs.service import CALLER, Call, FleetView, ShowAction, VehicleAction
+from gcs.service import CALLER, Call, FleetView, ShowAction, VehicleAction, WeatherEntry
 from gcs.service.remote import RemoteService
 from gcs.service.remote.messages import METHODS, REQUEST_MAX_BYTES, framed
 from tests.support.api_fake_service import FakeService
@@ -74,6 +74,10 @@ CALLS: dict[str, dict[str, Any]] = {
     "preflight.report": {"vehicles": [f"vehicle-{row}" for row in range(2000)]},
     "preflight.exclude": {"vehicle_id": "d1", "reason": "bent"},
     "preflight.include": {"vehicle_id": "d1"},
+    "commands.confirm_start": {"go_hash": "3f2a9c01b4de"},
+    "go.sign": {"role": "pads", "items": [1, 2]},
+    "go.reopen": {"role": "pads", "items": [2]},
+    "go.enter_weather": {"entry": WeatherEntry(wind_m_s=4.5, kp=2.0)},
     "alarms.acknowledge": {"alarm_id": "battery:d1"},
     "alarms.acknowledge_all": {},
     "events.newest": {},

@@ -5,13 +5,14 @@ import type { State, Status } from "../state";
 import { corrections } from "./corrections";
 import type { Feature, FeaturePanel } from "./feature";
 import { fences } from "./fences";
+import { go } from "./go";
 import { lights } from "./lights";
 import { remoteId } from "./remoteId";
 import { targets } from "./targets";
 import { timecode } from "./timecode";
 import { traffic } from "./traffic";
 
-export const features: readonly Feature[] = [timecode, corrections, targets, traffic, fences, remoteId, lights];
+export const features: readonly Feature[] = [go, timecode, corrections, targets, traffic, fences, remoteId, lights];
 
 /** Panels of those that are configured. */
 export const panelsOf = (status: Status | null): readonly FeaturePanel[] =>

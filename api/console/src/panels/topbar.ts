@@ -82,12 +82,13 @@ export function showReason(state: State): string {
 function gauges(state: State): TemplateResult {
   const { frame, status } = state;
   const countdown_s = frame?.countdown_s ?? NaN;
+  const isReady = !status?.alarms.some(({ cause, ended_unix_time_s }) => cause === "start-not-ready" && ended_unix_time_s === null);
   const counts = status?.counts;
   const floor_m = status?.flight_envelope.floor_horizontal_m;
   return html`<div class="gauges">
     ${Number.isFinite(countdown_s)
-      ? html`<div class="gauge countdown" data-testid="countdown">
-          <span class="gauge-name">${texts.bar.countdown}</span>
+      ? html`<div class="gauge countdown ${isReady ? "" : "not-ready"}" data-testid="countdown">
+          <span class="gauge-name">${isReady ? texts.bar.countdown : texts.bar.notReady}</span>
           <span class="gauge-value value">${minutes(Math.ceil(countdown_s))}</span>
         </div>`
       : nothing}

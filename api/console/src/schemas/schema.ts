@@ -52,7 +52,7 @@ export interface components {
          * @description Cause of an alarm.
          * @enum {string}
          */
-        AlarmCause: "killed" | "terminated" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "ground-left" | "own-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "ground-near" | "land-now" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "fence-differs" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "target-lost" | "target-outruns" | "target-beyond" | "target-sources" | "target-near" | "target-no-room" | "traffic-manned" | "traffic-near" | "traffic-crowded" | "traffic-unknown" | "tak-not-sent" | "remote-id" | "operator-unknown" | "obstacle-near" | "obstacle-waits" | "law-failed" | "no-headway" | "no-way" | "radius-small" | "uncertain-position" | "little-authority" | "slow-vehicle" | "slow-answers" | "height-differs" | "moved-on-pad" | "corrections-stopped" | "timecode" | "clock-doubtful" | "silent" | "poor-link" | "no-heartbeat" | "input-flooded" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
+        AlarmCause: "killed" | "terminated" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "ground-left" | "own-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "ground-near" | "land-now" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "fence-differs" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "target-lost" | "target-outruns" | "target-beyond" | "target-sources" | "target-near" | "target-no-room" | "traffic-manned" | "traffic-near" | "traffic-crowded" | "traffic-unknown" | "tak-not-sent" | "remote-id" | "operator-unknown" | "obstacle-near" | "obstacle-waits" | "law-failed" | "no-headway" | "no-way" | "radius-small" | "uncertain-position" | "little-authority" | "slow-vehicle" | "slow-answers" | "height-differs" | "moved-on-pad" | "corrections-stopped" | "timecode" | "clock-doubtful" | "start-not-ready" | "silent" | "poor-link" | "no-heartbeat" | "input-flooded" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
         /** @description All alarms, and the overall severity. */
         AlarmList: {
             /** @description Lasting alarms before ended ones; the most severe first, of one severity the newest. */
@@ -110,6 +110,25 @@ export interface components {
             unit: string;
             /** @description The measured value; null: not known, or no number. */
             value: number | null;
+        };
+        /** @description The checklist of one role; an item's number is its place, from 1. */
+        Checklist: {
+            items: components["schemas"]["ChecklistItem"][];
+            role: string;
+        };
+        /** @description One line of a checklist. */
+        ChecklistItem: {
+            /** @description Name of the token that signed it; empty: it is open. */
+            by: string;
+            text: string;
+            /** @description When; null: it is open. */
+            unix_time_s: number | null;
+        };
+        /** @description Items of the checklist of one role. */
+        ChecklistItems: {
+            /** @description Their numbers, from 1. */
+            items: number[];
+            role: string;
         };
         /**
          * @description State of a show's check.
@@ -275,6 +294,7 @@ export interface components {
         Features: {
             corrections: components["schemas"]["CorrectionsView"] | null;
             fences: components["schemas"]["FencesView"] | null;
+            go: components["schemas"]["GoView"] | null;
             lights: components["schemas"]["LightsView"] | null;
             remote_id: components["schemas"]["RemoteIdView"] | null;
             tak: components["schemas"]["TakView"] | null;
@@ -431,6 +451,32 @@ export interface components {
             longitude_deg: number;
             velocity_east_m_s: number;
             velocity_north_m_s: number;
+        };
+        /** @description The start that is confirmed. */
+        GoConfirmation: {
+            /** @description Hash of what is proposed, as `GET /go` has it. */
+            hash: string;
+        };
+        /** @description What a start needs of people, and what it has. */
+        GoView: {
+            /** @description By role, in the order of the file. */
+            checklists: components["schemas"]["Checklist"][];
+            /** @description Whether a start is proposed by one token and confirmed by another. */
+            confirmed_by_another: boolean;
+            /** @description Why the newest proposal is over; empty: none was, or it was confirmed. */
+            ended: string;
+            /** @description What a start would be confirmed for now, by name. */
+            hashes: {
+                [key: string]: string;
+            };
+            /** @description What keeps the vehicles on the ground: open items, weather. */
+            missing: string[];
+            /** @description null: no start is proposed. */
+            proposal: components["schemas"]["ProposedStart"] | null;
+            /** @description The newest entry; null: there is none. */
+            weather: components["schemas"]["WeatherEntry"] | null;
+            /** @description How long a proposal waits. */
+            within_s: number;
         };
         /** @description Whether vehicles would have fallen on controlled ground, whenever their motors had stopped. */
         GroundKept: {
@@ -850,6 +896,69 @@ export interface components {
                     };
                 };
             };
+            "/api/v1/go": {
+                get: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["GoView"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/go/reopen": {
+                post: {
+                    parameters: Record<string, never>;
+                    requestBody: {
+                        content: {
+                            "application/json": components["schemas"]["ChecklistItems"];
+                        };
+                    };
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["GoView"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/go/sign": {
+                post: {
+                    parameters: Record<string, never>;
+                    requestBody: {
+                        content: {
+                            "application/json": components["schemas"]["ChecklistItems"];
+                        };
+                    };
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["GoView"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/go/weather": {
+                put: {
+                    parameters: Record<string, never>;
+                    requestBody: {
+                        content: {
+                            "application/json": components["schemas"]["Weather"];
+                        };
+                    };
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["GoView"];
+                            };
+                        };
+                    };
+                };
+            };
             "/api/v1/kill": {
                 post: {
                     parameters: Record<string, never>;
@@ -1095,6 +1204,23 @@ export interface components {
             "/api/v1/show/bring-home": {
                 post: {
                     parameters: Record<string, never>;
+                    responses: {
+                        202: {
+                            content: {
+                                "application/json": components["schemas"]["CommandRecord"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/show/confirm": {
+                post: {
+                    parameters: Record<string, never>;
+                    requestBody: {
+                        content: {
+                            "application/json": components["schemas"]["GoConfirmation"];
+                        };
+                    };
                     responses: {
                         202: {
                             content: {
@@ -1951,6 +2077,21 @@ export interface components {
             line: number;
             text: string;
         };
+        /** @description A start that waits for the confirmation of another token. */
+        ProposedStart: {
+            /** @description When they do; null: once it is confirmed. */
+            at_unix_time_s: number | null;
+            /** @description Name of the token that proposed it. */
+            by: string;
+            /** @description Of the start, pending until it is confirmed. */
+            command_id: string;
+            /** @description Of everything in `hashes`; the confirmation names it. */
+            hash: string;
+            /** @description A later confirmation is refused. */
+            until_unix_time_s: number;
+            /** @description That take off. */
+            vehicles: number;
+        };
         /** @description Whether at least one vehicle can be commanded. */
         Readiness: {
             ready: boolean;
@@ -2669,6 +2810,25 @@ export interface components {
             sideways_m: number;
             /** @description Vehicle of the show, from 1. */
             upper: number;
+        };
+        /** @description The weather now, as it was measured or looked up. */
+        Weather: {
+            gust_m_s?: number;
+            /** @description Planetary index of geomagnetic activity. */
+            kp?: number;
+            visibility_m?: number;
+            wind_m_s?: number;
+        };
+        /** @description The weather as somebody entered it; null: not known. */
+        WeatherEntry: {
+            /** @description Name of the token that entered it. */
+            by: string;
+            gust_m_s: number | null;
+            /** @description Planetary index of geomagnetic activity, 0 to 9. */
+            kp: number | null;
+            unix_time_s: number;
+            visibility_m: number | null;
+            wind_m_s: number | null;
         };
         /** @description The written show that was flown, and the position in it. */
         Written: {

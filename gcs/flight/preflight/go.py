@@ -1,0 +1,208 @@
+"""What people say before a start: the second token, signed checklists, the weather that was entered."""
+
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from types import MappingProxyType
+from typing import Final
+
+from gcs.flight.state.feature import Feature, Instant
+from gcs.flight.state.flight import Flight
+from gcs.links import ParameterValue
+from gcs.links.features import GoSettings
+from gcs.model.errors import RefusedError
+from gcs.model.lifecycle import ON_THE_GROUND
+from gcs.model.preflight_report import Check
+from gcs.model.state import VehicleId
+from gcs.preflight.checklists import SignedFor, read_checklists
+from gcs.preflight.go import GoByTwo, digest
+from gcs.preflight.weather import check_entry, weather_checks
+from gcs.service import CALLER
+from gcs.service.go import Checklist, GoView, ProposedStart, WeatherEntry
+
+log = logging.getLogger(__name__)
+
+AGAIN_S: Final = 1.0
+"""Interval between two looks at what signatures and proposals are given for, on the ground."""
+
+NOT_ASKED: Final = "this service asks for {what}: {key} is not set in its configuration"
+
+
+@dataclass(frozen=True, slots=True)
+class _Entered:
+    """A weather entry, and when it was made by the loop's clock, which is never set."""
+
+    entry: WeatherEntry
+    time_s: float
+
+
+class CrewGo(Feature):
+    """Keeps what people have said, on the event loop only. Implements `gcs.service.interface.Go`."""
+
+    name = "go"
+
+    def __init__(
+        self,
+        settings: GoSettings | None,
+        flight: Flight,
+        followed: Callable[[], str],
+        now_s: Callable[[], float],
+        further: Mapping[str, Callable[[], str]] = MappingProxyType({}),
+    ) -> None:
+        """Reads the checklists. Raises: ConfigError.
+
+        Args:
+            settings: None: nothing is asked for.
+            flight: what a start is confirmed for.
+            followed: name of the target that the plan follows; empty: it follows none.
+            now_s: the loop's clock.
+            further: hash of what else a start is confirmed for, by name; empty: there is none of it.
+        """
+        self._settings = settings
+        self._flight = flight
+        self._followed = followed
+        self._now_s = now_s
+        self._further = dict(further)
+        given = settings or GoSettings()
+        self._checklists = read_checklists(given.checklists)
+        self._entered: _Entered | None = None
+        self._read: dict[VehicleId, tuple[Mapping[str, ParameterValue], str]] = {}
+        self._flew = False
+        self._due_s = 0.0
+        self._common: dict[str, str] = {}  # of the newest look
+        self._view: GoView | None = None
+        self.two: GoByTwo | None = GoByTwo(given.within_s) if given.confirmed_by_another else None
+        self.proposed: ProposedStart | None = None  # for displays, while `two` has a proposal
+
+    # what a start is confirmed for
+
+    def hashes(self) -> dict[str, str]:
+        """Digest of each thing that a start is confirmed for, by name; what there is none of is absent."""
+        entry = None if self._entered is None else self._entered.entry
+        lists = self._checklists.view()
+        parts = {
+            "show": self._show(),
+            "parameters": digest(self._parameters()) if self._flight.parameters else "",
+            "weather": "" if entry is None else digest(asdict(entry)),
+            "checklists": digest([asdict(each) for each in lists]) if lists else "",
+            **{name: value() for name, value in self._further.items()},
+        }
+        return {name: value for name, value in parts.items() if value}
+
+    def _show(self) -> str:
+        """Of the selected show with its place to begin and operators' obstacles, else of the plan."""
+        plan, show_run = self._flight.in_force.plan, self._flight.show.run
+        if show_run is not None:
+            own = [asdict(box) for box in plan.obstacles if box.id not in show_run.obstacle_ids]
+            return digest([show_run.hash, show_run.cue(self._flight.newest.state.time_s), own])
+        target = self._followed() or asdict(plan.target)
+        return digest(asdict(plan) | {"target": target})
+
+    def _parameters(self) -> dict[VehicleId, str]:
+        """Digest of the parameters of each vehicle, as read."""
+        for name, values in self._flight.parameters.items():
+            before = self._read.get(name)
+            if before is None or before[0] is not values:
+                self._read[name] = values, digest(dict(values))
+        return {name: self._read[name][1] for name in self._flight.parameters}
+
+    # commands
+
+    def sign(self, role: str, items: Sequence[int]) -> GoView:
+        self._need_checklists()
+        by, unix_s = CALLER.get(), self._flight.unix_s()
+        self._look()  # what has changed opens items first
+        self._checklists.sign(role, items, by, unix_s)
+        log.info("checklist_signed", extra={"role": role, "items": [*items], "by": by})
+        return self._noted("sign")
+
+    def reopen(self, role: str, items: Sequence[int]) -> GoView:
+        self._need_checklists()
+        self._checklists.reopen(role, items)
+        log.info("checklist_reopened", extra={"role": role, "items": [*items], "by": CALLER.get()})
+        return self._noted("reopen")
+
+    def enter_weather(self, entry: WeatherEntry) -> GoView:
+        if self._settings is None:
+            raise RefusedError(NOT_ASKED.format(what="no weather", key="go"))
+        check_entry(entry)
+        entry = replace(entry, by=CALLER.get(), unix_time_s=self._flight.unix_s())
+        self._entered = _Entered(entry, self._now_s())
+        given = {name: value for name, value in asdict(entry).items() if value is not None}
+        log.info("weather_entered", extra={"weather": given, "by": entry.by})
+        return self._noted("weather")
+
+    def _need_checklists(self) -> None:
+        if self._settings is None or self._settings.checklists is None:
+            raise RefusedError(NOT_ASKED.format(what="no checklists", key="go.checklists"))
+
+    def _noted(self, action: str) -> GoView:
+        self._flight.book.open(action, [], {})
+        self._look()
+        return self._view or GoView.none()
+
+    # as a feature
+
+    def lead(self, at: Instant) -> None:
+        """Note landings, and once a second what has changed on the ground."""
+        if self._settings is None:
+            return
+        on_ground = at.show in ON_THE_GROUND
+        if self._flew and on_ground and (count := self._checklists.note_landing()):
+            log.info("checklists_open", extra={"count": count, "reason": "the flight is over"})
+        self._flew = not on_ground
+        if on_ground and self._now_s() >= self._due_s:
+            self._look()
+
+    def _look(self) -> None:
+        """Open items that are not true any more, and compose the view."""
+        self._due_s = self._now_s() + AGAIN_S
+        self._note_seen()
+        self._common = self.hashes()
+        self._view = self._composed()
+
+    def _note_seen(self) -> None:
+        show_run = self._flight.show.run
+        seen = SignedFor("" if show_run is None else show_run.hash, self._parameters())
+        if count := self._checklists.note(seen):
+            log.info("checklists_open", extra={"count": count, "reason": "show or parameters changed"})
+
+    def refresh(self) -> None:
+        """Compose the view anew: the proposal has changed."""
+        if self._settings is not None:
+            self._view = self._composed()
+
+    def _composed(self) -> GoView:
+        two, settings = self.two, self._settings or GoSettings()
+        waits = None if two is None else two.proposal
+        return GoView(
+            confirmed_by_another=settings.confirmed_by_another,
+            within_s=settings.within_s,
+            proposal=None if waits is None else self.proposed,
+            ended="" if two is None else two.ended,
+            hashes=self._common if waits is None else dict(waits.parts),
+            checklists=self.checklists,
+            weather=None if self._entered is None else self._entered.entry,
+            missing=tuple(check.problem for check in self._checks() if not check.passes),
+        )
+
+    @property
+    def checklists(self) -> tuple[Checklist, ...]:
+        return self._checklists.view()
+
+    def checks(self, at: Instant) -> Iterator[Check]:
+        """Open items and the weather, where this station decides on a start."""
+        if self._settings is not None and at.show in ON_THE_GROUND and self._flight.elsewhere.shows.leads:
+            self._note_seen()  # a start may come before the next look
+            yield from self._checks()
+
+    def _checks(self) -> Iterator[Check]:
+        if self._settings is None:
+            return
+        entered, now_s = self._entered, self._now_s()
+        yield from self._checklists.checks()
+        entry, age_s = (None, 0.0) if entered is None else (entered.entry, now_s - entered.time_s)
+        yield from weather_checks(self._settings.weather, entry, age_s)
+
+    def view(self, at: Instant) -> GoView | None:  # noqa: ARG002
+        return self._view

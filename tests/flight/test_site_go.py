@@ -1,0 +1,103 @@
+"""A start by two tokens with several stations: the lead decides, the others refuse in words."""
+
+from collections.abc import Callable
+
+import pytest
+
+from gcs.model.errors import GcsError, RefusedError
+from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.service import CommandRecord, GoView, Outcome, ShowAction, WeatherEntry
+from gcs.site.member import SiteMember
+from gcs.site.requests import REQUEST, ShowRequest
+from gcs.testing.virtual_site import SiteShow, fly_site, site_config
+from tests.flight.test_site_start import asked_until_s
+from tests.support.tokens_flown import by_two, token
+
+BUS = {"delay_s": 0.02, "spread_s": 0.01}
+
+
+def go_of(show: SiteShow, station: str) -> GoView:
+    view = show[station].view.features.go
+    assert view is not None
+    return view
+
+
+async def proposed(show: SiteShow) -> tuple[CommandRecord, str]:
+    """A start that alice has proposed at the lead, and its hash."""
+    with token("alice"):
+        record, reasons = await asked_until_s(show, 15.0)
+    assert record is not None, reasons
+    await show.wait(0.2)
+    proposal = go_of(show, "north").proposal
+    assert proposal is not None
+    return record, proposal.hash
+
+
+def refusal(show: SiteShow, station: str, what: str, go_hash: str = "0" * 12) -> str:
+    service = show[station].service
+    calls: dict[str, Callable[[], object]] = {
+        "start": lambda: service.commands.command_show(ShowAction.START),
+        "confirm": lambda: service.commands.confirm_start(go_hash),
+        "weather": lambda: service.go.enter_weather(WeatherEntry(wind_m_s=1.0)),
+        "sign": lambda: service.go.sign("pads", [1]),
+    }
+    with token("bob"), pytest.raises(GcsError) as refused:
+        calls[what]()
+    assert refused.type is RefusedError
+    return str(refused.value)
+
+
+def test_the_lead_starts_all_stations_once_confirmed() -> None:
+    async def story(show: SiteShow) -> None:
+        record, shown = await proposed(show)
+        await show.wait(5.0)
+        assert not show.armed.any()
+        for what in ("start", "confirm", "weather", "sign"):
+            text = refusal(show, "south", what, shown)
+            assert text.endswith("here: station north leads, and decides on a start; do it there")
+        with token("alice"), pytest.raises(RefusedError, match="another token confirms it"):
+            show["north"].service.commands.confirm_start(shown)
+        with token("bob"):
+            started = show["north"].service.commands.confirm_start(shown)
+        assert started.id == record.id
+        await show.reach(ShowPhase.RUNNING)
+        assert [show.in_phase(name, Phase.FORMATION) for name in show.stations] == [2, 2]
+        done = show["north"].service.command_log.get(record.id)
+        assert len(done.outcomes) == 4
+        assert done.outcome is Outcome.DONE
+
+    fly_site(story, site_config(2, 2, **by_two()), **BUS)
+
+
+def test_a_stop_at_any_station_calls_the_proposal_off() -> None:
+    async def story(show: SiteShow) -> None:
+        record, shown = await proposed(show)
+        with token("guard"):
+            show["south"].service.commands.command_show(ShowAction.STOP)
+        await show.wait(1.0)
+        assert "called off by guard" in refusal(show, "north", "confirm", shown)
+        assert show["north"].service.command_log.get(record.id).outcome is Outcome.FAILED
+        at_s = show["north"].unix() + 60.0
+        with token("alice"), pytest.raises(RefusedError, match="made at once: give the show a time to begin"):
+            show["north"].service.commands.command_show(ShowAction.START, at_unix_time_s=at_s)
+        assert not show.armed.any()
+
+    fly_site(story, site_config(2, 2, **by_two()), **BUS)
+
+
+@pytest.mark.parametrize(
+    ("names", "starts"), [(("", ""), 0), (("alice", ""), 0), (("alice", "alice"), 0), (("alice", "bob"), 2)]
+)
+def test_a_station_starts_nothing_that_two_did_not_confirm(names: tuple[str, str], starts: int) -> None:
+    """Whatever the bus carries: a request without two different names is refused."""
+
+    async def story(show: SiteShow) -> None:
+        await proposed(show)
+        request = ShowRequest("o9", "alice", ShowAction.START, proposed_by=names[0], confirmed_by=names[1])
+        member = show["north"].service.local.flight.elsewhere
+        assert isinstance(member, SiteMember)
+        member.post("south", REQUEST.dump_python(request, mode="json"))
+        await show.wait(8.0)
+        assert show.armed.sum() == starts
+
+    fly_site(story, site_config(2, 2, **by_two()), **BUS)
