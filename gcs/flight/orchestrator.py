@@ -119,6 +119,7 @@ class Orchestrator:
         )
         self._guard = parts.guard
         self.refusals, self.maneuvers, self.shows = parts.refusals, parts.maneuvers, parts.shows
+        self.site = parts.site
         self.player, self.preflight, self.plan = parts.player, parts.preflight, parts.plan
         self.commands, self.recovery = parts.commands, parts.commands.recovery
         self._telemetry_monitor = parts.telemetry_monitor
