@@ -24,7 +24,7 @@ from gcs.api.errors import echo, error_response, from_pydantic, invalid_response
 from gcs.api.map_tiles import GroundMap
 from gcs.api.middleware import Methods, SecurityHeaders, allowed
 from gcs.api.openapi import DescribedApp
-from gcs.api.routes import commands, fleet, go, plan, shows, stations, stream, target_reports
+from gcs.api.routes import commands, fleet, go, plan, shows, site, stations, stream, target_reports
 from gcs.api.schemas import reports
 from gcs.model.errors import GcsError, InvalidError, LinkError, RefusedError, UnknownError, cut
 from gcs.service import Service
@@ -92,6 +92,7 @@ def _routes() -> Sequence[BaseRoute]:
         shows.selected,
         shows.files,
         shows.replay,
+        site.router,
         stream.router,
         target_reports.router,
     )

@@ -227,6 +227,35 @@ class ShowsCalls(Calls):
         """Let shows follow an external clock, or this station's."""
 
 
+class SiteCalls(Calls):
+    """The areas of the site, and their file. Raises the errors of `Client`."""
+
+    @calls("GET", "/api/v1/site")
+    def stored(self) -> service.SiteView:
+        """Get the site as its file has it."""
+
+    def text(self, form: str) -> str:
+        """Get the site as a file: geojson, kml or plan."""
+        content: bytes = self._exchange.call("GET", f"/api/v1/site/{part(form)}")
+        return content.decode()
+
+    def change(self, file: Path | str, *, version: str | None = None) -> service.SiteView:
+        """Replace the site, on the ground; it counts from the next start of the service on.
+
+        Args:
+            file: a path of a file of GeoJSON, or its text.
+            version: of the site that was edited; None: that of the file now.
+
+        Raises: InvalidError when there is no such file.
+        """
+        content = _content(file) if isinstance(file, Path) else file.encode()
+        of = self.stored().version if version is None else version
+        site: service.SiteView = self._exchange.call(
+            "PUT", f"/api/v1/site?version={part(of)}", self.change, content, "application/geo+json"
+        )
+        return site
+
+
 class Client(Calls):
     """Client of one service. Not for use by several threads at once.
 
@@ -257,6 +286,7 @@ class Client(Calls):
         """
         super().__init__(Exchange(url, token, emergency_url, ca_file, timeout_s))
         self.shows = ShowsCalls(self._exchange)
+        self.site = SiteCalls(self._exchange)
         self.preflight = PreflightCalls(self._exchange)
         self.playback = PlaybackCalls(self._exchange)
 

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from math import isfinite, radians
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
@@ -43,6 +43,8 @@ from gcs.safety.filter import SafetySettings
 from gcs.safety.walls import Fence
 from gcs.service.access import AccessSettings, is_loopback
 from gcs.service.map_settings import MapSettings
+
+NOT_FOR_FILES: Final = ("flight_site", "fence_without_site")
 
 
 class FlightSettings(Settings):
@@ -99,6 +101,8 @@ class FlightSettings(Settings):
     heights narrow `control.safety.fence`."""
     flight_site: FlightSite | None = None
     """The site as it was read; not for files."""
+    fence_without_site: Fence | None = None
+    """The fence before the site narrowed it; not for files."""
 
 
 class Config(FeatureSettings, FlightSettings):
@@ -295,8 +299,9 @@ def parse(text: str, source: str) -> Config:
     written = Source(text, source)
     raw = written.mapping("show_frame, links and formation at least")
     named = raw.pop("site", None)
-    if "flight_site" in raw or not isinstance(named, str | None):
-        key = "flight_site" if "flight_site" in raw else "site"
+    made = next((key for key in NOT_FOR_FILES if raw.pop(key, None) is not None), None)
+    if made is not None or not isinstance(named, str | None):
+        key = made or "site"
         text = f"{key}: the name of a site's file is needed, as in site: FILE.geojson"
         raise FileError(source, [Problem(written.line(key), None, text)])
     try:
@@ -317,10 +322,16 @@ def parse(text: str, source: str) -> Config:
 
 def on_site(config: Config, path: Path) -> Config:
     """The configuration with the site's areas in its fence. Raises: SiteError, ValidationError."""
-    site, safety = read_site(path), config.control.safety
-    fence = fence_within(site, config.frame, safety.fence)
+    return within_site(config, read_site(path), path)
+
+
+def within_site(config: Config, site: FlightSite, path: Path) -> Config:
+    """As `on_site`, with a site that was read; one that the configuration has is replaced."""
+    safety = config.control.safety
+    whole = config.fence_without_site or safety.fence
+    fence = fence_within(site, config.frame, whole)
     control = config.control.model_copy(update={"safety": safety.model_copy(update={"fence": fence})})
-    within = {"site": path, "flight_site": site, "control": control}
+    within = {"site": path, "flight_site": site, "control": control, "fence_without_site": whole}
     return Config.model_validate({key: getattr(config, key) for key in Config.model_fields} | within)
 
 

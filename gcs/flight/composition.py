@@ -12,6 +12,7 @@ from gcs.estimation.targets import motion
 from gcs.failsafe import triggers
 from gcs.flight.commands.commander import Commander
 from gcs.flight.commands.plan_editor import PlanEditor, RestoredPlan
+from gcs.flight.commands.site_editor import SiteEditor, misfit_of, why_not_now
 from gcs.flight.features import features_of
 from gcs.flight.laws.guard import LawGuard
 from gcs.flight.maneuvers.descent import Descent
@@ -94,6 +95,8 @@ class FlightParts:
             {"site": lambda: flight.start_hashes((), None).get("site_hash", "")},
         )
         flight.features = [*features_of(flight, targets, guard, unix_minus_loop_s, group), go]
+        self.site = site_editor_of(flight)
+        flight.features.append(self.site)
         self.refusals = refusals = refusals_of(flight)
         places = landing_places_of(flight)
         self.maneuvers = maneuvers = maneuvers_of(flight, group, places)
@@ -169,6 +172,12 @@ def parameter_reader_of(flight: Flight, group: asyncio.TaskGroup) -> ParameterRe
         flight.changed_parameters,
         flight.note_parameters,
     )
+
+
+def site_editor_of(flight: Flight) -> SiteEditor:
+    config = flight.config
+    why_not = partial(why_not_now, flight.show, flight.vehicles, alone=lambda: flight.elsewhere.count == 0)
+    return SiteEditor(config.site, config.flight_site, config.frame, partial(misfit_of, config), why_not)
 
 
 def library_of(flight: Flight) -> ShowLibrary:

@@ -119,6 +119,7 @@ class Orchestrator:
         )
         self._guard = parts.guard
         self.refusals, self.maneuvers, self.shows = parts.refusals, parts.maneuvers, parts.shows
+        self.site = parts.site
         self.player, self.preflight, self.plan = parts.player, parts.preflight, parts.plan
         self.go = parts.go
         self.commands, self.recovery = parts.commands, parts.commands.recovery

@@ -29,7 +29,10 @@ from gcs.service.interface import PlaybackChange as PlaybackChange
 from gcs.service.interface import Replaying as Replaying
 from gcs.service.interface import Service as Service
 from gcs.service.interface import Shows as Shows
+from gcs.service.interface import SiteFile as SiteFile
 from gcs.service.interface import Stations as Stations
+from gcs.service.site_view import SiteFormat as SiteFormat
+from gcs.service.site_view import SiteView as SiteView
 from gcs.service.snapshots import ActiveFailsafe as ActiveFailsafe
 from gcs.service.snapshots import BeginState as BeginState
 from gcs.service.snapshots import BeginView as BeginView

@@ -72,6 +72,7 @@ WORDS: Final[Mapping[str, str]] = {
     "show_check_failed": "the check of show {show} failed: {reason}",
     "show_began": "show {show} began[, {late_s} s after its time]",
     "show_begin_cancelled": "show {show}: its time to begin is cancelled",
+    "site_changed": "the site is changed in {file} by {by}; in force from the next start of the service on",
     "start_hashes": "{command} takes off[; site {site_hash}][; show {show_hash}]"
     "[; parameters {parameters_hash}]",
     "target_not_restored": "target {target} is not followed any more, the formation holds: {reason}",

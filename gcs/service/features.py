@@ -340,6 +340,23 @@ class TakView(FeatureView):
 
 
 @dataclass(frozen=True, slots=True)
+class SiteFileView(FeatureView):
+    """The file of the site, beside the site that is in force."""
+
+    __pydantic_config__ = PUBLISHED
+
+    hash: Annotated[str, Field(description="SHA-256 of the areas that are in force.")]
+    version: Annotated[str, Field(description="Of the file as read or written last; empty: not yet.")]
+    pending: Annotated[str, Field(description="Why no start is possible; empty: the file is in force.")]
+
+    def line(self, unix_time_s: float) -> Line:  # noqa: ARG002
+        if self.pending:
+            yield self.pending, "bad"
+        else:
+            yield f"in force: {self.hash[:12]}", ""
+
+
+@dataclass(frozen=True, slots=True)
 class FencesView(FeatureView):
     """The site's fence in the autopilots."""
 
@@ -417,6 +434,7 @@ class Features:
     remote_id: RemoteIdView | None = None
     lights: LightsView | None = None
     go: GoView | None = None
+    site: SiteFileView | None = None
 
     @property
     def reporting(self) -> dict[str, FeatureView]:

@@ -15,6 +15,7 @@ from gcs.service.alarms import Alarm
 from gcs.service.commands import CommandRecord, ShowAction, VehicleAction
 from gcs.service.event_log import LogEvent
 from gcs.service.go import GoView, WeatherEntry
+from gcs.service.site_view import SiteFormat, SiteView
 from gcs.service.snapshots import (
     FleetView,
     FlightMarks,
@@ -68,6 +69,27 @@ class Shows(Protocol):
 
     def checked(self, name: str) -> ShowCheck:
         """Return the state of the newest check."""
+
+
+class SiteFile(Protocol):
+    """The file of the site, and its change by operators. Nothing here delays the control loop.
+
+    Raises: InvalidError, RefusedError, UnknownError; then nothing has changed.
+    """
+
+    async def read(self) -> SiteView:
+        """Return the site as its file has it now. UnknownError: the configuration names none."""
+
+    async def text(self, form: SiteFormat) -> bytes:
+        """Return that site in a format."""
+
+    async def change(self, text: bytes, version: str) -> SiteView:
+        """Replace the file, on the ground. The service flies the new site from its next start on.
+
+        Args:
+            text: the whole site as GeoJSON; the file keeps its own format.
+            version: of the file of which this change was made; RefusedError when it is another by now.
+        """
 
 
 @dataclass(frozen=True, slots=True)
@@ -364,6 +386,9 @@ class Service(Protocol):
 
     @property
     def shows(self) -> Shows: ...
+
+    @property
+    def site(self) -> SiteFile: ...
 
     @property
     def player(self) -> Player: ...

@@ -136,6 +136,7 @@ class SiteService:
         self.view, self.frame, self.replaying = local.view, local.frame, None
         self.audit, self.events, self.alarms = local.audit, local.events, local.alarms
         self.shows, self.command_log = local.shows, local.command_log
+        self.site = local.site
 
     async def run(self) -> None:
         """Fly until cancelled; an error of the bus ends the flight's control as one of its own does."""

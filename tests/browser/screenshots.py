@@ -5,6 +5,7 @@ takes each picture in every size that the console is made for, and leaves docs/s
 """
 
 import argparse
+import shutil
 import signal
 import subprocess
 import sys
@@ -24,7 +25,16 @@ from gcs.client import Client
 from gcs.config import schema as configuration
 from tests.support.console_bench import FLIGHT_MS, ROOT, SOON_MS, Console, browser, console, fault, station
 from tests.support.machine import free_ports
-from tests.support.processes import ORIGIN, SOON_S, flying_config, proper, service, wait_passes, wait_until
+from tests.support.processes import (
+    ORIGIN,
+    SOON_S,
+    flying_config,
+    proper,
+    service,
+    session_of,
+    wait_passes,
+    wait_until,
+)
 from tests.support.replays import replay
 from tests.support.started import DEVNULL, Started
 
@@ -39,6 +49,8 @@ EVERY: Final[tuple[Size, ...]] = (
     *((360, 640), (640, 360), (390, 844), (844, 390), (768, 1024), (1024, 768)),
     *((1440, 900), (900, 1440), (2560, 1440), (1440, 2560)),
 )
+PADS: Final = ("--grid-columns", "4", "--grid-at=-2.5,-7.5")
+"""In the middle of the meadow."""
 SETTLED_S: Final = 2.0
 """For trails to grow, and the camera to come to rest."""
 LAID_OUT_MS: Final = 500
@@ -226,6 +238,20 @@ def follow(camera: Photographer, chrome: Browser, folder: Path) -> None:
             boat.wait()
 
 
+def draw_site(camera: Photographer, chrome: Browser, folder: Path) -> None:
+    """A site that is edited, before its vehicles fly."""
+    (folder / "sites").mkdir(parents=True)
+    shutil.copy(ROOT / "configs" / "sites" / "lakeside.geojson", folder / "sites")
+    with (
+        session_of("lakeside", folder, "--count", "8", "--spacing", "5", *PADS, height_m=18.0) as (url, _),
+        console(chrome, url, width=1440, height=900) as ui,
+    ):
+        ui.says("connection", "Live")
+        _open(ui, "right", "feature-site")
+        ui.opens(lambda: ui.press("site-edit"), "site-editor")
+        camera.shoot(ui, "site", None, "feature-site", sizes=((1440, 900),))
+
+
 def main() -> None:
     """Overwrites what is in the folder."""
     parser = argparse.ArgumentParser(description="Pictures of the console.")
@@ -267,6 +293,7 @@ def main() -> None:
         ):
             watch(camera, ui, client)
         follow(camera, chrome, Path(temporary) / "target")
+        draw_site(camera, chrome, Path(temporary) / "site")
 
 
 if __name__ == "__main__":

@@ -223,6 +223,10 @@ COMMANDS: Final[dict[Command, ByKeys]] = {
     ("DELETE", "obstacles/{obstacle_id}"): ByKeys(
         (opened("obstacles"), ">>obstacle-remove-tower"), states.obstacles
     ),
+    ("PUT", "site"): ByKeys(
+        (">tab-feature-site", ">site-edit", "@site-corner-0", "!Shift+ArrowDown", "!Insert", ">site-save"),
+        states.with_site,
+    ),
     ("POST", "kill"): ByKeys(("!Shift+K", ">kill-pick-d2", ">kill-arm")),
     ("POST", "kill/confirm"): ByKeys(
         ("!Shift+K", ">kill-who-all", ">kill-arm", shows("kill-code"), type_code, "!Enter")

@@ -21,6 +21,7 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from gcs.api.app import create_app
 from gcs.api.auth.authorization import Authorization
 from gcs.api.auth.tokens import Tokens, create_token
+from gcs.areas.files.site_files import read_site
 from gcs.cli.alarms import newest
 from gcs.cli.commands import ACTIONS, CALLS
 from gcs.cli.main import main
@@ -80,6 +81,9 @@ EVERYTHING = [
     "shows follow-external-clock no",
     "shows deselect",
     "shows remove lighthouse",
+    "areas show",
+    "areas text kml",
+    "areas change SITE",
     "exclude d1 --reason cracked",
     "include d1",
     "law set article",
@@ -158,6 +162,7 @@ these stations, `silent` has a station lost, `good` has a check end well,
 `proposed` has a start proposed by another token, `recorded` makes it a replay."""
 
 LIGHTHOUSE = next(path for path in shipped() if path.stem == "lighthouse")
+SITE = LIGHTHOUSE.parents[1] / "sites" / "lakeside.geojson"
 DRAWING = LIGHTHOUSE.with_name("drawn-30.skyc")
 SHOW = load(LIGHTHOUSE).show
 
@@ -230,7 +235,7 @@ def asked_of(service: FakeService, line: str, *options: str) -> int:
     if word == "kill":
         with Client(os.environ["GCS_URL"]) as client:
             return main(["kill", "--confirm", client.arm_kill(names).code, *options])
-    given = {"FILE": str(LIGHTHOUSE), "HASH": SHOW.digest, "DRAWING": str(DRAWING)}
+    given = {"FILE": str(LIGHTHOUSE), "HASH": SHOW.digest, "DRAWING": str(DRAWING), "SITE": str(SITE)}
     return main([*(given.get(each, each) for each in line.split()), *options])
 
 
@@ -238,6 +243,7 @@ def test_there_is_a_command_for_every_operation_and_it_does_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     service = FakeService(folder=tmp_path)
+    service.keep_site(read_site(SITE))
     with station(service, monkeypatch) as received:
         failed = {line: capsys.readouterr() for line in EVERYTHING if asked_of(service, line)}
     assert failed == {}
@@ -260,6 +266,7 @@ def test_with_json_every_command_prints_exactly_one_document(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     service = FakeService(folder=tmp_path)
+    service.keep_site(read_site(SITE))
     reported: dict[str, object] = {}
     with station(service, monkeypatch):
         for line in EVERYTHING:

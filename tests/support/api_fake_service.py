@@ -9,8 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from gcs.areas.files.site_files import written
+from gcs.areas.site import FlightSite
+from gcs.areas.site_fence import fence_within
+from gcs.flight.commands.site_editor import SiteEditor
+from gcs.flight.state.feature import Instant
 from gcs.formation.laws.registry import place_of
-from gcs.model.errors import InvalidError, RefusedError, UnknownError
+from gcs.model.errors import InvalidError, RefusedError, SiteError, UnknownError
 from gcs.model.frames import ShowFrame
 from gcs.model.interrupted_flight import InterruptedFlight, Offer
 from gcs.model.lifecycle import AIRBORNE, Event, Phase, ShowEvent, ShowPhase, advance, advance_show
@@ -21,6 +26,7 @@ from gcs.model.target_fix import TargetFix
 from gcs.model.vehicle_columns import unknown
 from gcs.preflight.causes import causes_of
 from gcs.preflight.checklists import parse_checklists
+from gcs.safety.walls import Fence
 from gcs.service import (
     CALLER,
     Audit,
@@ -53,6 +59,7 @@ from gcs.shows.library import ShowLibrary
 
 FRAME = ShowFrame(latitude_deg=47.3977, longitude_deg=8.5456, altitude_amsl_m=488.0, heading_deg=90.0)
 HEIGHT_MIN_M = 2.0
+INSTANT = Instant(0.0, ShowPhase.IDLE, None)
 HISTOGRAMS = tuple(
     TickHistogram(f"gcs_tick_{what}_seconds", what, (0.01, 0.1)) for what in ("duration", "lateness")
 )
@@ -71,6 +78,15 @@ EVENT: dict[VehicleAction, Event] = dict(
 )
 REPORTED = {"yaw_rad": 0.0, "latitude_deg": 47.3977, "longitude_deg": 8.5456, "altitude_amsl_m": 488.0}
 MEASURED = {"battery_remaining": 0.9, "position_age_s": 0.05, "uncertainty_m": 0.35, "link_quality": 0.75}
+
+
+def misfit(site: FlightSite, _path: Path) -> Sequence[str]:
+    """Why a site does not lie here."""
+    try:
+        fence_within(site, FRAME, Fence())
+    except SiteError as error:
+        return error.problems
+    return ()
 
 
 class FakePlan:
@@ -139,7 +155,8 @@ class FakeService:
         """`station_names`: each flies as many vehicles; the first is the one that answers, and leads."""
         self.commands = self.recovery = self.player = self.preflight = self.alarms = self.events = self
         self.go = self
-        self.shows = ShowLibrary(folder)
+        self.shows, self._folder = ShowLibrary(folder), folder
+        self.site = SiteEditor(None, None, FRAME, misfit, self._why_site_stays)
         self.phases = dict.fromkeys((f"d{row}" for row in range(1, count + 1)), Phase.STANDBY)
         self.stations: Stations | None = None
         self.station_names: tuple[str, ...] = ()
@@ -149,6 +166,19 @@ class FakeService:
         self._begin()
         self.join_site(station_names)
         self.view = Latest(self._look())
+
+    def keep_site(self, site: FlightSite) -> Path:
+        """Have a site, and its file in the folder."""
+        if self._folder is None:
+            raise ValueError("a service with a folder is needed")
+        self._folder.mkdir(parents=True, exist_ok=True)
+        path = self._folder / "field.geojson"
+        path.write_bytes(written(site, path))
+        self.site = SiteEditor(path, site, FRAME, misfit, self._why_site_stays)
+        return path
+
+    def _why_site_stays(self) -> str:
+        return "" if self.show is ShowPhase.IDLE else f"the site is changed on the ground, it is {self.show}"
 
     def join_site(self, names: Sequence[str]) -> None:
         """Become the first of these stations."""
@@ -438,7 +468,7 @@ class FakeService:
             alarms=self.book.alarms,
             histograms=HISTOGRAMS,
             stations=self._stations(),
-            features=self.features,
+            features=replace(self.features, site=self.site.view(INSTANT)),
         )
 
     def _rows(self) -> VehicleTable:

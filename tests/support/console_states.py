@@ -16,6 +16,7 @@ from playwright.sync_api import Browser, expect
 
 from gcs.api.auth.authorization import Authorization
 from gcs.api.auth.tokens import Tokens, create_token
+from gcs.areas.site import AreaKind
 from gcs.model.interrupted_flight import InterruptedFlight, Offer, Remaining
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Obstacle
@@ -50,12 +51,14 @@ from tests.support.api_background import Ticking, in_background
 from tests.support.api_fake_service import FakeService
 from tests.support.console_bench import SOON_MS, Console, console
 from tests.support.drawn_shows import drawn_show
+from tests.support.fields import area, field
 from tests.support.replays import FakeRecord
 
 Prepare: TypeAlias = Callable[[FakeService], object]
 Act: TypeAlias = Callable[[Console], object]
 
 COUNT: Final = 6
+MAST: Final = ((40, 0), (40, 10), (50, 10), (50, 0))
 CUES: Final = tuple(CueMark(cue, at_s) for cue, at_s in (("gather", 0.0), ("turn", 20.0), ("wide", 45.0)))
 
 
@@ -378,6 +381,21 @@ def placed(ui: Console) -> None:
     ui.opens(lambda: ui.press("show-place-night"), "placing")
 
 
+def with_site(service: FakeService) -> None:
+    """A field with an audience beside it, and a mast in it."""
+    service.keep_site(field(area(AreaKind.NO_FLY, MAST, name="mast")))
+
+
+def site_refused(ui: Console) -> None:
+    """A site that is edited, whose sides cross; the service says where."""
+    panel("feature-site", "site-edit")(ui)
+    ui.part("site-x").fill("120")
+    ui.part("site-y").fill("-20")
+    ui.part("site-y").press("Enter")
+    ui.press("site-save")
+    expect(ui.part("site-problems")).to_be_visible(timeout=SOON_MS)
+
+
 def obstacle_previewed(ui: Console) -> None:
     """An obstacle that is drawn and not sent; its form is closed."""
     if ui.part("panel-obstacles").count() == 0:
@@ -514,6 +532,8 @@ STATES: Final = (
     ConsoleState("show-outdated", "show-outdated", night_selected, previewed),
     ConsoleState("drawn", "drawn", act=previewed),
     ConsoleState("placing", "placing", act=placed),
+    ConsoleState("site", "site-edit", with_site, panel("feature-site")),
+    ConsoleState("site-refused", "site-problems", with_site, site_refused),
     *(
         ConsoleState(f"events-{chosen}", f"events-{chosen}", happened, panel("events", f"events-{chosen}"))
         for chosen in ("lines", "commands", "refused")

@@ -1,8 +1,9 @@
 // Calls of the service. Each reports its result; the page shows no success before the service answers.
 
-import type { Features, Preview, Command, DrawnSamples, ImportedShow, PlacedShow, Placement, ShowCheck, State, Station, StoredShow } from "./state";
+import type { Features, Preview, Command, DrawnSamples, ImportedShow, PlacedShow, Placement, ShowCheck, Site, State, Station, StoredShow } from "./state";
 import { decoded } from "./drawn/model";
 import type { Box } from "./obstacle";
+import { t as siteTexts } from "./site/texts";
 import { clockTime } from "./panels/format";
 import { texts } from "./texts";
 import type { Message } from "./messages";
@@ -68,6 +69,9 @@ export interface Actions {
   /** Store a placement: a new version of the show. */
   place(name: string, place: Placement): Promise<boolean>;
   removeShow(name: string): Promise<boolean>;
+  loadSite(): Promise<boolean>;
+  /** Store the whole site, made of that version of its file. */
+  changeSite(geojson: string, version: string): Promise<boolean>;
   seek(cue: string): Promise<boolean>;
   /** One alarm; null: all of them. */
   acknowledge(alarm: string | null): Promise<boolean>;
@@ -299,6 +303,26 @@ export function createActions(api: Api, dispatch: (message: Message) => void, st
       if (found !== null) dispatch({ kind: "placing", found: found.data, asked: null });
       else dispatch({ kind: "placing-busy", busy: "" });
       return found !== null;
+    },
+    async loadSite() {
+      const result: Outcome<Site> = await outcome(api.GET("/api/v1/site"));
+      if (result.ok) dispatch({ kind: "site", site: result.data, isSaved: false });
+      return result.ok;
+    },
+    async changeSite(geojson, version) {
+      dispatch({ kind: "site-saving" });
+      const call: Call<Site> = api.PUT("/api/v1/site", {
+        params: { query: { version } }, body: geojson as never, bodySerializer: () => geojson, headers: { "Content-Type": "application/geo+json" },
+      });
+      const result = await outcome(call);
+      if (result.ok) {
+        dispatch({ kind: "site", site: result.data, isSaved: true });
+        dispatch({ kind: "done", text: result.data.pending === "" ? siteTexts.storedAgain : siteTexts.stored });
+      } else {
+        dispatch({ kind: "site-refused", reason: result.reason });
+        if (result.status !== 422) dispatch({ kind: "refused", text: texts.refused(siteTexts.save, result.reason) }); // else it is at its corner
+      }
+      return result.ok;
     },
     removeShow: (name) => done(texts.commands.remove(name), api.DELETE("/api/v1/shows/{name}", ofShow(name)), texts.showRemoved(name)),
     seek: (cue) => done(texts.commands.seek(cue), api.POST("/api/v1/show/seek", { body: { cue } }), texts.showSought(cue)),

@@ -91,7 +91,7 @@ const scene = createScene(
   canvas,
   {
     preview: (preview) => byHand({ kind: "preview", preview }), shape: (id, change) => actions.shapeObstacle(id, change),
-    place: (place) => byHand({ kind: "placed-at", place }), choose: (choice) => actions.chooseInScene(choice),
+    place: (place) => byHand({ kind: "placed-at", place }), site: byHand, choose: (choice) => actions.chooseInScene(choice),
     ask({ panel, sure }) {
       actions.openPanel(panel);
       actions.set({ sure });

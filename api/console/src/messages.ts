@@ -3,6 +3,7 @@
 import type { AttentionMessage } from "./alarms/attentionState";
 import type { DrawnMessage } from "./drawn/model";
 import type { PlacingMessage } from "./placing/model";
+import type { SiteMessage } from "./site/model";
 import type { PanelState, Layout } from "./panels/state";
 import type { Choice, Selection } from "./selection";
 import type {
@@ -34,6 +35,7 @@ export type Message =
   | AttentionMessage
   | DrawnMessage
   | PlacingMessage
+  | SiteMessage
   | DeskMessage;
 
 export type DeskMessage =

@@ -15,6 +15,8 @@ export type PreflightReport = Schemas["PreflightReport"];
 export type StoredShow = Schemas["StoredShow"];
 export type DrawnSamples = Schemas["DrawnSamples"];
 export type PlacedShow = Schemas["PlacedShow"];
+export type Site = Schemas["SiteView"];
+export type SiteArea = Schemas["SiteAreaView"];
 export type Placement = Schemas["Placement"];
 /** What each feature beside the formation reports. */
 export type Features = Schemas["Features"];

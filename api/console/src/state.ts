@@ -4,6 +4,7 @@ import { initialDesk, type PanelState } from "./panels/state";
 import { initialAttention, type Attention } from "./alarms/attentionState";
 import type { DrawnPreview } from "./drawn/model";
 import type { Placing } from "./placing/model";
+import { NO_SITE, type SiteState } from "./site/model";
 import { NOTHING_SELECTED, type Selection } from "./selection";
 import type { Features, ReportBody, Frame, KillArmed, Command, PreflightReport, FlightMarks, Status } from "./snapshot";
 
@@ -86,6 +87,8 @@ export interface State {
   drawn: DrawnPreview | null;
   /** A drawn show that is moved and turned beside the vehicles. */
   placing: Placing | null;
+  /** The areas of the site, and what is changed of them. */
+  site: SiteState;
   /** What features report, as read last; null: as the status has it. */
   features: Features | null;
   /** The service's clock then. */
@@ -137,6 +140,7 @@ export function initial(now_ms: number): State {
     preview: null,
     drawn: null,
     placing: null,
+    site: NO_SITE,
     features: null,
     featuresRead_s: NaN,
     featuresPast: [],

@@ -4,6 +4,7 @@ import { updateAttention } from "./alarms/attention";
 import { updateDrawn } from "./drawn/model";
 import { whyNotOnGround } from "./panels/rights";
 import { updatePlacing } from "./placing/model";
+import { updateSite } from "./site/model";
 import { updateDesk } from "./panels/update";
 import { energy, radiusError_m } from "./formation";
 import { choose, remaining } from "./selection";
@@ -66,6 +67,13 @@ function updateShared(state: State, message: Message): State {
     case "placed-at":
     case "placing-busy":
       return { ...state, placing: updatePlacing(state.placing, message, state.page_ms) };
+    case "site":
+    case "site-edit":
+    case "site-choose":
+    case "site-step":
+    case "site-saving":
+    case "site-refused":
+      return { ...state, site: updateSite(state.site, message) };
     case "features":
       return onFeatures(state, message.features);
     case "kill-armed":
@@ -113,7 +121,7 @@ function onStatus(state: State, status: Status): State {
     return { ...state, status, view, drawn: isDown ? state.drawn : null, placing: isDown ? state.placing : null };
   }
   const panels = { ...state.panels, shows: null, checks: {}, showsRefused: {} };
-  return { ...state, status, view, panels, frame: null, previous: null, preflight: null, marks: null, drawn: null, placing: null, features: null, featuresPast: [], kill: null, commands: [], history: NO_HISTORY };
+  return { ...state, status, view, panels, frame: null, previous: null, preflight: null, marks: null, drawn: null, placing: null, site: { ...state.site, stored: null }, features: null, featuresPast: [], kill: null, commands: [], history: NO_HISTORY };
 }
 
 function onFeatures(state: State, features: Features): State {

@@ -21,7 +21,7 @@ const vehicle = status().vehicles[0]!;
 const corrections = (state: State) => feature.glance!(state);
 
 /** With these corrections; null: none are configured. */
-const of = (found: typeof FOUND | null): Features => ({ corrections: found, timecode: null, targets: null, traffic: null, tak: null, fences: null, remote_id: null, go: null, lights: { driver: "led-control", sent: 0, dropped: 0 } });
+const of = (found: typeof FOUND | null): Features => ({ corrections: found, timecode: null, targets: null, traffic: null, tak: null, fences: null, remote_id: null, go: null, site: null, lights: { driver: "led-control", sent: 0, dropped: 0 } });
 
 function state(change: Partial<State> = {}): State {
   const vehicles = [{ ...vehicle, fix_type: 6 }, { ...vehicle, id: "d2", fix_type: 5 }];
@@ -51,7 +51,7 @@ describe("corrections for RTK", () => {
     let reads = 0;
     const nothing = async (): Promise<boolean> => true;
     const read = createReader({
-      loadPreflight: nothing, loadOrders: nothing, loadStations: nothing, loadPlacement: nothing, loadShows: nothing, loadMarks: nothing,
+      loadPreflight: nothing, loadOrders: nothing, loadStations: nothing, loadPlacement: nothing, loadShows: nothing, loadMarks: nothing, loadSite: nothing,
       loadFeatures: () => ((reads += 1), Promise.resolve(true)),
     });
     const at = (now_ms: number, change: Partial<State> = {}): State => ({ ...state(change), page_ms: now_ms, frame: { ...state().frame!, received_ms: now_ms } });

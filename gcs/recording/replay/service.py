@@ -225,7 +225,7 @@ class Replay:
         self.shows: Any = NoShows(f"this is a replay of {data.path}: it keeps no shows")
         self.command_log = NoCommands()
         self.commands: Any = ReadOnly(refusal)
-        self.recovery = self.player = self.preflight = self.alarms = self.go = self.commands
+        self.recovery = self.player = self.preflight = self.alarms = self.go = self.site = self.commands
         self.stations: service.Stations | None = None
 
     async def run(self) -> None:

@@ -32,6 +32,7 @@ from gcs.service.interface import (
     Preflight,
     Recovery,
     Shows,
+    SiteFile,
     Stations,
 )
 from gcs.service.remote.messages import (
@@ -288,6 +289,7 @@ class RemoteService:
         self.audit = _Audit(self._line)
         self.events = _Events(self._line)
         self.shows = cast("Shows", _Role(self._line, "shows", why_not_kept=hello.why_not_kept))
+        self.site = cast("SiteFile", _Role(self._line, "site"))
         self.stations = cast("Stations", _Role(self._line, "stations")) if hello.has_stations else None
         self.plan = cast("PlanChanges", _Role(self._line, "plan"))
         self.commands = cast("Commands", _Role(self._line, "commands"))

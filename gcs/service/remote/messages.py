@@ -53,6 +53,7 @@ ROLES: Final[Mapping[str, type]] = {
     "command_log": interface.CommandRecords,
     "recovery": interface.Recovery,
     "shows": interface.Shows,
+    "site": interface.SiteFile,
     "player": interface.Player,
     "preflight": interface.Preflight,
     "go": interface.Go,

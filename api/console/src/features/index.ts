@@ -8,11 +8,12 @@ import { fences } from "./fences";
 import { go } from "./go";
 import { lights } from "./lights";
 import { remoteId } from "./remoteId";
+import { site } from "./site";
 import { targets } from "./targets";
 import { timecode } from "./timecode";
 import { traffic } from "./traffic";
 
-export const features: readonly Feature[] = [go, timecode, corrections, targets, traffic, fences, remoteId, lights];
+export const features: readonly Feature[] = [go, timecode, corrections, targets, traffic, fences, remoteId, site, lights];
 
 /** Panels of those that are configured. */
 export const panelsOf = (status: Status | null): readonly FeaturePanel[] =>

@@ -76,6 +76,7 @@ export interface PanelActions
   fitPlacement(): void;
   applyPlacement(): void;
   closePlacing(): void;
+  saveSite(): void;
   enter(): void;
   replay(change: ReplayChange): void;
   readReport(): void;

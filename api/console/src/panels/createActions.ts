@@ -11,6 +11,7 @@ import { typedNumbers, whyNotGroup, type Group } from "./shape";
 import { HOLD_MS, type PanelState, type LeftPanel, type RightPanel } from "./state";
 import { whyNotApply, whyNotPlacing } from "../placing/panel";
 import { whyNotOnGround } from "./rights";
+import { geojson } from "../site/model";
 import { beginOrder, beginTime } from "./begin";
 import { startOrder } from "./start";
 import { isSite } from "./stations";
@@ -341,6 +342,10 @@ export function createDeskActions(
     },
     applyPlacement: () => void applyPlacement(),
     closePlacing: () => dispatch({ kind: "placing", found: null, asked: null }),
+    saveSite() {
+      const { site: { edit }, status } = state();
+      if (edit !== null && status !== null) void service.changeSite(geojson(edit, status.origin), edit.version);
+    },
     enter() {
       const token = (state().panels.drafts["token"] ?? "").trim();
       undo("token");

@@ -13,13 +13,14 @@ const PREFLIGHT_UNSEEN_MS = 8000; // for the number beside its name
 const ORDERS_MS = 2000;
 const STATIONS_MS = 1000;
 const FEATURES_MS = 1000;
+const SITE_MS = 2000; // after a version that is not the one that was read
 const MARKS_MS = 2000; // after an event
 /** Pads that were moved are matched with the vehicles anew once they rest for so long. */
 const PLACED_MS = 600;
 
 /** Call it a few times a second. One request of a kind at a time, so that a slow service gets no more. */
-export function createReader(service: Pick<Actions, "loadPreflight" | "loadOrders" | "loadStations" | "loadFeatures" | "loadPlacement" | "loadShows" | "loadMarks">): (state: State) => void {
-  const asked_ms = { preflight: -Infinity, commands: -Infinity, stations: -Infinity, features: -Infinity, marks: -Infinity };
+export function createReader(service: Pick<Actions, "loadPreflight" | "loadOrders" | "loadStations" | "loadFeatures" | "loadPlacement" | "loadShows" | "loadMarks" | "loadSite">): (state: State) => void {
+  const asked_ms = { preflight: -Infinity, commands: -Infinity, stations: -Infinity, features: -Infinity, marks: -Infinity, site: -Infinity };
   const busy = new Set<string>();
   let showsFor: string | null = null;
   let marksFor = "";
@@ -62,6 +63,12 @@ export function createReader(service: Pick<Actions, "loadPreflight" | "loadOrder
     if (features.some((each) => each.isRead?.(status)) && page_ms - asked_ms.features >= FEATURES_MS) {
       asked_ms.features = page_ms;
       ask("features", service.loadFeatures);
+    }
+    const version = (state.features ?? status.features).site?.version;
+    const isOtherSite = version !== undefined && (state.site.stored === null || (version !== "" && version !== state.site.stored.version));
+    if (isOtherSite && page_ms - asked_ms.site >= SITE_MS) {
+      asked_ms.site = page_ms;
+      ask("site", service.loadSite);
     }
     const { placing } = state;
     const isResting = placing !== null && placing.busy === "" && page_ms - placing.changed_ms >= PLACED_MS;

@@ -1,8 +1,11 @@
 /** What may be pressed now; where not, why, in words. Pure. "" means that it may. */
 
 import { whyNoFeature } from "../features";
+import { airborne } from "./ground";
 import { fresh, may, type Phase, type ShowAction, type State } from "../state";
 import { texts } from "../texts";
+
+export { airborne, whyNotOnGround } from "./ground";
 
 export type VehicleAction = "hold" | "join" | "return" | "land" | "take-control" | "confirm-down" | "find";
 export const VEHICLE_ACTIONS: readonly VehicleAction[] = ["hold", "join", "return", "land", "take-control", "confirm-down", "find"];
@@ -38,11 +41,6 @@ export function whyNotAcknowledge(state: State): string {
 
 const BRINGING_DOWN: readonly ShowAction[] = ["pause", "stop", "abort"];
 
-/** Vehicles in the air, whoever controls them. */
-export function airborne(state: State): number {
-  return state.status?.counts.airborne ?? 0;
-}
-
 export function whyNotShow(state: State, action: ShowAction): string {
   const why = whyNot(state, action);
   if (why !== "" || state.status === null || !fresh(state)) return why;
@@ -59,16 +57,6 @@ export function whyNotVehicle(state: State, action: VehicleAction, phase: Phase)
   const lacks = whyNoFeature(state, action);
   if (lacks !== "") return lacks;
   return FROM[action].includes(phase) ? "" : texts.vehicle.notIn(texts.fleet.phases[phase]);
-}
-
-const ON_THE_GROUND: readonly string[] = ["idle", "countdown", "landed"];
-
-/** What is settled before a start and not in the air. */
-export function whyNotOnGround(state: State): string {
-  const phase = state.status?.show.phase;
-  if (phase === undefined) return "";
-  if (!ON_THE_GROUND.includes(phase)) return texts.flight.notNow(texts.phases[phase]);
-  return airborne(state) > 0 ? texts.flight.airborne(airborne(state)) : "";
 }
 
 /** Formation, orbit and target belong to a written show as long as it is selected; a live cue takes the target. */

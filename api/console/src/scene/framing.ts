@@ -51,6 +51,12 @@ export function* worthSeeing(state: State, poses: Poses, vehicles: readonly numb
     }
     return;
   }
+  if (state.site.edit !== null) {
+    for (const { x_m, y_m } of state.site.edit.areas.flatMap((each) => each.corners)) {
+      yield toScene(x_m, y_m, 0);
+    }
+    return;
+  }
   const { radius_m, height_m } = status.formation;
   const [x_m, y_m] = frame.target_m;
   const orbit_m = status.orbit.radius_m;

@@ -7,6 +7,8 @@ import { Color, Group, Scene as Root, SRGBColorSpace } from "three";
 import { features } from "../features";
 import type { Question } from "../features/feature";
 import { isUnplaced, type Box } from "../obstacle";
+import { cornerGripAt, cornerMoved, type CornerGrip } from "../site/layer";
+import type { SiteMessage } from "../site/model";
 import { tail } from "../panels/format";
 import { isGridSeen } from "../panels/layout";
 import type { Choice } from "../selection";
@@ -55,6 +57,8 @@ export interface SceneEvents {
   shape(id: string, change: Partial<Box>): void;
   /** Likewise, of a drawn show that is being placed. */
   place(place: Placement): void;
+  /** Likewise, of the site that is edited. */
+  site(message: SiteMessage): void;
   choose(choice: Choice): void;
   /** A click on what a feature has drawn. */
   ask(question: Question): void;
@@ -105,6 +109,8 @@ class LiveScene implements Scene {
   #selection: { of: readonly string[]; status: Status | null; indices: ReadonlySet<number> } = { of: [], status: null, indices: new Set() };
   #grip: Grip | null = null;
   #padGrip: PadGrip | null = null;
+  #cornerGrip: CornerGrip | null = null;
+  #drags = 0;
   #hovered = -1;
   #isDue = true;
   #wasFresh = false;
@@ -195,7 +201,7 @@ class LiveScene implements Scene {
     return (
       last === null || state.status !== last.status || state.frame !== last.frame || state.preview !== last.preview ||
       state.view !== last.view || state.features !== last.features || state.access !== last.access || state.drawn !== last.drawn ||
-      state.placing !== last.placing || state.panels.editing !== last.panels.editing || state.panels.drafts !== last.panels.drafts || (state.drawn?.since_ms ?? null) !== null
+      state.placing !== last.placing || state.site !== last.site || state.panels.right !== last.panels.right || state.panels.editing !== last.panels.editing || state.panels.drafts !== last.panels.drafts || (state.drawn?.since_ms ?? null) !== null
     );
   }
 
@@ -219,7 +225,7 @@ class LiveScene implements Scene {
       this.#poses.set(moment, heading_deg);
     }
     const screen = this.#screen();
-    const hand = this.#grip !== null || this.#padGrip !== null ? "drags" : this.isHeld ? "held" : "none";
+    const hand = this.#grip !== null || this.#padGrip !== null || this.#cornerGrip !== null ? "drags" : this.isHeld ? "held" : "none";
     this.#eye.look(this.#camera_controller.at(state, this.#poses, selected, screen, now_ms, hand), screen);
     this.#backdrop.look(this.#eye, this.#palette!);
     this.#ground.draw(status, this.#eye, this.#camera_controller.moves, now_ms, this.#overlay);
@@ -340,6 +346,12 @@ class LiveScene implements Scene {
       grab: (px: number, py: number): boolean => {
         const ray = this.#ray(px, py);
         this.#padGrip = this.#state === null ? null : padGripAt(this.#state, this.#eye, ray, px, py);
+        this.#cornerGrip = this.#state === null || this.#padGrip !== null ? null : cornerGripAt(this.#state, this.#eye, ray, px, py);
+        if (this.#cornerGrip !== null) {
+          this.#drags += 1;
+          if (!this.#cornerGrip.isSide) this.#on.site({ kind: "site-choose", area: this.#cornerGrip.area, corner: this.#cornerGrip.corner });
+          return true;
+        }
         this.#grip = this.#state === null || this.#padGrip !== null ? null : gripAt(this.#state, this.#eye, ray, px, py);
         return this.#grip !== null || this.#padGrip !== null;
       },
@@ -347,12 +359,15 @@ class LiveScene implements Scene {
         if (this.#padGrip !== null) {
           this.#on.place(padsMoved(this.#padGrip, this.#eye, this.#ray(px, py)));
         }
+        if (this.#cornerGrip !== null) {
+          this.#dragCorner(this.#cornerGrip, this.#ray(px, py));
+        }
         if (this.#grip !== null) {
           this.#tellOf(moved(this.#grip, this.#poses.center, this.#eye, this.#ray(px, py)));
         }
       },
       drop: (): void => {
-        this.#grip = this.#padGrip = null;
+        this.#grip = this.#padGrip = this.#cornerGrip = null;
       },
       click: (px: number, py: number, keys: Keys): void => {
         const placed = this.#state === null ? null : placedAt(this.#state, this.#eye, this.#ray(px, py));
@@ -385,7 +400,7 @@ class LiveScene implements Scene {
         this.#hovered = i;
         const ray = this.#ray(px, py);
         const isPad = padGripAt(this.#state, this.#eye, ray, px, py) !== null;
-        const isGrip = isPad || (i < 0 && gripAt(this.#state, this.#eye, ray, px, py) !== null);
+        const isGrip = isPad || cornerGripAt(this.#state, this.#eye, ray, px, py) !== null || (i < 0 && gripAt(this.#state, this.#eye, ray, px, py) !== null);
         this.#canvas.style.cursor = isUnplaced(this.#state) ? "crosshair" : isGrip ? "grab" : i >= 0 || this.#questionAt(px, py) !== undefined ? "pointer" : "";
       },
       leave: (): void => {
@@ -397,6 +412,19 @@ class LiveScene implements Scene {
       zoom: (factor: number): void => this.#move(() => this.#camera_controller.zoom(factor)),
       frame: (): void => this.#move(() => this.#camera_controller.frame()),
     };
+  }
+
+  /** All of one drag is one step to be undone, with the corner that it adds. */
+  #dragCorner(grip: CornerGrip, ray: Ray): void {
+    const place = cornerMoved(grip, this.#eye, ray);
+    if (place === null) return;
+    const { area, corner, isSide } = grip;
+    const gesture = `drag:${this.#drags}`;
+    if (isSide) {
+      this.#on.site({ kind: "site-step", step: { what: "add", area, corner }, gesture });
+      this.#cornerGrip = { ...grip, corner: corner + 1, isSide: false };
+    }
+    this.#on.site({ kind: "site-step", step: { what: "move", area, corner: isSide ? corner + 1 : corner, ...place }, gesture });
   }
 
   #tellOf(dragged: Dragged): void {

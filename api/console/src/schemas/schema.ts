@@ -297,6 +297,7 @@ export interface components {
             go: components["schemas"]["GoView"] | null;
             lights: components["schemas"]["LightsView"] | null;
             remote_id: components["schemas"]["RemoteIdView"] | null;
+            site: components["schemas"]["SiteFileView"] | null;
             tak: components["schemas"]["TakView"] | null;
             targets: components["schemas"]["TargetsView"] | null;
             timecode: components["schemas"]["TimecodeView"] | null;
@@ -1561,6 +1562,57 @@ export interface components {
                     };
                 };
             };
+            "/api/v1/site": {
+                get: {
+                    parameters: Record<string, never>;
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["SiteView"];
+                            };
+                        };
+                    };
+                };
+                put: {
+                    parameters: {
+                        query: {
+                            /** @description Of the site that was edited. */
+                            version: string;
+                        };
+                    };
+                    requestBody: {
+                        content: {
+                            "application/geo+json": unknown;
+                        };
+                    };
+                    responses: {
+                        200: {
+                            content: {
+                                "application/json": components["schemas"]["SiteView"];
+                            };
+                        };
+                    };
+                };
+            };
+            "/api/v1/site/{form}": {
+                get: {
+                    parameters: {
+                        path: {
+                            /** @enum {string} */
+                            form: "geojson" | "kml" | "plan";
+                        };
+                    };
+                    responses: {
+                        200: {
+                            content: {
+                                "application/geo+json": unknown;
+                                "application/json": unknown;
+                                "application/vnd.google-earth.kml+xml": unknown;
+                            };
+                        };
+                    };
+                };
+            };
             "/api/v1/stations": {
                 get: {
                     parameters: Record<string, never>;
@@ -2352,6 +2404,49 @@ export interface components {
             name: string;
             /** @description YAML, as it was uploaded. */
             text: string;
+        };
+        /** @description One area of a site. */
+        SiteAreaView: {
+            /** @description Counterclockwise, each once. */
+            corners: components["schemas"]["SiteCorner"][];
+            /** @description The same; null: without a limit. */
+            height_max_m: number | null;
+            /** @description Above the origin of the show frame. */
+            height_min_m: number;
+            /** @enum {string} */
+            kind: "flight-geography" | "contingency" | "ground-risk" | "audience" | "no-fly";
+            name: string;
+        };
+        /** @description A corner on the globe and in the show frame. */
+        SiteCorner: {
+            latitude_deg: number;
+            longitude_deg: number;
+            x_m: number;
+            y_m: number;
+        };
+        /** @description The file of the site, beside the site that is in force. */
+        SiteFileView: {
+            /** @description SHA-256 of the areas that are in force. */
+            hash: string;
+            /** @description Why no start is possible; empty: the file is in force. */
+            pending: string;
+            /** @description Of the file as read or written last; empty: not yet. */
+            version: string;
+        };
+        /** @description The site as its file has it now. */
+        SiteView: {
+            areas: components["schemas"]["SiteAreaView"][];
+            /** @description Name of its file. */
+            file: string;
+            /** @description SHA-256 of its kinds, corners and heights. */
+            hash: string;
+            /** @description `hash` of the site that this service flies. */
+            in_force: string;
+            name: string;
+            /** @description Why no start is possible with it; empty: it is in force. */
+            pending: string;
+            /** @description SHA-256 of the file: what a change of it was made from. */
+            version: string;
         };
         /** @description The vehicles, the selected show and the time of a start. */
         StartBody: {
