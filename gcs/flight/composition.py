@@ -94,9 +94,8 @@ class FlightParts:
             asyncio.get_running_loop().time,
             {"site": lambda: flight.start_hashes((), None).get("site_hash", "")},
         )
-        flight.features = [*features_of(flight, targets, guard, unix_minus_loop_s, group), go]
-        self.site = site_editor_of(flight)
-        flight.features.append(self.site)
+        self.site = site = site_editor_of(flight)
+        flight.features = [*features_of(flight, targets, guard, unix_minus_loop_s, group), go, site]
         self.refusals = refusals = refusals_of(flight)
         places = landing_places_of(flight)
         self.maneuvers = maneuvers = maneuvers_of(flight, group, places)
