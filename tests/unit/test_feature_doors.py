@@ -69,7 +69,7 @@ FEATURES: Final = {
         r"RemoteId[A-Z]\w+|\bRemoteId\b|\bremote_id\b|\./remoteId",
         r"remote_id|remoteId",
         7,
-        9,
+        10,  # a site's report says what is sent
     ),
     "traffic": Named(  # of others; `gcs/safety/traffic.py` is of the own vehicles
         r"TrafficView|TrafficSettings|TrafficSource|TrackTable|OtherTraffic|features\??\.traffic|\./traffic",
