@@ -26,6 +26,13 @@ def config(path: Path) -> Config:
     return on_site(show_config(3), path)
 
 
+async def started(show: VirtualShow) -> None:
+    """Start, once the fence was uploaded and read back."""
+    await show.standby()
+    await show.wait(5.0)
+    await show.start()
+
+
 def failing(show: VirtualShow) -> list[str]:
     return [check.name for check in show.service.preflight.report().fleet if not check.passes]
 
@@ -37,7 +44,8 @@ def test_no_start_is_possible_until_it_is_in_force(path: Path) -> None:
         with pytest.raises(InvalidError, match=r"the first formation|radius_m|height_max_m"):
             await site.change(write(field(top_m=8.0)), stored.version)
         changed = await site.change(write(HIGHER), stored.version)
-        await show.wait(2.0)
+        await show.standby()
+        await show.wait(5.0)
         assert failing(show) == ["site in force"]
         with pytest.raises(RefusedError, match="not the one in force"):
             await show.start()
@@ -45,8 +53,7 @@ def test_no_start_is_possible_until_it_is_in_force(path: Path) -> None:
         assert view is not None
         assert (view.version, view.hash) == (changed.version, SITE.digest)
         await site.change(write(SITE), changed.version)  # as it was
-        await show.wait(2.0)
-        await show.start()
+        await started(show)
         await show.reach(ShowPhase.RUNNING)
 
     fly(change, config(path))
@@ -62,7 +69,7 @@ def test_the_next_start_flies_the_new_site(path: Path) -> None:
 
     async def again(show: VirtualShow) -> None:
         assert (await show.service.site.read()).pending == ""
-        await show.start()
+        await started(show)
         assert failing(show) == []
 
     flies = config(path)
@@ -74,7 +81,7 @@ def test_the_next_start_flies_the_new_site(path: Path) -> None:
 def test_nothing_is_changed_in_the_air(path: Path) -> None:
     async def change(show: VirtualShow) -> None:
         version = (await show.service.site.read()).version
-        await show.start()
+        await started(show)
         await show.reach(ShowPhase.RUNNING)
         with pytest.raises(RefusedError, match="changed on the ground, and the show is running"):
             await show.service.site.change(write(HIGHER), version)
