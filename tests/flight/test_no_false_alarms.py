@@ -32,13 +32,17 @@ def config(kinds: tuple[str, str], law: str, delay_s: float) -> Config:
 def alarms_of(
     kinds: tuple[str, str], law: str, delay_s: float, orbit_m_s: float = 3.0, **fleet: Any
 ) -> set[str]:
-    """Texts of all alarms of a whole flight but those for information only."""
+    """Texts of all alarms but those for information only, from where all vehicles are ready until they landed.
+
+    Before, one that does not report its place yet is named, and rightly.
+    """
 
     async def story(show: VirtualShow) -> set[str]:
         for name in show.config.ids:
             if delay_s:
                 show.befall(name, "delay", delay_s=delay_s)
         await show.until(lambda: all(seen.ready for seen in vehicles_of(show.view)), READY_S)
+        ready_at = len(show.track.samples)
         await show.start()
         await show.wait(10.0)
         show.service.plan.set_orbit(Orbit(radius_m=ORBIT_M, speed_m_s=orbit_m_s))
@@ -54,7 +58,7 @@ def alarms_of(
         await show.reach(ShowPhase.LANDED)
         return {
             f"{alarm.cause}: {alarm.text}"
-            for sample in show.track.samples
+            for sample in show.track.samples[ready_at:]
             for alarm in sample.view.alarms
             if alarm.severity is not AlarmSeverity.INFORMATION
         }
