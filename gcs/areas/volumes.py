@@ -110,8 +110,12 @@ class Volumes:
         return self.contingency, self.contingency_height, self.ground_risk, *self.others
 
 
-def authority_volumes(kind: FleetKind, flight_height_m: float) -> Volumes:
-    """The authorities' formulas for a flight geography of this height above the origin."""
+def authority_volumes(kind: FleetKind, flight_height_m: float, contingency_top_m: float = 0.0) -> Volumes:
+    """The authorities' formulas for a flight geography of this height above the origin.
+
+    `contingency_top_m`, in m above the origin, is what a site draws. A fall begins there where that is higher
+    than what is needed: up there is where vehicles may be.
+    """
     v, tilt = kind.speed_m_s, kind.tilt_deg
     rise_m = UPWARD_SHARE * v * REACTION_S
     stop_m = v**2 / (2.0 * GRAVITY_M_S2 * tan(radians(tilt)))
@@ -133,7 +137,7 @@ def authority_volumes(kind: FleetKind, flight_height_m: float) -> Volumes:
             Term("climb without thrust", v**2 / (2.0 * GRAVITY_M_S2), f"H_CM = {v:g}^2 / (2 g)", LBA),
         ),
     )
-    top_m = flight_height_m + height.value_m
+    top_m = max(flight_height_m + height.value_m, contingency_top_m)
     half = Term("half a vehicle", kind.dimension_m / 2.0, f"{kind.dimension_m:g} m / 2", LBA)
     way_m = v * sqrt(2.0 * top_m / GRAVITY_M_S2)
     ballistic = Term("ballistic fall", way_m, f"{v:g} m/s x sqrt(2 x {top_m:.1f} m / g)", LBA)
@@ -160,8 +164,10 @@ def _seen_until(kind: FleetKind) -> tuple[Term, ...]:
     )
 
 
-def fleet_volumes(kind: FleetKind, flight_height_m: float, ground_reach_m: GroundReach) -> Volumes:
-    """What this fleet's own numbers demand."""
+def fleet_volumes(
+    kind: FleetKind, flight_height_m: float, ground_reach_m: GroundReach, contingency_top_m: float = 0.0
+) -> Volumes:
+    """What this fleet's own numbers demand; heights as for `authority_volumes`."""
     v = kind.speed_m_s
     stop_m, stop_words = _stop(kind, v)
     contingency = Extent(
@@ -206,7 +212,7 @@ def fleet_volumes(kind: FleetKind, flight_height_m: float, ground_reach_m: Groun
             Term("height error", SIGMAS * kind.error_m, f"3 x {kind.error_m:g} m", kind.error_source),
         ),
     )
-    top_m = flight_height_m + height.value_m
+    top_m = max(flight_height_m + height.value_m, contingency_top_m)
     reach_m = ground_reach_m(top_m, v)
     words = f"from {top_m:.1f} m at {v:g} m/s in {kind.wind_m_s:g} m/s of wind, half a vehicle included"
     ground = Extent(

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from gcs.areas.site import AreaKind, FlightSite
 from gcs.areas.volumes import FleetKind, GroundReach, Volumes, authority_volumes, fleet_volumes
 from gcs.config import yaml_files
 from gcs.config.schema import Config
@@ -106,15 +107,31 @@ def _tilt_deg(values: Mapping[str, ParameterValue]) -> float:
 
 
 def volumes_of(config: Config, read: ReadParameters) -> list[Volumes]:
-    """Both computations for each autopilot of a configuration with a site."""
+    """Both computations for each autopilot of a configuration with a site, as high as the site draws it."""
     if config.flight_site is None:
         return []
+    drawn = config.flight_site.of(AreaKind.CONTINGENCY)
+    return _volumes(config, config.flight_site, read, max((area.top_m for area in drawn), default=0.0))
+
+
+def volumes_to_derive(config: Config, site: FlightSite, read: ReadParameters) -> list[Volumes]:
+    """Both as `derived` needs them: from the top of the contingency volume that it draws."""
+    rise_m = max(each.contingency_height.value_m for each in _volumes(config, site, read, 0.0))
+    return _volumes(config, site, read, site.flight_geography.top_m + rise_m)
+
+
+def _volumes(
+    config: Config, site: FlightSite, read: ReadParameters, contingency_top_m: float
+) -> list[Volumes]:
     limits, impact = config.control.safety.limits, config.control.safety.impact
     reach = ground_reach(impact, (-limits.down_m_s, 0.0, limits.up_m_s))
-    top_m = min(config.flight_site.flight_geography.top_m, config.control.safety.fence.height_max_m)
+    top_m = min(site.flight_geography.top_m, config.control.safety.fence.height_max_m)
     computed: list[Volumes] = []
     for kind in fleet_kinds(config, read):
-        computed += [authority_volumes(kind, top_m), fleet_volumes(kind, top_m, reach)]
+        computed += [
+            authority_volumes(kind, top_m, contingency_top_m),
+            fleet_volumes(kind, top_m, reach, contingency_top_m),
+        ]
     return computed
 
 

@@ -36,10 +36,13 @@ def site_named(name: str, heights: Heights | None) -> tuple[FlightSite, Config |
 
 def document_of(site: FlightSite) -> dict[str, Any]:
     """A site as `--json` has it."""
-    frame = frame_at(site.flight_geography.corners[0])
+    latitude_deg, longitude_deg = site.flight_geography.corners[0]
+    frame = frame_at((latitude_deg, longitude_deg))
     return {
         "name": site.name,
         "hash": site.digest,
+        "latitude_deg": latitude_deg,
+        "longitude_deg": longitude_deg,
         "uploaded_corners": sum(len(area.corners) for area in site.uploaded),
         "areas": [
             {
@@ -59,15 +62,19 @@ def check_site(arguments: argparse.Namespace) -> int:
     """Print what a site has. Returns: 0. Raises: SiteError, ConfigError with all that is wrong."""
     site, config, path = site_named(arguments.site, heights_of(arguments))
     document = {"file": str(path), **document_of(site)}
-    lines = [f"{site.name}: {len(site.areas)} areas, good to fly; hash {site.digest}"]
+    lines = [f"{site.name}: {len(site.areas)} areas, without mistakes; hash {site.digest}"]
     for each in document["areas"]:
         top = "without a limit" if each["height_max_m"] is None else f"to {each['height_max_m']:g} m"
         lines.append(
             f"  {each['kind']:<17} {each['name']}: {each['corners']} corners, {each['size_m2']:.0f} m^2,"
             f" from {each['height_min_m']:g} m {top}"
         )
+    at = f"latitude {document['latitude_deg']:.5f}, longitude {document['longitude_deg']:.5f}"
+    lines.append(f"  the first corner of the flight geography is at {at}: compare it with a map")
     lines.append(f"  {document['uploaded_corners']} corners go to the autopilots, of 64 that PX4 keeps")
-    if config is not None:
+    if config is None:
+        lines.append("  whether it is wide enough: gcs site volumes CONFIG, of a configuration that names it")
+    else:
         lines.append("  it lies about the configuration's show frame, and the first formation fits")
     answer(arguments, document, "\n".join(lines))
     return 0

@@ -1,5 +1,6 @@
 """The report on a site as one page without any other host: it prints, and needs no script."""
 
+from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -8,18 +9,26 @@ from typing import Final
 
 import numpy as np
 
-from gcs.areas.site import FlightSite, frame_at, polygon_m
+from gcs.areas.site import AreaKind, FlightSite, frame_at, polygon_m
 from gcs.areas.volumes import Comparison, Volumes
 from gcs.cli.sites.fleet_kinds import ReadParameters, fleet_kinds
 from gcs.cli.sites.site_map import drawn, legend
 from gcs.config.schema import Config
+from gcs.links import ParameterValue
 from gcs.links.features import FeatureSettings
 from gcs.preflight.parameters import requirements_of
+from gcs.preflight.requirement import Requirement
 from gcs.safety.impact import impacts
 from gcs.shows import LoadedShow
 
 NEARLY_M: Final = 0.01
 LIMITS_J: Final = "for comparison: 14.9 J and 33.9 J (FAA, operations over people), 80 J (EU class C1)"
+
+ALTERNATIVE: Final = (
+    "By authorities, the ground risk buffer is compared with the ballistic fall. The 1:1 rule, mostly wider, "
+    "is for information, and not compared. Falls begin at the top of the contingency volume: of the drawn "
+    "one, where that is higher than what is needed."
+)
 
 BESIDE: Final = "Remote ID, and what else is sent and received"
 
@@ -107,7 +116,7 @@ def _hashes(reported: SiteReported) -> str:
             if reported.show
             else []
         ),
-        ("parameters", "as read", reported.parameters_hash or "not read"),
+        ("parameters", "the vehicles", reported.parameters_hash or "not read"),
     ]
     return _table(
         ("Of", "From", "SHA-256"), [(what, file, f"<code>{digest}</code>") for what, file, digest in rows]
@@ -168,14 +177,16 @@ def _volumes(reported: SiteReported) -> str:
             ]
             terms.append((f"<b>{extent.what}</b>", f"{extent.value_m:.2f}", "", ""))
         parts.append(_table(("Term", "m", "Formula", "Source"), terms, numbers="1"))
+    parts.append(f"<p class=note>{ALTERNATIVE}</p>")
     return "".join(parts)
 
 
 def _vehicles(reported: SiteReported) -> str:
     safety = reported.config.control.safety
     frame, limits, fence = safety.impact.airframe, safety.limits, safety.fence
+    drawn_above = reported.site.of(AreaKind.CONTINGENCY)
     falls = impacts(
-        np.array([[0.0, 0.0, -fence.height_max_m]]),
+        np.array([[0.0, 0.0, -max([fence.height_max_m, *(area.top_m for area in drawn_above)])]]),
         np.array([[limits.horizontal_m_s, 0.0, 0.0]]),
         safety.impact,
     )
@@ -237,19 +248,20 @@ def _parameters(reported: SiteReported) -> str:
     """What is demanded of each parameter, and what the vehicles have."""
     config = reported.config
     demanded: dict[tuple[str, str, str], list[str]] = {}
-    whys: dict[tuple[str, str, str], str] = {}
+    of_key: dict[tuple[str, str, str], Requirement] = {}
     for name, needed in requirements_of(config).items():
         for each in needed:
             key = config.autopilots[name], each.name, each.desired
             demanded.setdefault(key, []).append(name)
-            whys[key] = each.why
+            of_key[key] = each
+    counts = Counter(config.autopilots.values())
     rows = [
         (
             autopilot,
-            parameter,
+            parameter if len(names) == counts[autopilot] else f"{parameter}<br>{escape(', '.join(names))}",
             desired,
-            _values(reported.read, parameter, names),
-            escape(whys[autopilot, parameter, desired]),
+            _values(reported.read, of_key[autopilot, parameter, desired], names),
+            escape(of_key[autopilot, parameter, desired].why),
         )
         for (autopilot, parameter, desired), names in demanded.items()
     ]
@@ -262,17 +274,26 @@ def _parameters(reported: SiteReported) -> str:
     return f"<h2>Parameters</h2>{note}{_table(head, rows)}"
 
 
-def _values(read: ReadParameters, parameter: str, names: Sequence[str]) -> str:
-    """The values of these vehicles: one, or each with its vehicles."""
+def _values(read: ReadParameters, needed: Requirement, names: Sequence[str]) -> str:
+    """The values of these vehicles: one, or each with its vehicles; what is not as demanded is marked."""
     if not read:
         return "-"
     by_value: dict[str, list[str]] = {}
     for name in names:
-        value = read.get(name, {}).get(parameter)
-        by_value.setdefault("not read" if value is None else f"{value:g}", []).append(name)
+        value = read.get(name, {}).get(needed.name)
+        by_value.setdefault(_value(value, needed), []).append(name)
     if len(by_value) == 1:
         return next(iter(by_value))
     return "; ".join(f"{value}: {', '.join(map(escape, of))}" for value, of in by_value.items())
+
+
+def _value(value: ParameterValue | None, needed: Requirement) -> str:
+    if value is None:
+        return "not read"
+    either = (needed, needed.otherwise or needed)
+    if needed.unless or any(each.holds(value) for each in either):
+        return f"{value:g}"
+    return f"<span class=bad>{value:g}: not as demanded</span>"
 
 
 def _features(config: Config) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 from gcs.areas.files.site_files import written
 from gcs.areas.volumes import Comparison, Extent, Volumes, compared, derived
 from gcs.cli.output import answer
-from gcs.cli.sites.fleet_kinds import read_parameters, volumes_document, volumes_of
+from gcs.cli.sites.fleet_kinds import read_parameters, volumes_document, volumes_of, volumes_to_derive
 from gcs.cli.sites.site_files import NO_SITE, save
 from gcs.config import schema
 from gcs.config.schema import Config
@@ -32,11 +32,12 @@ def site_volumes(arguments: argparse.Namespace) -> int:
     site = config.flight_site
     if site is None:
         raise ConfigError(NO_SITE)
-    volumes = volumes_of(config, read_parameters(arguments.parameters))
+    read = read_parameters(arguments.parameters)
+    volumes = volumes_of(config, read)
     beside = compared(site, volumes)
     if arguments.derive is not None:
         target = Path(arguments.derive)
-        wider = derived(site, volumes)
+        wider = derived(site, volumes_to_derive(config, site, read))
         save(target, written(wider, target))
     answer(arguments, document(config, volumes, beside), text(config, volumes, beside))
     missing = any(each.spare_m is not None and each.spare_m < -NEARLY_M for each in beside)

@@ -69,6 +69,16 @@ def test_heights_and_ground_of_the_formula() -> None:
     assert by_what["flight geography, least extent"] == 1.5
 
 
+def test_a_fall_begins_at_the_top_of_the_volume_that_is_drawn() -> None:
+    """60 m are flown, 120 m are drawn above: vehicles may be there. What is too low is not believed."""
+    assert authority_volumes(PX4, 60.0, 120.0).ground_risk.value_m == pytest.approx(
+        6.0 * np.sqrt(2 * 120.0 / 9.81) + 0.25, abs=0.01
+    )
+    assert fleet_volumes(PX4, 60.0, lambda height_m, _: height_m, 120.0).ground_risk.value_m == 120.0
+    for volumes in (authority_volumes(PX4, 60.0, 61.0), authority_volumes(PX4, 60.0)):
+        assert volumes.ground_risk.value_m == pytest.approx(6.0 * np.sqrt(2 * 67.03 / 9.81) + 0.25, abs=0.01)
+
+
 @pytest.mark.parametrize(
     ("kind", "speed_m_s", "way_m"),
     [(PX4, 3.0, 8.25), (PX4, 6.0, 21.0), (COPTER, 3.0, 12.75), (COPTER, 6.0, 29.1)],

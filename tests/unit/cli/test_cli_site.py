@@ -24,6 +24,7 @@ def test_check_says_what_a_site_has(capsys: pytest.CaptureFixture[str]) -> None:
     assert read_site(SHIPPED).digest in text
     assert "no-fly            old oak: 4 corners, 64 m^2, from 0 m to 18 m" in text
     assert "11 corners go to the autopilots" in text
+    assert "is at latitude 47.39734, longitude 8.54500" in text
     code, document = answered(capsys, "check", str(SHIPPED))
     assert code == 0
     assert len(document["areas"]) == 5  # type: ignore[arg-type]

@@ -99,7 +99,8 @@ def test_remote_id_is_on_the_page(tmp_path: Path) -> None:
 
 def test_differing_parameters_are_named_with_their_vehicles(tmp_path: Path) -> None:
     page = reported(tmp_path, "lakeside", "--parameters", str(parameters(tmp_path, 1.5)), code=1)
-    assert "1.5: d1; 1: d2, d3, d4, d5, d6, d7, d8" in page
+    assert "<span class=bad>1.5: not as demanded</span>: d1; 1: d2, d3, d4, d5, d6, d7, d8" in page
+    assert "RTL_RETURN_ALT<br>d2" in page
     assert "missing</span>" in page
 
 
@@ -147,3 +148,8 @@ def test_names_of_files_are_text_only(tmp_path: Path) -> None:
 def test_a_wrong_output_is_an_error_in_words(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["site", "report", "lakeside", "-o", "report.pdf"]) == 2
     assert "report.pdf: a name that ends in .html is needed" in capsys.readouterr().err
+
+
+def test_parameters_as_demanded_have_no_mark(tmp_path: Path) -> None:
+    page = reported(tmp_path, "lakeside", "--parameters", str(parameters(tmp_path)))
+    assert "not as demanded" not in page
