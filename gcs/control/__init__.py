@@ -2,7 +2,7 @@
 
 from gcs.control.inputs import ControlSettings, Task, Tasks, ellipses_of
 from gcs.control.memory import Memory
-from gcs.control.tick_step import Tick, tick, warm_up
+from gcs.control.tick_step import Tick, prepare, tick, warm_up
 
 __all__ = [
     "ControlSettings",
@@ -11,6 +11,7 @@ __all__ = [
     "Tasks",
     "Tick",
     "ellipses_of",
+    "prepare",
     "tick",
     "warm_up",
 ]

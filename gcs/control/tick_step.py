@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.control.area_graphs import prepare_ways
 from gcs.control.area_routes import lead_within
 from gcs.control.center import Lead, move_center
 from gcs.control.desired_velocity import desired_velocity
@@ -31,10 +32,13 @@ from gcs.model.plan import Formation, Obstacle, Orbit, Plan
 from gcs.model.state import Array, FleetState, Mask, Setpoints, Traits, VehicleId
 from gcs.safety.answers import Answers, compared
 from gcs.safety.authority import Authority, measured, yielding
-from gcs.safety.filter import Surroundings, filter_velocities
+from gcs.safety.fenced_areas import FencedArea
+from gcs.safety.filter import SafetySettings, Surroundings, filter_velocities
+from gcs.safety.filter import prepare as safety_prepare
 from gcs.safety.filter import warm_up as safety_warm_up
 from gcs.safety.floor import Floor, minimum_separation
 from gcs.safety.traffic import cubes_aside, give_way, keep_right, turn_early
+from gcs.safety.walls import Fence
 
 
 @dataclass(frozen=True, eq=False)
@@ -394,6 +398,12 @@ def _setpoints(now: TickInputs, setpoint_m_s: Array, yaw_rad: Array) -> Setpoint
     return Setpoints(time_s, ids, setpoint_m_s[rows], yaw_rad[rows])
 
 
+def prepare(safety: SafetySettings) -> None:
+    """Make the tables and graphs of a site, so that none is made in flight: that takes up to seconds."""
+    safety_prepare(safety)
+    prepare_ways(safety)
+
+
 @cache
 def warm_up() -> None:
     """Compile or load every kernel that a tick uses, so that nothing is compiled in flight."""
@@ -419,6 +429,10 @@ def warm_up() -> None:
         finish(tick(fleet, tasks, replace(plan, obstacles=obstacles), traits, memory, settings))
     lost_m = np.array([[[6.0, 4.0, -20.0], [6.0, 4.0, 0.0]]])  # between a vehicle and its goal
     finish(tick(fleet, replace(tasks, segments_m=lost_m), plan, traits, memory, settings))
+    between = FencedArea(corners_m=((5.0, -9.0), (7.0, -9.0), (7.0, 5.0), (5.0, 5.0)), inside=False)
+    site = SafetySettings(fence=Fence(areas=(between,)))
+    prepare(site)
+    finish(tick(fleet, tasks, plan, traits, memory, ControlSettings(safety=site)))
     for law in SHIPPED:
         other = replace(plan, formation=replace(plan.formation, law=law))
         finish(tick(fleet, tasks, other, traits, memory, settings))

@@ -14,7 +14,7 @@ from math import nan
 from typing import Protocol
 
 from gcs.config.schema import Config
-from gcs.control import Memory, Tick, tick
+from gcs.control import Memory, Tick, prepare, tick
 from gcs.flight.composition import FlightParts, warm_up
 from gcs.flight.monitors.alarm_monitor import AlarmMonitor, Findings
 from gcs.flight.monitors.snapshots import Estimating, fleet_view
@@ -25,7 +25,6 @@ from gcs.links.batch_link import Link
 from gcs.links.link_set import SetpointRouting, keep_open
 from gcs.recording.sample import Sample
 from gcs.recording.session import Record
-from gcs.safety.filter import prepare
 from gcs.service import Audit, FleetView, Latest, NoAudit, Scheduling
 from gcs.service.commands import CommandLog
 from gcs.service.event_log import attached

@@ -27,10 +27,12 @@ from gcs.safety.fenced_areas import (
 from gcs.safety.impact import (
     AHEAD,
     GROWTH,
+    GROWTH_MAX,
     SPREAD,
     Impacts,
     ImpactSettings,
     Reach,
+    believed_m_s,
     hover_reach_m,
     impacts,
     looked_up,
@@ -155,13 +157,14 @@ def _ground_rows(
     for i in range(len(position_m)):
         if not commanded[i]:
             continue
-        x_m_s, y_m_s, down_m_s = velocity_m_s[i, 0], velocity_m_s[i, 1], velocity_m_s[i, 2]
+        x_m_s, y_m_s = believed_m_s(velocity_m_s[i, 0]), believed_m_s(velocity_m_s[i, 1])
+        down_m_s = believed_m_s(velocity_m_s[i, 2])
         level_m_s = np.sqrt(x_m_s * x_m_s + y_m_s * y_m_s)
         height_m = -position_m[i, 2] - ground_m + max(-down_m_s, 0.0) * reaction_s
         ahead_m_s = max(level_m_s, SLOWEST_M_S)
         looked_up(reach, height_m, ahead_m_s, down_m_s, 3, own)
         kept_m, falls_s = own[SPREAD] + soft_m + standoff_m[i], reaction_s + own[AHEAD] / ahead_m_s
-        slope = own[GROWTH]
+        slope = min(max(own[GROWTH], 0.0), GROWTH_MAX)  # beyond the table it goes on straight
         length = np.sqrt(1.0 + slope * slope)
         near_m = _needed_m(possible_m_s[i], each[REACTION, i], each[DECELERATION, i], falls_s)
         near_m += each[LEAD, i] * (level_m_s + max(-down_m_s, 0.0))

@@ -98,8 +98,11 @@ SPEED_STEP_M_S: Final = 1.0
 
 AIR_SPEED_MAX_M_S, SPEED_MAX_M_S, CLIMB_MAX_M_S = 50.0, 24.0, 8.0
 """Greatest speeds of the tables: through the air, over the ground, and up or down. Beyond them they go on
-straight, which is too far: drag grows faster than the speed.
+straight, which is too far: drag grows faster than the speed. One that sinks faster falls no farther.
 """
+
+BELIEVED_M_S: Final = 100.0
+"""A greater measured speed, and one without end, is taken for this: rows and alarms of the ground stay."""
 
 HEIGHTS: Final = np.arange(0.0, np.sqrt(HEIGHT_MAX_M) + HEIGHT_STEP, HEIGHT_STEP) ** 2
 AIR_SPEEDS: Final = np.arange(0.0, AIR_SPEED_MAX_M_S + SPEED_STEP_M_S, SPEED_STEP_M_S)
@@ -310,17 +313,27 @@ def _impacts(
     n = len(position_m)
     place_m, rest, own = np.full((n, 2), np.nan), np.full((5, n), np.nan), np.empty(5)
     for i in range(n):
-        if not np.isfinite(position_m[i].sum() + velocity_m_s[i].sum()):
+        x_m_s, y_m_s = believed_m_s(velocity_m_s[i, 0]), believed_m_s(velocity_m_s[i, 1])
+        down_m_s = believed_m_s(velocity_m_s[i, 2])
+        if not np.isfinite(position_m[i].sum() + x_m_s + y_m_s + down_m_s):
             continue
-        x_m_s, y_m_s, down_m_s = velocity_m_s[i, 0], velocity_m_s[i, 1], velocity_m_s[i, 2]
         level_m_s = np.sqrt(x_m_s * x_m_s + y_m_s * y_m_s)
         height_m = -position_m[i, 2] - ground_m + max(-down_m_s, 0.0) * reaction_s
         looked_up(reach, height_m, level_m_s, down_m_s, 5, own)
         ahead_s = reaction_s + own[AHEAD] / max(level_m_s, TINY)
         place_m[i, 0] = position_m[i, 0] + ahead_s * x_m_s
         place_m[i, 1] = position_m[i, 1] + ahead_s * y_m_s
+        own[SPEED] = max(own[SPEED], down_m_s)  # of one that sinks faster than the table knows
         rest[:, i] = own
     return place_m, rest
+
+
+@kernel
+def believed_m_s(velocity_m_s: float) -> float:
+    """One component of a velocity, no greater than is believed; NaN stays."""
+    if np.isnan(velocity_m_s):
+        return velocity_m_s
+    return min(max(velocity_m_s, -BELIEVED_M_S), BELIEVED_M_S)
 
 
 @kernel
@@ -329,9 +342,10 @@ def looked_up(
 ) -> None:
     """Write the first layers (layers,) of `reach` at one height and velocity into `own`."""
     high = min(np.sqrt(max(height_m, 0.0)) / HEIGHT_STEP, 1e4)
-    fast, sinks = level_m_s / SPEED_STEP_M_S, (down_m_s + CLIMB_MAX_M_S) / SPEED_STEP_M_S
+    fast = min(level_m_s, BELIEVED_M_S) / SPEED_STEP_M_S
+    sinks = (min(max(down_m_s, -BELIEVED_M_S), CLIMB_MAX_M_S) + CLIMB_MAX_M_S) / SPEED_STEP_M_S
     h = min(int(high), reach.shape[0] - 2)
-    s = min(int(fast), reach.shape[1] - 2)
+    s = min(max(int(fast), 0), reach.shape[1] - 2)
     v = min(max(int(sinks), 0), reach.shape[2] - 2)
     a, b, c = high - h, fast - s, sinks - v
     for layer in range(layers):

@@ -10,7 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from gcs.config.sections import OperationSettings
-from gcs.control import ControlSettings, Memory, Task, Tasks, ellipses_of, tick, warm_up
+from gcs.control import ControlSettings, Memory, Task, Tasks, ellipses_of, prepare, tick, warm_up
 from gcs.control.late_links import fleet_delay_s, for_late_links
 from gcs.control.law_step import LawRunner
 from gcs.failsafe.policy import Action
@@ -41,7 +41,6 @@ from gcs.planning.return_paths.planner import (
 )
 from gcs.planning.return_paths.planner import warm_up as warm_up_planner
 from gcs.safety.controlled_ground import ground_for_sites
-from gcs.safety.filter import prepare
 from gcs.safety.floor import Floor
 from gcs.safety.near_traffic import NearTraffic
 from gcs.simulation import initial_states as layout

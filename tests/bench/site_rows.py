@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from gcs.control import ControlSettings, warm_up
+from gcs.control import ControlSettings, prepare, warm_up
 from gcs.model.plan import Formation, Plan
 from gcs.model.state import Array
 from gcs.safety.controlled_ground import kept_in_m
@@ -56,6 +56,7 @@ def sited(count: int) -> tuple[Callable[[], object], Callable[[], object]]:
     )
     assert sum(len(area.corners_m) for area in fence.areas) + 32 == 64
     settings = ControlSettings(safety=SafetySettings(fence=fence))
+    prepare(settings.safety)
     return flying_on(count, radius_m, plan, settings=settings), flying_on(count, radius_m, plan)
 
 

@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from gcs.config.schema import Config
+from gcs.control.area_graphs import prepare_ways
 from gcs.flight.shows.show_begin import ShowBegin
 from gcs.flight.state.elsewhere import Elsewhere
 from gcs.flight.state.newest import InForce, Newest
@@ -137,6 +138,8 @@ class ShowPlayer:
         show, areas = show_run.timeline.show, show_run.timeline.areas
         self.show.run = show_run
         self.in_force.control = control_of(show, self.config.control, areas)
+        if self.show.phase in ON_THE_GROUND and not self.vehicles.airborne:  # it takes up to seconds
+            prepare_ways(self.config.control.safety, self.in_force.control.safety)
 
     @with_alternative
     def deselect(self) -> None:

@@ -8,10 +8,11 @@ from multiprocessing import get_context
 import numpy as np
 import pytest
 
-from gcs.control import ControlSettings, Memory, Task, Tasks, tick, warm_up
+from gcs.control import ControlSettings, Memory, Task, Tasks, prepare, tick, warm_up
 from gcs.formation.orbit import Center
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw, YawPolicy
 from gcs.model.state import Array, FleetState, Traits
+from gcs.safety.fenced_areas import FencedArea
 from gcs.safety.filter import SafetySettings, Surroundings, filter_velocities
 from gcs.safety.walls import Fence
 
@@ -100,10 +101,35 @@ def two_head_on(count: int = 100) -> None:
     filter_velocities(desired_m_s, here, SafetySettings(fence=Fence(distance_max_m=1e4)))
 
 
+def prepared_site() -> SafetySettings:
+    """Within a U, with goals that are not seen; the ground about it is controlled."""
+    ring = (-40.0, -40.0), (40.0, -40.0), (40.0, 40.0), (8.0, 40.0), (8.0, -8.0), (-8.0, -8.0), (-8.0, 40.0)
+    area = FencedArea(corners_m=(*ring, (-40.0, 40.0)))
+    wide = FencedArea(corners_m=((-80.0, -80.0), (80.0, -80.0), (80.0, 80.0), (-80.0, 80.0)))
+    safety = SafetySettings(fence=Fence(areas=(area,), controlled_ground=wide))
+    prepare(safety)
+    return safety
+
+
+def fly_round_a_corner(safety: SafetySettings) -> bool:
+    """One tick; whether the vehicle is led round the corner."""
+    place_m, goal_m = np.array([[-20.0, 20.0, -20.0]]), np.array([[20.0, 20.0, -20.0]])
+    zero, still_m_s = np.zeros(1), np.zeros((1, 3))
+    fleet = FleetState(0.05, ("a",), place_m, still_m_s, zero, zero.copy())
+    tasks = replace(Tasks.of_formation(1, center_moves=True), goal_m=goal_m)
+    tasks.task[:] = Task.GOAL
+    plan, settings = Plan(Formation(10.0, 25.0), Orbit(15.0, 2.0)), ControlSettings(safety=safety)
+    ways = tick(fleet, tasks, plan, Traits.alike(1, 0.1), Memory.fresh(1, 0.0), settings).memory.ways
+    return ways is not None and bool(np.isfinite(ways.corner_m).all())
+
+
 def compiled_in_the_air() -> list[str]:
     """The kernels that were compiled or loaded, or for other types, only after the warm-up."""
     warm_up()
+    site = prepared_site()
     before = signatures()
+    if not fly_round_a_corner(site):
+        return ["no way was looked up"]
     for count in (8, 260):
         fly(count, towers=(), yaw=YawPolicy.HELD, delay_s=0.0)
         fly(count, towers=TOWERS, yaw=YawPolicy.TARGET, delay_s=0.2)

@@ -106,6 +106,27 @@ def test_a_braking_vehicle_never_falls_beyond_the_gap(falls_s: float) -> None:
         assert ahead_m.max() >= gap_m - 1e-3
 
 
+@pytest.mark.parametrize("much_m_s", [1e4, 1e19, 1e300, np.inf])
+def test_rows_stay_at_speeds_beyond_belief(much_m_s: float) -> None:
+    """A vehicle in the middle that reports such a speed is held back from the wall ahead, and is an alarm."""
+    place_m, zero = np.array([[0.0, 0.0, -20.0]]), np.zeros(1)
+    for row in np.eye(3)[:2]:
+        velocity_m_s = np.where(row > 0.0, much_m_s, 0.0)[None]
+        rows = ground_constraints(
+            place_m,
+            np.ones(1, np.bool_),
+            FencedArea(corners_m=ROOM),
+            IMPACT,
+            Braking(),
+            velocity_m_s=velocity_m_s,
+            standoff_m=zero,
+            fastest_m_s=5.0,
+        )
+        assert np.isfinite(rows.bound_m_s).all()
+        assert (rows.normal @ row < -0.4).any()
+        assert ground_margins(place_m, velocity_m_s, FencedArea(corners_m=ROOM), IMPACT).margin_m[0] < 0.0
+
+
 def test_margins_say_what_is_not_known() -> None:
     place_m, still = np.array([[0.0, 0.0, -30.0], [np.nan, 0.0, -30.0]]), np.zeros((2, 3))
     margins = ground_margins(place_m, still, FencedArea(corners_m=ROOM), IMPACT)

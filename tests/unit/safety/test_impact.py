@@ -79,6 +79,18 @@ def test_what_is_not_known_is_not_known() -> None:
     assert np.isnan(falls.energy_j[1])
 
 
+@pytest.mark.parametrize("much_m_s", [1e4, 1e19, 1e300, np.inf])
+def test_speeds_beyond_belief_fall_far_and_are_known(much_m_s: float) -> None:
+    place_m = np.tile([0.0, 0.0, -20.0], (5, 1))
+    much = [[1, 0, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1], [1, 0, 1]]
+    velocity_m_s = np.where(much, np.copysign(much_m_s, much), 0.0)
+    falls = impacts(place_m, velocity_m_s, ImpactSettings())
+    for known in (falls.place_m, falls.spread_m, falls.fall_s, falls.speed_m_s, falls.energy_j):
+        assert np.isfinite(known).all()
+    assert (np.abs(falls.place_m[[0, 1], [0, 1]]) >= 100.0).all()
+    assert (falls.spread_m > 0.0).all()
+
+
 def test_energies_are_those_of_the_final_speed() -> None:
     """A light vehicle reaches its final speed, with that of the wind."""
     settings = ImpactSettings(airframe=LIGHT, wind_max_m_s=6.0)
