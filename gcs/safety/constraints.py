@@ -11,7 +11,7 @@ from gcs.model.errors import ShapeError
 from gcs.model.jit import kernel, kernel_within
 from gcs.model.response import FleetResponse
 from gcs.model.settings import NotNegative, Positive, Settings
-from gcs.model.state import Array
+from gcs.model.state import Array, Mask
 from gcs.safety.neighbours import Rows
 
 NO_ROW = -1
@@ -352,18 +352,26 @@ def any_broken(velocity_m_s: Array, first: Rows, second: Rows, normal: Array, bo
 
 
 @kernel
-def shortened(velocity_m_s: Array, first: Rows, second: Rows, normal: Array, bound_m_s: Array) -> Array:
+def shortened(
+    velocity_m_s: Array,
+    first: Rows,
+    second: Rows,
+    normal: Array,
+    bound_m_s: Array,
+    descending: Mask,
+) -> Array:
     """Scale rows (n, 3) down until every constraint holds that rest itself satisfies.
 
     Where rest is not enough (something else closes in), the velocity found by the projection is kept: it
-    moves away. The constraints are those of `nearest`.
+    moves away. The constraints are those of `nearest`. Upright walls shorten only the level part of rows that
+    are `descending` (n,): they do not stop a descent.
     """
     shorter_m_s = velocity_m_s.copy()
     broken = True
     tries, most = 0, min(SHRINKS, max(FEWEST, VISITS // max(len(first), 1)))
     while broken:
         broken = False
-        factor = np.ones(len(velocity_m_s))
+        factor, level = np.ones(len(velocity_m_s)), np.ones(len(velocity_m_s))
         for k in range(len(first)):
             if bound_m_s[k] > 0.0:
                 continue
@@ -373,13 +381,16 @@ def shortened(velocity_m_s: Array, first: Rows, second: Rows, normal: Array, bou
             broken = True
             approach_m_s = -along_m_s(shorter_m_s, i, normal, k)
             other_m_s = along_m_s(shorter_m_s, j, normal, k) if j != NO_ROW else 0.0
-            _demand(factor, i, j, approach_m_s, other_m_s, -bound_m_s[k])
+            upright = descending[i] and j == NO_ROW and normal[k, 2] == 0.0
+            _demand(level if upright else factor, i, j, approach_m_s, other_m_s, -bound_m_s[k])
         if tries >= most:
-            factor = np.floor(factor)
+            factor, level = np.floor(factor), np.floor(level)
         tries += 1
         for i in range(len(factor)):
             if factor[i] < 1.0:
                 shorter_m_s[i] *= factor[i]
+            if level[i] < 1.0:
+                shorter_m_s[i, :2] *= level[i]
     return shorter_m_s
 
 

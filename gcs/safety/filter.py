@@ -16,10 +16,11 @@ from gcs.model.response import FleetResponse
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import TINY, Array, Mask
 from gcs.safety.across_stations import with_reports
+from gcs.safety.area_walls import area_constraints
 from gcs.safety.authority import AuthoritySettings, reach_constraints
 from gcs.safety.constraints import NO_ROW, Braking, Constraints, any_broken, nearest, shortened, tightest
 from gcs.safety.controlled_ground import ground_constraints, ground_margins
-from gcs.safety.fenced_areas import FencedArea, area_constraints, passable, shapes_of
+from gcs.safety.fenced_areas import FencedArea, passable, shapes_of
 from gcs.safety.floor import Floor, minimum_separation
 from gcs.safety.impact import ImpactSettings, reach_of
 from gcs.safety.near_traffic import Evading, NearTraffic, track_constraints
@@ -144,12 +145,13 @@ def filter_velocities(
     course_m_s = None if settings.fence.is_plain else _lengths(desired_m_s, np.zeros_like(desired_m_s))
     walls = walls_of(course_m_s)
     walls = Constraints.joined(walls, _reach(here, walls, settings))
+    landing = np.array(here.descending) & (not settings.fence.is_plain)
     allowed_m_s = searched_m_s = desired_m_s
     for attempt in range(ATTEMPTS):
         judged, joined = walls, _joined(walls, pairs)
         if attempt < SOLUTIONS:
-            allowed_m_s = cap(nearest(desired_m_s, *joined), limits, here.speed_max_m_s)
-        allowed_m_s = shortened(allowed_m_s, *joined)
+            allowed_m_s = cap(nearest(desired_m_s, *joined), limits, here.speed_max_m_s, landing)
+        allowed_m_s = shortened(allowed_m_s, *joined, landing)
         strays = (_lengths(searched_m_s, allowed_m_s) > SPARE_M_S) & involved
         if not np.count_nonzero(strays):
             break  # every change is within the searched range
@@ -165,6 +167,8 @@ def filter_velocities(
     else:
         allowed_m_s = np.zeros_like(allowed_m_s)
     changed_m_s = _lengths(desired_m_s, allowed_m_s)
+    if not settings.fence.is_plain and len(judged):
+        np.maximum.at(changed_m_s, judged.first, -judged.slack_m_s(allowed_m_s))  # not led as they demand
     if moved is not own:
         allowed_m_s[~own], changed_m_s[~own] = 0.0, 0.0
     return allowed_m_s, _reasons(desired_m_s, changed_m_s, judged, pairs, joined, here.names)
@@ -407,23 +411,47 @@ def _reach(here: Surroundings, walls: Constraints, settings: SafetySettings) -> 
     )
 
 
-def cap(velocity_m_s: Array, limits: Limits, speed_max_m_s: Array | float = np.inf) -> Array:
-    """(n, 3) within the limits and each vehicle's own speed (n,): long rows shortened; not finite: rest."""
+def cap(
+    velocity_m_s: Array,
+    limits: Limits,
+    speed_max_m_s: Array | float = np.inf,
+    landing: Mask | None = None,
+) -> Array:
+    """(n, 3) within the limits and each vehicle's own speed (n,): long rows shortened; not finite: rest.
+
+    Rows of `landing` (n,) keep their descent, and only their level part is shortened; None: none does.
+    """
     own_m_s = np.full(len(velocity_m_s), speed_max_m_s) if np.ndim(speed_max_m_s) == 0 else speed_max_m_s
     return _capped(
-        np.array(velocity_m_s), np.array(own_m_s), limits.horizontal_m_s, limits.up_m_s, limits.down_m_s
+        np.array(velocity_m_s),
+        np.array(own_m_s),
+        np.zeros(len(velocity_m_s), np.bool_) if landing is None else landing,
+        limits.horizontal_m_s,
+        limits.up_m_s,
+        limits.down_m_s,
     )
 
 
 @kernel
 def _capped(
-    velocity_m_s: Array, own_m_s: Array, horizontal_m_s: float, up_m_s: float, down_m_s: float
+    velocity_m_s: Array,
+    own_m_s: Array,
+    landing: Mask,
+    horizontal_m_s: float,
+    up_m_s: float,
+    down_m_s: float,
 ) -> Array:
     """As `cap`, for (n, 3) and (n,)."""
     capped = np.zeros_like(velocity_m_s)
     for i in range(len(velocity_m_s)):
         x, y, z = velocity_m_s[i, 0], velocity_m_s[i, 1], velocity_m_s[i, 2]
         if not (np.isfinite(x) and np.isfinite(y) and np.isfinite(z)):
+            continue
+        if landing[i] and z > 0.0:
+            z = min(z, down_m_s, own_m_s[i])
+            left_m_s = min(np.sqrt(own_m_s[i] ** 2 - z * z), horizontal_m_s)
+            share = min(1.0, left_m_s / max(np.sqrt(x * x + y * y), TINY))
+            capped[i, 0], capped[i, 1], capped[i, 2] = share * x, share * y, z
             continue
         share = min(1.0, own_m_s[i] / max(np.sqrt(x * x + y * y + z * z), TINY))
         share = min(share, horizontal_m_s / max(np.sqrt(x * x + y * y), TINY))

@@ -66,7 +66,7 @@ def project(desired: Array, constraints: Constraints) -> Array:
 
 
 def shrink(velocity: Array, constraints: Constraints) -> Array:
-    return shortened(velocity, *_rows(constraints))
+    return shortened(velocity, *_rows(constraints), np.zeros(len(velocity), dtype=bool))
 
 
 def _rows(constraints: Constraints) -> tuple[Rows, Rows, Array, Array]:

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from gcs.model.state import Array
+from gcs.safety.area_walls import area_constraints
 from gcs.safety.constraints import Braking, nearest
 from gcs.safety.fenced_areas import (
     AREAS_MAX,
@@ -15,7 +16,6 @@ from gcs.safety.fenced_areas import (
     PASSES_M,
     Corner,
     FencedArea,
-    area_constraints,
     beyond_m,
 )
 from gcs.safety.filter import SafetySettings, filter_velocities
