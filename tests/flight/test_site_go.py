@@ -106,6 +106,24 @@ def test_a_station_starts_nothing_that_two_did_not_confirm(names: tuple[str, str
     fly_site(story, site_config(2, 2, **by_two()), **BUS)
 
 
+def test_an_approved_start_ends_what_waits_elsewhere() -> None:
+    """A station that led before starts as another asks; its own proposal is over, and that command failed."""
+
+    async def story(show: SiteShow) -> None:
+        record, _ = await proposed(show)
+        request = ShowRequest("o9", "carol", ShowAction.START, proposed_by="carol", confirmed_by="bob")
+        member = show["south"].service.local.flight.elsewhere
+        assert isinstance(member, SiteMember)
+        member.post("north", REQUEST.dump_python(request, mode="json"))
+        await show.wait(8.0)
+        assert (go_of(show, "north").proposal, go_of(show, "north").ended) == (None, "another start was made")
+        own = show["north"].service.command_log.get(record.id)
+        assert {part.reason for part in own.outcomes.values()} == {"not confirmed: another start was made"}
+        assert show.armed.sum() == 2
+
+    fly_site(story, site_config(2, 2, **by_two()), **BUS)
+
+
 def other(config: Config, what: str) -> Config:
     """The configuration of a station whose files are not those of the others."""
     safety = config.control.safety
