@@ -32,7 +32,7 @@ def config(kinds: tuple[str, str], law: str, delay_s: float) -> Config:
 def alarms_of(
     kinds: tuple[str, str], law: str, delay_s: float, orbit_m_s: float = 3.0, **fleet: Any
 ) -> set[str]:
-    """Texts of all alarms but those for information only, from where all vehicles are ready until they landed.
+    """Texts of all alarms but those for information, from when all vehicles are ready until they landed.
 
     Before, one that does not report its place yet is named, and rightly.
     """
