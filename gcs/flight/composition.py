@@ -92,7 +92,10 @@ class FlightParts:
             flight,
             lambda: targets.selected,
             asyncio.get_running_loop().time,
-            {"site": lambda: flight.start_hashes((), None).get("site_hash", "")},
+            {
+                "site": lambda: flight.start_hashes((), None).get("site_hash", ""),
+                "parameters elsewhere": lambda: flight.elsewhere.parameters_hash,
+            },
         )
         self.site = site = site_editor_of(flight)
         flight.features = [*features_of(flight, targets, guard, unix_minus_loop_s, group), go, site]

@@ -58,10 +58,15 @@ class GoByTwo:
     proposal: Proposal | None = None
     ended: str = ""  # why the newest is over, in words; empty: it waits, was confirmed, or none was
 
-    def propose(self, by: str, parts: Mapping[str, str], now_s: float) -> Proposal:
-        """Propose a start, in place of an own one that waits. Raises: RefusedError while another's waits."""
-        waits = self.proposal
-        if waits is not None and waits.by != by and not waits.why_over(parts, now_s, self.within_s):
+    def propose(
+        self, by: str, parts: Mapping[str, str], now_s: float, of_waiting: Mapping[str, str] | None = None
+    ) -> Proposal:
+        """Propose a start, in place of an own one that waits. Raises: RefusedError while another's waits.
+
+        `of_waiting` are the digests, as they are now, of what waits; None: as `parts`.
+        """
+        waits, own = self.proposal, parts if of_waiting is None else of_waiting
+        if waits is not None and waits.by != by and not waits.why_over(own, now_s, self.within_s):
             raise RefusedError(
                 f"{waits.by} has proposed a start, {waits.until_s - now_s:.0f} s are left:"
                 f" gcs confirm {waits.hash} confirms it, gcs stop calls it off"

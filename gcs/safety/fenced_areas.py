@@ -63,6 +63,14 @@ class FencedArea(Settings):
         )
 
 
+def too_many(areas: Sequence[FencedArea]) -> str:
+    """Why no fence can have all of these areas, in words; empty: one can."""
+    corners = sum(len(area.corners_m) for area in areas)
+    if len(areas) > AREAS_MAX:
+        return f"{len(areas)} areas in all: at most {AREAS_MAX}"
+    return f"{corners} corners in all: at most {CORNERS_IN_ALL}" if corners > CORNERS_IN_ALL else ""
+
+
 class Shapes(NamedTuple):
     """All areas as arrays: m corners, a areas."""
 

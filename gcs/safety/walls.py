@@ -23,7 +23,7 @@ from gcs.safety.constraints import (
     along_m_s,
     stopping_speed_m_s,
 )
-from gcs.safety.fenced_areas import AREAS_MAX, CORNERS_IN_ALL, FencedArea
+from gcs.safety.fenced_areas import AREAS_MAX, FencedArea, too_many
 from gcs.safety.floor import Floor
 from gcs.safety.impact import HEIGHT_MAX_M
 from gcs.safety.neighbours import Rows
@@ -48,9 +48,8 @@ class Fence(Settings):
 
     @model_validator(mode="after")
     def _fits(self) -> "Fence":
-        corners = sum(len(area.corners_m) for area in self.areas)
-        if corners > CORNERS_IN_ALL:
-            raise ValueError(f"areas: {corners} corners in all: at most {CORNERS_IN_ALL}")
+        if why := too_many(self.areas):
+            raise ValueError(f"areas: {why}")
         ground = self.controlled_ground
         if ground is None:
             return self

@@ -9,8 +9,9 @@ from gcs.formation.orbit import CLEAR_OF_FENCE_M
 from gcs.model.state import Array
 from gcs.planning.area_room import Space, area_name, ground_lack_m, lacking_m, swept_m
 from gcs.safety.controlled_ground import ground_margins
-from gcs.safety.fenced_areas import beyond_m
+from gcs.safety.fenced_areas import FencedArea, beyond_m, too_many
 from gcs.shows.flaws import Flaw
+from gcs.shows.format import TOO_MANY
 from gcs.shows.service_rules import ServiceRules
 from gcs.shows.timeline import Timeline
 
@@ -40,6 +41,8 @@ def area_flaws(timeline: Timeline, rules: ServiceRules) -> list[Flaw]:
     """
     if not rules.areas and rules.controlled_ground is None:
         return []
+    if flaws := count_flaws(timeline, rules.areas):
+        return flaws
     worst: dict[int, tuple[float, Flaw]] = {}
     moments = _moments(timeline)
     formations = [] if moments is None else [*_of_formations(timeline, rules, moments)]
@@ -47,6 +50,12 @@ def area_flaws(timeline: Timeline, rules: ServiceRules) -> list[Flaw]:
         if lack_m > worst.get(index, (0.0, None))[0]:
             worst[index] = lack_m, flaw
     return [*_of_pads(timeline, rules), *(flaw for _, (_, flaw) in sorted(worst.items()))]
+
+
+def count_flaws(timeline: Timeline, areas: Sequence[FencedArea]) -> list[Flaw]:
+    """Return that the service's areas and the drawing's are more than a fence can have, if they are."""
+    why = too_many((*areas, *timeline.areas))
+    return [Flaw(("drawing",), TOO_MANY.format(why))] if why else []
 
 
 def _of_pads(timeline: Timeline, rules: ServiceRules) -> Iterator[Flaw]:

@@ -4,7 +4,7 @@ import json
 from collections.abc import Sequence
 from functools import cached_property
 from hashlib import sha256
-from typing import Annotated, Any, Literal, TypeAlias
+from typing import Annotated, Any, Final, Literal, TypeAlias
 
 import numpy as np
 from pydantic import (
@@ -22,10 +22,11 @@ from gcs.config.sections import OrbitSettings, ShowFrameSettings
 from gcs.control import ControlSettings
 from gcs.formation.laws.registry import LawName
 from gcs.formation.laws.settings import of_law
+from gcs.model.errors import RefusedError
 from gcs.model.plan import DEFAULT_LAW, MAX_OBSTACLES, Direction
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array
-from gcs.safety.fenced_areas import FencedArea
+from gcs.safety.fenced_areas import FencedArea, too_many
 from gcs.safety.filter import Limits
 from gcs.safety.walls import Fence
 from gcs.shows.drawn.trajectories import turned
@@ -297,6 +298,9 @@ class Show(Settings):
         return control_of(self)
 
 
+TOO_MANY: Final = "the service's fence and the drawing's have {}"
+
+
 def control_of(
     show: Show,
     usual: ControlSettings | None = None,
@@ -305,8 +309,13 @@ def control_of(
     """Return `usual` law and safety, or their defaults, within the show's limits, its fence and these areas.
 
     Settings of a law by its own model are the show's: those with which it was checked.
+
+    Raises: RefusedError for more areas or corners than a fence can have.
     """
     usual, limits, fence = usual or ControlSettings(), show.limits, show.fence
+    within_areas = (*usual.safety.fence.areas, *areas)
+    if why := too_many(within_areas):
+        raise RefusedError(TOO_MANY.format(why))
     law, floor = usual.law, usual.safety.floor
     law_within = {
         "speed_m_s": min(law.speed_m_s, limits.speed_max_m_s),
@@ -323,7 +332,7 @@ def control_of(
         "floor": floor.model_copy(update={"horizontal_m": least_m, "vertical_m": up_m}),
         "fence": Fence(
             **fence.model_dump(),
-            areas=(*usual.safety.fence.areas, *areas),
+            areas=within_areas,
             controlled_ground=usual.safety.fence.controlled_ground,
         ),
     }

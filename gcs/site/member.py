@@ -22,8 +22,10 @@ from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import AIRBORNE, ON_THE_GROUND, Phase, ShowPhase
 from gcs.model.plan import plan_of
 from gcs.model.state import Array, Mask, VehicleId
+from gcs.preflight.go import digest
 from gcs.preflight.vehicles import Placed
 from gcs.site.absences import Absences
+from gcs.site.agreement import NAMES_MAX, rules_of, why_others
 from gcs.site.led_show import PARTS, SHOW, ShowTraffic
 from gcs.site.requests import REQUEST, Refusal
 from gcs.site.returns import SiteReturns
@@ -66,6 +68,8 @@ class StationTexts:
     why_not_ready: str = NOT_CHECKED
     reasons: Mapping[VehicleId, str] | None = None
     offers: tuple[Offer, ...] = ()  # of its interrupted flight
+    rules: Mapping[str, str] | None = None  # see `rules_of`; None: not reported yet
+    parameters: str = ""  # hash of its vehicles' parameters; empty: none were read
 
 
 class SiteMember(Elsewhere):
@@ -86,6 +90,7 @@ class SiteMember(Elsewhere):
         self.letters = {name: Letters(membership.session) for name in self.site.stations}
         self.received: list[tuple[str, dict[str, Any]]] = []  # requests and answers of this tick
         self.texts: dict[str, StationTexts] = {name: StationTexts() for name in self.site.stations}
+        self._rules = rules_of(flight.config)
         self.show_traffic = ShowTraffic(flight.show, flight.outside_clock, site, self.all_ids)
         self.sender = SiteSender(flight, site, self.bus, self.letters, self.show_traffic)
         self.returns = self._returns = SiteReturns(
@@ -154,7 +159,10 @@ class SiteMember(Elsewhere):
             read = from_json(payload)
             reasons = {str(name)[:64]: str(text)[:300] for name, text in read["reasons"].items()}
             offers = tuple(Offer(offer) for offer in read["offers"])
-            self.texts[sender] = StationTexts(str(read["why_not_ready"])[:WHY_LENGTH], reasons, offers)
+            named = [*read["rules"].items()][:NAMES_MAX]
+            rules = {str(name)[:64]: str(value)[:64] for name, value in named}
+            why, parameters = str(read["why_not_ready"])[:WHY_LENGTH], str(read["parameters"])[:64]
+            self.texts[sender] = StationTexts(why, reasons, offers, rules, parameters)
         except (AttributeError, KeyError, TypeError, ValueError):
             raise LinkError("texts that cannot be read") from None
 
@@ -252,9 +260,17 @@ class SiteMember(Elsewhere):
                 return f"station {name} is not received"
             if self.show_of(name) not in ON_THE_GROUND:
                 return f"at station {name} the show is {self.show_of(name)}"
+            their = self.texts[name].rules
+            if their is not None and (why := why_others(self._rules, their)):
+                return f"station {name}: {why}"
             if self.texts[name].why_not_ready:
                 return f"station {name}: {self.texts[name].why_not_ready}"
         return ""
+
+    @property
+    def parameters_hash(self) -> str:
+        read = {name: texts.parameters for name, texts in self.texts.items() if texts.parameters}
+        return digest(read) if read else ""
 
     def ids_of(self, station: str, *phases: Phase) -> list[VehicleId]:
         """Vehicles that another station flies, in one of these phases; without phases all."""

@@ -15,12 +15,15 @@ from gcs.bus.interface import PAYLOAD_MAX
 from gcs.control import Tick
 from gcs.flight.monitors.snapshots import measured
 from gcs.flight.state.flight import Flight
+from gcs.flight.state.start_hashes import parameters_hash
+from gcs.links import ParameterValue
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import Phase
 from gcs.model.plan import Plan, plan_json
 from gcs.model.state import Array, Mask, Mode
 from gcs.model.vehicle_columns import SENT
 from gcs.planning.return_paths.paths import ReturnPaths
+from gcs.site.agreement import rules_of
 from gcs.site.led_show import ShowTraffic
 from gcs.stations.letters import Letters
 from gcs.stations.messages import MODE_CODE, PHASE_CODE, Codes, encode_homes
@@ -72,6 +75,8 @@ class SiteSender:
         self._why_not_ready = NOT_CHECKED  # why this station could not start now; empty: it could
         self._ready_when_checked: tuple[bool, ...] = ()
         self._checked_s = -inf
+        self._rules = rules_of(flight.config)
+        self._parameters: tuple[list[Mapping[str, ParameterValue]], str] = [], ""  # as read, and their hash
         self._planned = 0  # returns that this station planned
         self._return_s = nan  # time in the plan of the present return, as flown
         self._return_parts: list[tuple[str, bytes]] = []
@@ -158,7 +163,16 @@ class SiteSender:
         excluded = list(self.flight.excluded.items())[: TEXTS_MAX - len(reasons)]
         reasons |= {name: str(exclusion)[:150] for name, exclusion in excluded if name not in reasons}
         why = self._why_not_ready[:WHY_LENGTH]
-        return json.dumps({"why_not_ready": why, "offers": self.offers, "reasons": reasons}).encode()
+        texts = {"why_not_ready": why, "offers": self.offers, "reasons": reasons}
+        return json.dumps(texts | {"rules": self._rules, "parameters": self._parameters_hash()}).encode()
+
+    def _parameters_hash(self) -> str:
+        """Of this station's vehicles; computed again only when those of one of them were read again."""
+        values = list(self.flight.parameters.values())
+        if len(values) != len(self._parameters[0]) or not all(map(is_, values, self._parameters[0])):
+            read = parameters_hash([*self.flight.vehicles], self.flight.parameters)
+            self._parameters = values, read
+        return self._parameters[1]
 
     def _reported(self, *, all_up: bool) -> Reported:
         flight, telemetry, numbers = (

@@ -151,14 +151,14 @@ class SiteShows(ShowsElsewhere):
             return
         try:
             arrived = self.arrivals.find(led.hash, now_s)
-            self._why_not_here = "" if arrived is None else self._why_not_here
+            if arrived is not None:
+                self.local.adopt(replace(arrived))
+            self._why_not_here = ""
         except RefusedError as refused:
             if self._why_not_here != str(refused):
                 log.warning("show_not_here", extra={"reason": str(refused)})
             arrived, self._why_not_here = None, str(refused)
-        if arrived is not None:
-            self.local.adopt(replace(arrived))
-        elif not self.arrivals.has(led.hash) and now_s >= self._ask_due_s:
+        if arrived is None and not self.arrivals.has(led.hash) and now_s >= self._ask_due_s:
             self._ask_due_s = now_s + AGAIN_S
             missing = REQUEST.dump_python(ShowMissing(led.hash), mode="json")
             with suppress(LinkError):  # as many wait as may: the lead is hardly received

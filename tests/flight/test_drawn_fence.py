@@ -8,14 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from gcs.flight.state.running_show import ShowRun
+from gcs.model.errors import RefusedError
 from gcs.planning.landing_sites import distinct_sites_m
 from gcs.planning.return_paths.within_areas import cross_edges, keep_off, way_within
-from gcs.safety.fenced_areas import FencedArea, beyond_m
+from gcs.safety.fenced_areas import CORNERS_MAX, FencedArea, beyond_m
 from gcs.shows import LoadedShow, load
+from gcs.shows.area_checks import area_flaws
 from gcs.shows.formats import parse_drawing
 from gcs.shows.importing import show_text
+from gcs.shows.service_rules import ServiceRules
 from gcs.simulation.rehearsal import Rehearsal, rehearse
 from gcs.simulation.verdict import judge, table
+from gcs.testing.virtual_show import VirtualShow, fly, show_config
 from tests.support.drawing_files import flight, skyc, zipped
 from tests.support.drawn_shows import ORIGIN
 
@@ -29,6 +34,7 @@ U = [
     [6.0, 46.0],
     [-6.0, 46.0],
 ]
+MANY = "the service's fence and the drawing's have 326 corners in all: at most 320"
 ELL = [[-6.0, -6.0], [26.0, -6.0], [26.0, 26.0], [14.0, 26.0], [14.0, 6.0], [-6.0, 6.0]]
 
 
@@ -111,3 +117,25 @@ def test_a_way_that_no_vehicle_reaches_in_time_is_refused(tmp_path: Path) -> Non
     assert re.fullmatch(
         r"trajectories: vehicle 1 is \d+\.\d m from where it begins, after 60 s on the way", problem.text
     )
+
+
+def test_more_corners_than_a_fence_can_have_are_refused(tmp_path: Path) -> None:
+    """With those of the service's site: in words, and the show and the fence before stay in force."""
+    loaded = written(tmp_path, ELL, (0, [0, 0, 0]), (8, [0, 0, 12]), (40, [0, 0, 0]))
+    turn_rad = 2.0 * np.pi * np.arange(CORNERS_MAX) / CORNERS_MAX
+    ring = tuple((float(x), float(y)) for x, y in 90.0 * np.stack([np.cos(turn_rad), np.sin(turn_rad)], 1))
+    areas = (FencedArea(corners_m=ring),) * 5
+    rules = ServiceRules(areas=areas)
+    assert [flaw.text for flaw in area_flaws(loaded.timeline, rules)] == [MANY]
+
+    async def story(show: VirtualShow) -> None:
+        player = show.service.player
+        before = player.in_force.control
+        with pytest.raises(RefusedError, match=MANY):
+            player.adopt(ShowRun("a", loaded.timeline))
+        assert player.show.run is None
+        assert player.in_force.control is before
+        with pytest.raises(RefusedError, match=f"does not fit this service: .*{MANY}"):
+            player.fitting("a", loaded.timeline)
+
+    fly(story, show_config(2, control={"safety": {"fence": {"areas": areas}}}))

@@ -141,6 +141,30 @@ def test_px4_reports_a_changed_fence_within_seconds() -> None:
     fly(story, fenced(show_config(4), WIDE, HOLE), rates_hz=rates_hz)
 
 
+def test_a_late_identity_of_the_old_fence_is_no_change() -> None:
+    """As a vehicle sends it while it is given the site's. Another's fence is a change."""
+
+    async def story(show: VirtualShow) -> None:
+        await show.standby()
+        await verified(show)
+        known, link = uploads(show), show.link
+        own_id = link.fences.reported_id[1]
+        upload = known._of["d2"]
+        upload.reported_id, upload.uploads = 77, 3
+        await show.wait(2.0)
+        assert (upload.verified, upload.reported_id) == (True, own_id)
+        await show.wait(32.0)
+        assert (upload.verified, upload.uploads) == (True, 0)
+        other = show.fleet.autopilots[1].fences
+        other.keep(other.items[:4])
+        await show.until(lambda: not upload.verified, 3.0)
+        await verified(show)
+        assert len(stored(show, 1)) == 8
+
+    rates_hz = {**STREAMS_HZ, 42: 1.0}
+    fly(story, fenced(show_config(2), WIDE, HOLE), rates_hz=rates_hz)
+
+
 def test_a_vehicle_outside_the_site_gets_no_fence() -> None:
     async def story(show: VirtualShow) -> None:
         await show.standby()

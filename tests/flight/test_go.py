@@ -109,7 +109,7 @@ def test_what_changes_after_the_proposal_calls_it_off(tmp_path: Path) -> None:
             "show": lambda: service.plan.set_formation(Formation(6.5, 14.0)),
             "vehicles": lambda: service.preflight.exclude("d2", "bent"),
             "weather": lambda: service.go.enter_weather(WeatherEntry(wind_m_s=4.1, kp=2.0)),
-            "checklists": lambda: service.go.sign("pads", [1]),
+            "checklists": lambda: service.go.reopen("pads", [1]),
         }
         await show.standby()
         with token("alice"):
@@ -233,6 +233,32 @@ def test_a_confirmed_countdown_is_called_off_by_a_change() -> None:
         assert show.service.command_log.get(record.id).outcome is Outcome.FAILED
 
     fly(story, show_config(2, **by_two()))
+
+
+def test_a_countdown_outlasts_what_is_said_anew(tmp_path: Path) -> None:
+    """It takes longer than an entry counts: the same wind again, and a second signature, change nothing."""
+
+    async def story(show: VirtualShow) -> None:
+        service = show.service
+        await show.standby()
+        with token("alice"):
+            service.go.enter_weather(GOOD)
+            service.go.sign("pads", [1, 2])
+            service.go.sign("observer", [1])
+        propose(show, at_unix_time_s=show.unix() + 75.0)
+        shown = await hash_shown(show)
+        with token("carol"), pytest.raises(RefusedError, match="alice has proposed a start"):
+            service.commands.command_show(ShowAction.START)
+        confirm(show, "bob", shown)
+        await show.wait(50.0)
+        with token("carol"):
+            service.go.enter_weather(GOOD)
+            service.go.sign("pads", [1])
+        await show.wait(3.0)
+        assert not show.view.reason.startswith("NOT READY")
+        await show.reach(ShowPhase.RUNNING)
+
+    fly(story, show_config(2, **by_two(weather=WEATHER, checklists=str(lists_file(tmp_path)))))
 
 
 def test_open_items_and_unknown_weather_keep_all_down(tmp_path: Path) -> None:

@@ -1,11 +1,14 @@
 """A start by two tokens with several stations: the lead decides, the others refuse in words."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 
+from gcs.config.schema import Config
 from gcs.model.errors import GcsError, RefusedError
 from gcs.model.lifecycle import Phase, ShowPhase
+from gcs.recording.session import Record
 from gcs.service import CommandRecord, GoView, Outcome, ShowAction, WeatherEntry
 from gcs.site.member import SiteMember
 from gcs.site.requests import REQUEST, ShowRequest
@@ -99,5 +102,70 @@ def test_a_station_starts_nothing_that_two_did_not_confirm(names: tuple[str, str
         member.post("south", REQUEST.dump_python(request, mode="json"))
         await show.wait(8.0)
         assert show.armed.sum() == starts
+
+    fly_site(story, site_config(2, 2, **by_two()), **BUS)
+
+
+def test_an_approved_start_ends_what_waits_elsewhere() -> None:
+    """A station that led before starts as another asks; its own proposal is over, and that command failed."""
+
+    async def story(show: SiteShow) -> None:
+        record, _ = await proposed(show)
+        request = ShowRequest("o9", "carol", ShowAction.START, proposed_by="carol", confirmed_by="bob")
+        member = show["south"].service.local.flight.elsewhere
+        assert isinstance(member, SiteMember)
+        member.post("north", REQUEST.dump_python(request, mode="json"))
+        await show.wait(8.0)
+        assert (go_of(show, "north").proposal, go_of(show, "north").ended) == (None, "another start was made")
+        own = show["north"].service.command_log.get(record.id)
+        assert {part.reason for part in own.outcomes.values()} == {"not confirmed: another start was made"}
+        assert show.armed.sum() == 2
+
+    fly_site(story, site_config(2, 2, **by_two()), **BUS)
+
+
+def other(config: Config, what: str) -> Config:
+    """The configuration of a station whose files are not those of the others."""
+    safety = config.control.safety
+    lower = safety.model_copy(update={"fence": safety.fence.model_copy(update={"height_max_m": 60.0})})
+    changed: dict[str, dict[str, object]] = {
+        "go.confirmed_by_another": {"go": None},
+        "control.safety.fence": {"control": config.control.model_copy(update={"safety": lower})},
+    }
+    return config.model_copy(update=changed[what])
+
+
+@pytest.mark.parametrize(
+    ("what", "asked"), [("go.confirmed_by_another", ("north", "south")), ("control.safety.fence", ("north",))]
+)
+def test_stations_with_other_rules_start_nothing(what: str, asked: tuple[str, ...], tmp_path: Path) -> None:
+    """Neither at the lead nor at a follower that needs one token only."""
+
+    async def story(show: SiteShow) -> None:
+        south = show["south"]
+        await south.kill()
+        south.config = other(south.config, what)
+        rows = {name: (number, "loop") for number, name in enumerate(south.config.ids, 1)}
+        with Record(tmp_path, south.config.model_dump_json(), rows, flight=False) as record:
+            south.restart(record)
+            await show.wait(12.0)
+            for station in asked:
+                differs = f"differs from this station in {what}: give both the same configuration"
+                assert differs in refusal(show, station, "start")
+            await show.wait(8.0)
+            assert not show.armed.any()
+
+    fly_site(story, site_config(2, 2, **by_two()), **BUS)
+
+
+def test_parameters_at_another_station_are_confirmed_too() -> None:
+    async def story(show: SiteShow) -> None:
+        _, shown = await proposed(show)
+        south = show["south"].service.local.flight
+        name, values = next(iter(south.parameters.items()))
+        south.parameters[name] = {**values, "MPC_XY_CRUISE": 3.0}
+        await show.wait(2.0)
+        text = refusal(show, "north", "confirm", shown)
+        assert "parameters elsewhere changed since alice proposed it" in text
 
     fly_site(story, site_config(2, 2, **by_two()), **BUS)

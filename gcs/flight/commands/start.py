@@ -160,6 +160,9 @@ class Starting:
     ) -> CommandRecord:
         """Take off or count down; `parts` is what the start was confirmed for, None: nothing."""
         chosen, left_out = cleared
+        if parts is None and self.go.two is not None:  # a proposal here waits for its own confirmation
+            self.go.two.end("another start was made")
+            self._drop_waiting(self.go.two.ended)
         waiting, self.waiting = self.waiting, None
         record = self.book.open("start", chosen, left_out) if waiting is None else waiting.record
         if request.at_unix_s is not None:
@@ -178,7 +181,8 @@ class Starting:
     def _propose(self, request: StartRequest, cleared: Cleared) -> CommandRecord:
         two = self._needs_two()
         by, parts = CALLER.get(), self._parts(request, cleared.chosen)
-        proposal = two.propose(by, parts, self.now_s())
+        own = None if self.waiting is None else self._parts_now(self.waiting.request)
+        proposal = two.propose(by, parts, self.now_s(), own)
         self._drop_waiting("proposed again")
         record = self.book.open("start", cleared.chosen, cleared.left_out)
         self.waiting = WaitingStart(record, tuple(cleared.chosen), request)

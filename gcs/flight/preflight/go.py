@@ -36,6 +36,15 @@ class _Entered:
     time_s: float
 
 
+def _signed(lists: Sequence[Checklist]) -> str:
+    """Digest of what is asked and what is signed, without the signers and times; empty: there are no lists.
+
+    A signature or an entry made anew calls no start off: how old it may be is for the checks to say.
+    """
+    listed = [(each.role, [item.text for item in each.items], each.open) for each in lists]
+    return digest(listed) if lists else ""
+
+
 class CrewGo(Feature):
     """Keeps what people have said, on the event loop only. Implements `gcs.service.interface.Go`."""
 
@@ -78,13 +87,12 @@ class CrewGo(Feature):
 
     def hashes(self) -> dict[str, str]:
         """Digest of each thing that a start is confirmed for, by name; what there is none of is absent."""
-        entry = None if self._entered is None else self._entered.entry
-        lists = self._checklists.view()
+        entry = None if self._entered is None else replace(self._entered.entry, by="", unix_time_s=0.0)
         parts = {
             "show": self._show(),
             "parameters": digest(self._parameters()) if self._flight.parameters else "",
             "weather": "" if entry is None else digest(asdict(entry)),
-            "checklists": digest([asdict(each) for each in lists]) if lists else "",
+            "checklists": _signed(self._checklists.view()),
             **{name: value() for name, value in self._further.items()},
         }
         return {name: value for name, value in parts.items() if value}

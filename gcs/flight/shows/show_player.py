@@ -25,6 +25,7 @@ from gcs.model.state import VehicleId
 from gcs.planning.feasibility import check_obstacle, check_target
 from gcs.service import SelectedShow
 from gcs.shows import Flaw, Show, ShowClock, Timeline
+from gcs.shows.area_checks import count_flaws
 from gcs.shows.format import control_of
 from gcs.shows.library import ShowLibrary
 from gcs.shows.loading import service_flaws
@@ -90,7 +91,8 @@ class ShowPlayer:
 
     def fitting(self, name: str, timeline: Timeline) -> Timeline:
         """Return the timeline. Raises: RefusedError when it does not fit this service."""
-        _refuse(name, self._own_misfits(timeline.show))
+        areas = self.config.control.safety.fence.areas
+        _refuse(name, [*self._own_misfits(timeline.show), *count_flaws(timeline, areas)])
         return timeline
 
     def misfits(self, show: Show) -> list[Flaw]:
@@ -129,17 +131,20 @@ class ShowPlayer:
         return show_run.view(self.newest.state.time_s)
 
     def adopt(self, show_run: ShowRun | None) -> None:
-        """Have a show, its limits and its fence, or none; the flight that leads decides the plan."""
+        """Have a show, its limits and its fence, or none; the flight that leads decides the plan.
+
+        Raises: RefusedError, as `control_of`: nothing has changed then.
+        """
         if show_run is None:
             self.show.run, self.in_force.control = None, self.config.control
             return
+        timeline = show_run.timeline
+        control = control_of(timeline.show, self.config.control, timeline.areas)
         if self.show.run is None:
             self._reported = self.in_force.plan
-        show, areas = show_run.timeline.show, show_run.timeline.areas
-        self.show.run = show_run
-        self.in_force.control = control_of(show, self.config.control, areas)
+        self.show.run, self.in_force.control = show_run, control
         if self.show.phase in ON_THE_GROUND and not self.vehicles.airborne:  # it takes up to seconds
-            prepare_ways(self.config.control.safety, self.in_force.control.safety)
+            prepare_ways(self.config.control.safety, control.safety)
 
     @with_alternative
     def deselect(self) -> None:

@@ -224,6 +224,11 @@ class Elsewhere:
         return 0.0
 
     @property
+    def parameters_hash(self) -> str:
+        """Of the parameters of the other vehicles, as read where they are flown; empty: none were."""
+        return ""
+
+    @property
     def all_up(self) -> bool:
         """Whether none of them climbs, or waits for its turn to take off."""
         return True

@@ -22,7 +22,7 @@ from gcs.flight.state.vehicle import FlightVehicles, Vehicle
 from gcs.links.autopilots.versions import Version
 from gcs.links.batch_link import Link
 from gcs.links.fence_transfer import StoredFence
-from gcs.mavlink.fences import vertices_of
+from gcs.mavlink.fences import fence_id, vertices_of
 from gcs.model.errors import CommandError
 from gcs.model.lifecycle import AIRBORNE, Phase
 from gcs.model.polygon_fence import PolygonFence
@@ -89,6 +89,7 @@ class FenceUploads(Feature):
         """`fence`: None: none is uploaded. `owned` (n,): the vehicles that this station flies."""
         self.fence = fence
         self._vertices = () if fence is None else vertices_of(fence)
+        self._own_id = fence_id(self._vertices)
         self._group, self._newest, self._vehicles = group, newest, vehicles
         self._link_of, self._owned = link_of, owned
         self._of = {name: _Upload() for name in vehicles} if fence is not None else {}
@@ -126,16 +127,27 @@ class FenceUploads(Feature):
             restarted = self._reboot_count and counts[vehicle.row] != self._reboot_count[vehicle.row]
             if restarted or vehicle.phase is Phase.OFFLINE:
                 self._link_of[vehicle.id].fences.home_deg[self._rows[vehicle.id]] = np.nan
+                self._forget_identity(vehicle)
                 self._of[vehicle.id] = _Upload()  # what is under way writes into the one before
         self._reboot_count = counts
 
     def _watch_identity(self, vehicle: Vehicle, upload: _Upload) -> None:
-        """Doubt a fence whose reported identity has changed since it was verified."""
+        """Doubt a fence whose reported identity has changed since it was verified, but for that of this one.
+
+        What a vehicle sent while it was given the fence may still be about the one before.
+        """
         reported_id = self._reported_id(vehicle)
-        if upload.verified and upload.reported_id >= 0 and reported_id != upload.reported_id:
-            log.warning("fence_changed", extra={"vehicle": vehicle.id, "reason": "another identity"})
-            upload.verified, upload.not_before_s = False, -inf
-            upload.problem = "its fence was changed by another station"
+        if not upload.verified or reported_id < 0 or reported_id == upload.reported_id:
+            return
+        if upload.reported_id < 0 or reported_id == self._own_id:
+            upload.reported_id = reported_id
+            return
+        log.warning("fence_changed", extra={"vehicle": vehicle.id, "reason": "another identity"})
+        upload.verified, upload.not_before_s = False, -inf
+        upload.problem, upload.to_do = "its fence was changed by another station", UPLOADS
+
+    def _forget_identity(self, vehicle: Vehicle) -> None:
+        self._link_of[vehicle.id].fences.reported_id[self._rows[vehicle.id]] = -1
 
     def _reported_id(self, vehicle: Vehicle) -> int:
         fences = self._link_of[vehicle.id].fences
@@ -189,6 +201,7 @@ class FenceUploads(Feature):
         link, habits = self._link_of[vehicle.id], vehicle.autopilot.fence
         stored = await link.read_fence(vehicle.id, self._vertices)
         if stored.same and (upload.loaded or not habits.loads_anew):
+            upload.uploads = 0
             self._verified(vehicle, upload)
             return
         if not stored.same:
@@ -200,6 +213,7 @@ class FenceUploads(Feature):
         if self._newest.telemetry.armed[vehicle.row]:
             return
         upload.uploads += 1
+        self._forget_identity(vehicle)
         began_s = self._newest.state.time_s
         await link.upload_fence(vehicle.id, self._vertices, anew=habits.loads_anew)
         log.info("fence_uploaded", extra={"vehicle": vehicle.id, "corners": len(self._vertices)})

@@ -68,6 +68,15 @@ def test_a_second_proposal_replaces_the_own_one_only() -> None:
     assert two.propose("bob", PARTS, 171.0).by == "bob"
 
 
+def test_another_start_does_not_displace_one_that_waits() -> None:
+    """What is proposed instead may be of other vehicles or another time: what waits is unchanged."""
+    two, other = proposed(), {**PARTS, "vehicles": "f6", "time": "a7"}
+    with pytest.raises(RefusedError, match="alice has proposed a start, 50 s are left"):
+        two.propose("bob", other, 110.0, PARTS)
+    assert two.check("bob", go_hash(PARTS), PARTS, 111.0).by == "alice"
+    assert two.propose("bob", other, 112.0, {**PARTS, "show": "n"}).by == "bob"
+
+
 def test_a_part_that_is_absent_is_as_an_empty_one() -> None:
     without = {name: value for name, value in PARTS.items() if name != "site"}
     assert go_hash(without) == go_hash({**without, "site": ""}) != go_hash(PARTS)
