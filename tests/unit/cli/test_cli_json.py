@@ -82,6 +82,7 @@ def test_every_remote_command_reports_no_service_as_json(
     upload = tmp_path / "show.yaml"
     upload.write_text("show: x\n")
     files = {name: ["x", str(upload)] for name in ("shows upload", "shows import")}
+    files["areas change"] = [str(upload)]
     given = {**files, "acknowledge": ["--all"], "shows follow-external-clock": ["no"]}.get(name, words)
     line = " ".join([name, *given, "--json", "--url", NO_SERVICE])
     if name == "kill":  # which then looks for the record
