@@ -10,6 +10,7 @@ import pytest
 
 from gcs.cli import main
 from gcs.shows import LoadedShow, load, shipped
+from gcs.shows.service_rules import ServiceRules
 from gcs.simulation.rehearsal import Rehearsal, rehearse
 from gcs.simulation.scenario import Adversity
 
@@ -26,10 +27,11 @@ def _rehearsed_once(monkeypatch: pytest.MonkeyPatch) -> None:
         on_progress: Callable[[float], None],
         adversity: Adversity | None = None,
         wind_m_s: tuple[float, float] = (0.0, 0.0),
+        rules: ServiceRules | None = None,
     ) -> Rehearsal:
         key = loaded.show.digest, seed
         if key not in _rehearsed:
-            _rehearsed[key] = rehearse(loaded, seed, on_progress, adversity, wind_m_s)
+            _rehearsed[key] = rehearse(loaded, seed, on_progress, adversity, wind_m_s, rules)
         return _rehearsed[key]
 
     monkeypatch.setattr("gcs.cli.simulate.rehearse", once)
