@@ -135,6 +135,11 @@ class FlightSite:
         return self.of(AreaKind.FLIGHT_GEOGRAPHY)[0]
 
     @property
+    def contingency_top_m(self) -> float:
+        """How high its contingency volume reaches above the origin; inf: none is drawn."""
+        return max((area.top_m for area in self.of(AreaKind.CONTINGENCY)), default=inf)
+
+    @property
     def fenced(self) -> tuple[SiteArea, ...]:
         """What vehicles are kept in and out of by the safety filter."""
         return self.of(AreaKind.FLIGHT_GEOGRAPHY, *OUTSIDE)

@@ -168,70 +168,63 @@ def fleet_volumes(
     kind: FleetKind, flight_height_m: float, ground_reach_m: GroundReach, contingency_top_m: float = 0.0
 ) -> Volumes:
     """What this fleet's own numbers demand; heights as for `authority_volumes`."""
-    v = kind.speed_m_s
-    stop_m, stop_words = _stop(kind, v)
     contingency = Extent(
         "contingency volume, sideways",
         (
-            Term(
-                "last setpoint sent",
-                v * kind.setpoint_timeout_s,
-                f"{v:g} m/s x {kind.setpoint_timeout_s:g} s",
-                "setpoint_timeout_s",
-            ),
-            Term(
-                "flies on",
-                v * kind.loss.flies_on_s,
-                f"{v:g} m/s x {kind.loss.flies_on_s:g} s",
-                kind.loss_source,
-            ),
+            *_without_station(kind, kind.speed_m_s),
             *_fence_period(kind),
-            Term("stop", stop_m, stop_words, "control.safety.braking, parameters"),
+            _stop(kind, kind.speed_m_s),
             _error(kind),
             _gust(kind),
         ),
     )
-    up = kind.climb_m_s
-    rise_m, rise_words = _stop(kind, up)
     height = Extent(
         "contingency volume, upwards",
         (
-            Term(
-                "last setpoint sent",
-                up * kind.setpoint_timeout_s,
-                f"{up:g} m/s x {kind.setpoint_timeout_s:g} s",
-                "setpoint_timeout_s",
-            ),
-            Term(
-                "flies on",
-                up * kind.loss.flies_on_s,
-                f"{up:g} m/s x {kind.loss.flies_on_s:g} s",
-                kind.loss_source,
-            ),
-            Term("stop", rise_m, rise_words, "control.safety.braking, parameters"),
+            *_without_station(kind, kind.climb_m_s),
+            _stop(kind, kind.climb_m_s),
             Term("height error", SIGMAS * kind.error_m, f"3 x {kind.error_m:g} m", kind.error_source),
         ),
     )
     top_m = max(flight_height_m + height.value_m, contingency_top_m)
-    reach_m = ground_reach_m(top_m, v)
-    words = f"from {top_m:.1f} m at {v:g} m/s in {kind.wind_m_s:g} m/s of wind, half a vehicle included"
+    reach_m = ground_reach_m(top_m, kind.speed_m_s)
+    fall = f"from {top_m:.1f} m at {kind.speed_m_s:g} m/s in {kind.wind_m_s:g} m/s of wind"
     ground = Extent(
-        "ground risk buffer", (Term("fall with drag and wind", reach_m, words, "gcs.safety.impact"),)
+        "ground risk buffer",
+        (Term("fall with drag and wind", reach_m, f"{fall}, half a vehicle included", "gcs.safety.impact"),),
     )
     return Volumes("this fleet", kind.autopilot, contingency, height, ground)
 
 
-def _stop(kind: FleetKind, speed_m_s: float) -> tuple[float, str]:
+def _without_station(kind: FleetKind, speed_m_s: float) -> tuple[Term, ...]:
+    """How far a vehicle flies on when its station dies, until it begins to stop."""
+    sent_s, on_s = kind.setpoint_timeout_s, kind.loss.flies_on_s
+    return (
+        Term(
+            "last setpoint sent",
+            speed_m_s * sent_s,
+            f"{speed_m_s:g} m/s x {sent_s:g} s",
+            "setpoint_timeout_s",
+        ),
+        Term("flies on", speed_m_s * on_s, f"{speed_m_s:g} m/s x {on_s:g} s", kind.loss_source),
+    )
+
+
+def _stop(kind: FleetKind, speed_m_s: float) -> Term:
     """As the autopilot's parameters say; else the longer of its lag and the safety filter's braking."""
+    lag = f"{speed_m_s:g} m/s x {kind.loss.lag_s:g} s"
     by_filter_m = speed_m_s * kind.reaction_s + speed_m_s**2 / (2.0 * kind.deceleration_m_s2)
-    by_autopilot_m = speed_m_s * kind.loss.stop_s(speed_m_s)
+    stop_m = speed_m_s * kind.loss.stop_s(speed_m_s)
     if isfinite(kind.loss.deceleration_m_s2):
-        decelerates = f"{speed_m_s:g}^2 / (2 x {kind.loss.deceleration_m_s2:g})"
-        return by_autopilot_m, f"{speed_m_s:g} m/s x {kind.loss.lag_s:g} s + {decelerates}"
-    if by_autopilot_m > by_filter_m:
-        return by_autopilot_m, f"{speed_m_s:g} m/s x {kind.loss.lag_s:g} s"
-    words = f"{speed_m_s:g} m/s x {kind.reaction_s:g} s + {speed_m_s:g}^2 / (2 x {kind.deceleration_m_s2:g})"
-    return by_filter_m, words
+        words = f"{lag} + {speed_m_s:g}^2 / (2 x {kind.loss.deceleration_m_s2:g})"
+    elif stop_m > by_filter_m:
+        words = lag
+    else:
+        stop_m = by_filter_m
+        words = (
+            f"{speed_m_s:g} m/s x {kind.reaction_s:g} s + {speed_m_s:g}^2 / (2 x {kind.deceleration_m_s2:g})"
+        )
+    return Term("stop", stop_m, words, "control.safety.braking, parameters")
 
 
 def _fence_period(kind: FleetKind) -> tuple[Term, ...]:

@@ -6,7 +6,7 @@ The requirements of each autopilot: `gcs.preflight.autopilots`.
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from functools import cache
-from math import isfinite
+from math import inf, isfinite
 from typing import Final
 
 from gcs.config.schema import Config
@@ -39,7 +39,8 @@ class FleetRequirements:
         several = len({profile.name for profile in self.profiles.values()}) > 1
         self._mixed = several or (site is not None and site.mixed)
         rid = config.remote_id
-        self._equipment = Equipment(config.polygon_fence is not None, rid is not None and rid.require)
+        top_m = inf if config.flight_site is None else config.flight_site.contingency_top_m
+        self._equipment = Equipment(config.polygon_fence is not None, rid is not None and rid.require, top_m)
         self._made: dict[object, tuple[Requirement, ...]] = {}
 
     def of(self, vehicle_id: VehicleId, version: Version | None = None) -> tuple[Requirement, ...]:

@@ -21,6 +21,7 @@ class Equipment(NamedTuple):
 
     polygons: bool = False  # a fence of polygons is uploaded
     remote_id: bool = False  # a start needs a transponder for Remote ID
+    top_m: float = inf  # of the site's contingency volume above the origin; inf: it has none
 
 
 @dataclass(frozen=True, slots=True)

@@ -126,7 +126,11 @@ def test_point_3_mended_in_time_the_countdown_is_good_again(tmp_path: Path) -> N
         await show.until(lambda: show.view.reason.startswith("NOT READY: d3: offline"), 8.0)
         show.ports.restore("d3")
         await show.until(lambda: show.view.reason.startswith("4 vehicles take off in "), 8.0)
+        assert not [
+            each for each in show.view.alarms if each.cause is AlarmCause.START_NOT_READY and each.lasts
+        ]
         await show.reach(ShowPhase.ARMING)
+        await show.until(lambda: all(armed(show)), 30.0)
 
     fly(story, config(tmp_path))
 
@@ -220,5 +224,7 @@ def test_point_4_a_pause_is_not_the_only_way_down(tmp_path: Path, action: ShowAc
         with token("guard"):
             show.service.commands.command_show(action)
         await show.reach(ShowPhase.RETURNING if action is ShowAction.STOP else ShowPhase.ABORTING)
+        await show.reach(ShowPhase.LANDED)
+        assert show.floor_violations() == 0
 
     fly(story, config(tmp_path))

@@ -20,7 +20,13 @@ from gcs.links.autopilots.ardupilot import (
     UPRIGHT_ACCELERATION_4_0,
 )
 from gcs.planning.lost_space import AUTO_CRUISE_M_S
-from gcs.preflight.autopilots.common import WIDEST, least_tilt_deg, own_fence_m, own_fence_reasons
+from gcs.preflight.autopilots.common import (
+    WIDEST,
+    highest_wall_m,
+    least_tilt_deg,
+    own_fence_m,
+    own_fence_reasons,
+)
 from gcs.preflight.requirement import Equipment, Requirement
 
 HEARTBEAT_ACTIONS: Final = {"hold": (0, 7), "return": (1,), "land": (5,), "descend": (5,)}
@@ -57,7 +63,7 @@ def requirements(
         *_its_return(return_height_m),
         *_its_own_failsafes(operation),
         *_speeds(control),
-        *_last_wall(operation, control, polygons=equipment.polygons),
+        *_last_wall(operation, control, equipment),
     )
 
 
@@ -173,19 +179,20 @@ def _speeds(control: ControlSettings) -> tuple[Requirement, ...]:
 
 
 def _last_wall(
-    operation: OperationSettings, control: ControlSettings, *, polygons: bool
+    operation: OperationSettings, control: ControlSettings, equipment: Equipment
 ) -> tuple[Requirement, ...]:
     brakes_m_s2, fastest_m_s = ACCELERATION_MIN_M_S2, control.safety.limits.horizontal_m_s
     on_s = FLIES_ON_S + SWINGS_S + fastest_m_s / (2.0 * brakes_m_s2)
     wide_m, tall_m = own_fence_m(operation, control, on_s)
     far, high = own_fence_reasons(operation)
+    highest_m = highest_wall_m(tall_m, equipment.top_m)
     wall, stops = "its own fence is the last wall", "beyond its own fence it stops: the last wall"
     bends = "it may bend velocities at its own fence (1), but not elsewhere: nothing reports that it does"
     obeys = "else it refuses commands of this station beyond its fence"
     above = "the height of its fence counts from home"
     walls: tuple[int, ...] = FENCE_WALLS
     without = OBEYS_NOTHING_BEYOND
-    if polygons:
+    if equipment.polygons:
         wall += ", with the uploaded polygons"
         obeys += ", and with bit 1 one of several inclusion areas is enough"
         walls, without = FENCE_WALLS[1:], without | ANY_INCLUSION
@@ -196,7 +203,7 @@ def _last_wall(
         Requirement("FENCE_TYPE", walls[0], wall, choices=walls),
         Requirement("FENCE_ACTION", FENCE_STOPS, stops, choices=(FENCE_STOPS,)),
         Requirement("FENCE_RADIUS", wide_m, far, least=wide_m, most=WIDEST * wide_m),
-        Requirement("FENCE_ALT_MAX", tall_m, high, least=tall_m, most=WIDEST * tall_m),
+        Requirement("FENCE_ALT_MAX", tall_m, high, least=tall_m, most=highest_m),
         Requirement("FENCE_ALT_MAX_TP", ABOVE_HOME, above, choices=(ABOVE_HOME,)),
         Requirement("AVOID_ENABLE", 1, bends, choices=(0, 1)),
     )

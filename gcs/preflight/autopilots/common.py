@@ -32,6 +32,11 @@ def own_fence_m(operation: OperationSettings, control: ControlSettings, on_s: fl
     return wide_m, float(ceil(highest_m + PAD_HEIGHT_MAX_M + limits.up_m_s * on_s))
 
 
+def highest_wall_m(tall_m: float, top_m: float) -> float:
+    """Greatest height of its own fence, which must be `tall_m`: no higher than the volume up to `top_m`."""
+    return max(tall_m, min(WIDEST * tall_m, top_m))
+
+
 def own_fence_reasons(operation: OperationSettings) -> tuple[str, str]:
     """Why its radius, and its height, must not be less."""
     wall, pads_m = "from its own start: the service's fence, and room for", operation.pads_within_m

@@ -12,7 +12,13 @@ from gcs.control import ControlSettings
 from gcs.links.autopilots.px4 import LOSS_TIME
 from gcs.model.setpoint_loss import STOP_S
 from gcs.planning.lost_space import AUTO_CRUISE_M_S
-from gcs.preflight.autopilots.common import WIDEST, least_tilt_deg, own_fence_m, own_fence_reasons
+from gcs.preflight.autopilots.common import (
+    WIDEST,
+    highest_wall_m,
+    least_tilt_deg,
+    own_fence_m,
+    own_fence_reasons,
+)
 from gcs.preflight.requirement import Equipment, Requirement
 
 SETPOINT_LOSS_ACTIONS: Final = {"descend": 0, "return": 3, "land": 4, "hold": 5}
@@ -45,7 +51,7 @@ def requirements(
         *_its_own_habits(),
         *_the_pilot(operation),
         *_speeds(control),
-        *_last_wall(operation, control, polygons=equipment.polygons),
+        *_last_wall(operation, control, equipment),
         *_identified(equipment),
     )
 
@@ -141,16 +147,17 @@ def _speeds(control: ControlSettings) -> tuple[Requirement, ...]:
 
 
 def _last_wall(
-    operation: OperationSettings, control: ControlSettings, *, polygons: bool
+    operation: OperationSettings, control: ControlSettings, equipment: Equipment
 ) -> tuple[Requirement, ...]:
     """Return the requirements of the autopilot's own fence."""
     wide_m, tall_m = own_fence_m(operation, control, operation.setpoint_loss_s + STOP_S)
     holds = "beyond its own fence it holds: the last wall"
-    if polygons:
+    if equipment.polygons:
         holds += ", and that of the uploaded polygons"
     far, high = own_fence_reasons(operation)
+    highest_m = highest_wall_m(tall_m, equipment.top_m)
     return (
         Requirement("GF_ACTION", FENCE_HOLDS, holds, choices=(FENCE_HOLDS,)),
         Requirement("GF_MAX_HOR_DIST", wide_m, far, least=wide_m, most=WIDEST * wide_m),
-        Requirement("GF_MAX_VER_DIST", tall_m, high, least=tall_m, most=WIDEST * tall_m),
+        Requirement("GF_MAX_VER_DIST", tall_m, high, least=tall_m, most=highest_m),
     )

@@ -10,9 +10,10 @@ from gcs.control import ControlSettings
 from gcs.links import ParameterValue
 from gcs.links.autopilots import AUTOPILOTS
 from gcs.model.preflight_report import Check, State
+from gcs.preflight.autopilots import REQUIREMENTS
 from gcs.preflight.autopilots.px4 import requirements
 from gcs.preflight.parameters import broken, parameter_checks, requirements_of, settings_of
-from gcs.preflight.requirement import Requirement
+from gcs.preflight.requirement import Equipment, Requirement
 from gcs.sim.cli import parameter, parameter_options
 from gcs.sim.settings import Settings
 from gcs.sim.vehicle.px4 import Parameters, defaults
@@ -115,6 +116,21 @@ def test_geofence_is_outside_the_services_fence_for_all_pads() -> None:
     assert far.set_to - near.set_to == pytest.approx(70.0)
     assert near.set_to > fence_m + 10.0 + CONTROL.safety.limits.horizontal_m_s
     assert needed("GF_MAX_VER_DIST", return_height_m=200.0).set_to > 200.0, "it may return above the fence"
+
+
+@pytest.mark.parametrize(("autopilot", "name"), [("px4", "GF_MAX_VER_DIST"), ("ardupilot", "FENCE_ALT_MAX")])
+def test_own_fence_ends_with_the_contingency_volume(autopilot: str, name: str) -> None:
+    """Twice the height that is needed is allowed, but not above what was approved."""
+
+    def highest_m(top_m: float) -> float:
+        made = REQUIREMENTS[autopilot](OPERATION, CONTROL, 25.0, 245, Equipment(top_m=top_m))
+        (own,) = (each for each in made if each.name == name)
+        assert own.holds(own.set_to)
+        return own.most
+
+    free_m = highest_m(inf)
+    assert highest_m(free_m - 20.0) == free_m - 20.0
+    assert highest_m(1.0) == free_m / 2.0  # less than is needed is not asked for
 
 
 def test_each_vehicle_returns_at_its_own_height() -> None:
