@@ -16,7 +16,7 @@ from gcs.cli.sites.site_map import drawn, legend
 from gcs.config.schema import Config
 from gcs.links import ParameterValue
 from gcs.links.features import FeatureSettings
-from gcs.preflight.parameters import requirements_of
+from gcs.preflight.parameters import broken, requirements_of
 from gcs.preflight.requirement import Requirement
 from gcs.safety.impact import impacts
 from gcs.shows import LoadedShow
@@ -69,10 +69,21 @@ class SiteReported:
     made: str
 
     @property
+    def unmet(self) -> dict[str, list[str]]:
+        """Parameters that are not as demanded, or were not read; and of which of the vehicles that were."""
+        names: dict[str, list[str]] = {}
+        for vehicle_id, needed in requirements_of(self.config).items():
+            for requirement, _ in broken(needed, self.read[vehicle_id]) if vehicle_id in self.read else ():
+                names.setdefault(requirement.name, []).append(vehicle_id)
+        return names
+
+    @property
     def is_good(self) -> bool:
-        """Whether each volume is drawn and wide enough, and the show fits."""
+        """Whether each volume is drawn and wide enough, the show fits, and what was read is as demanded."""
+        if self.problems or self.unmet:
+            return False
         spares = [each.spare_m for each in self.beside]
-        return not self.problems and all(spare is not None and spare >= -NEARLY_M for spare in spares)
+        return all(spare is not None and spare >= -NEARLY_M for spare in spares)
 
 
 def page(reported: SiteReported) -> str:
@@ -271,7 +282,9 @@ def _parameters(reported: SiteReported) -> str:
         if reported.read
         else "<p class=note>Not read: gcs params check --config CONFIG --json writes them.</p>"
     )
-    return f"<h2>Parameters</h2>{note}{_table(head, rows)}"
+    unmet = "".join(f"<li class=bad>{name}: {escape(', '.join(of))}" for name, of in reported.unmet.items())
+    listed = f"<p class=bad>Not as demanded, or not read:</p><ul>{unmet}</ul>" if unmet else ""
+    return f"<h2>Parameters</h2>{note}{listed}{_table(head, rows)}"
 
 
 def _values(read: ReadParameters, needed: Requirement, names: Sequence[str]) -> str:

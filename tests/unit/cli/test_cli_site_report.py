@@ -11,9 +11,10 @@ from fastkml import KML, Document, Placemark
 from gcs.areas.files.site_files import read_site, written
 from gcs.areas.site import FlightSite, SiteArea
 from gcs.cli.main import main
-from gcs.config.schema import find
+from gcs.config.schema import find, load
 from gcs.config.yaml_files import shipped_folder
 from gcs.flight.state.start_hashes import parameters_hash
+from gcs.preflight.parameters import presumed_parameters
 
 SHIPPED = read_site(shipped_folder() / "sites" / "lakeside.geojson")
 
@@ -39,9 +40,16 @@ class Outline(HTMLParser):
 
 
 def parameters(folder: Path, loss_s: float = 1.0) -> Path:
+    """All as demanded, but the time of d1 without setpoints."""
+    demanded = presumed_parameters(load(find("lakeside")))
     rows = [
-        {"vehicle": f"d{number}", "parameter": "COM_OF_LOSS_T", "value": loss_s if number == 1 else 1.0}
-        for number in range(1, 9)
+        {
+            "vehicle": name,
+            "parameter": parameter,
+            "value": loss_s if (name, parameter) == ("d1", "COM_OF_LOSS_T") else value,
+        }
+        for name, values in demanded.items()
+        for parameter, value in values.items()
     ]
     path = folder / "params.json"
     path.write_text(json.dumps({"rows": rows}))
@@ -69,10 +77,10 @@ def test_the_page_has_everything_and_asks_no_other_host(tmp_path: Path) -> None:
         "Parameters",
         "Remote ID, and what else is sent and received",
     ]
-    rows = {name: {"COM_OF_LOSS_T": 1.0} for name in (f"d{number}" for number in range(1, 9))}
+    demanded = presumed_parameters(load(find("lakeside")))
     for words in (
         SHIPPED.digest,
-        parameters_hash(sorted(rows), rows),
+        parameters_hash(sorted(demanded), demanded),
         "47.3973373, 8.5449979",
         "S_RZ = 4 m/s x 1 s",
         "fall with drag and wind",
@@ -152,4 +160,12 @@ def test_a_wrong_output_is_an_error_in_words(capsys: pytest.CaptureFixture[str])
 
 def test_parameters_as_demanded_have_no_mark(tmp_path: Path) -> None:
     page = reported(tmp_path, "lakeside", "--parameters", str(parameters(tmp_path)))
-    assert "not as demanded" not in page
+    assert "not as demanded" not in page.lower()
+
+
+def test_a_parameter_that_was_not_read_is_not_good(tmp_path: Path) -> None:
+    path = parameters(tmp_path)
+    rows = [row for row in json.loads(path.read_text())["rows"] if row["parameter"] != "GF_ACTION"]
+    path.write_text(json.dumps({"rows": rows}))
+    page = reported(tmp_path, "lakeside", "--parameters", str(path), code=1)
+    assert "<li class=bad>GF_ACTION: d1, d2, d3, d4, d5, d6, d7, d8" in page
