@@ -27,10 +27,12 @@ MISSION_ITEM_INT: Final = 73
 HOME_POSITION: Final = 242
 
 REQUESTS: Final = frozenset({MISSION_REQUEST, MISSION_REQUEST_INT})
-READ: Final = (
+TRANSFERS: Final = (
     *(MISSION_REQUEST, MISSION_CURRENT, MISSION_COUNT, MISSION_ACK, MISSION_REQUEST_INT, MISSION_ITEM_INT),
-    HOME_POSITION,
 )  # fmt: skip
+"""Messages of autopilots that carry fences, and their identities."""
+
+READ: Final = (*TRANSFERS, HOME_POSITION)
 """What is read of autopilots."""
 
 FENCE: Final = int(dialect.MAV_MISSION_TYPE_FENCE)

@@ -29,7 +29,7 @@ from gcs.links.settings import station_id
 from gcs.links.stream_requests import NOT_FOR_MAVSDK, REQUESTING_COMPONENT, SETTLE_S
 from gcs.mavlink import codec
 from gcs.mavlink.codec import AUTOPILOT_COMPONENT
-from gcs.mavlink.fences import READ as OF_FENCES
+from gcs.mavlink.fences import TRANSFERS
 from gcs.mavlink.framing import COMMAND_ACK, GLOBAL_POSITION_INT
 from gcs.mavlink.kernels import BEGIN, COMPONENT, END, MESSAGE, Bytes, Whole
 from gcs.model.errors import CommandError
@@ -69,7 +69,7 @@ class FrameFilter:
 
     def __init__(self, count: int, station_id: int) -> None:
         self._station_id = station_id
-        self._hidden: Whole = np.array(sorted(NOT_FOR_MAVSDK.union(OF_FENCES)), np.int64)
+        self._hidden: Whole = np.array(sorted(NOT_FOR_MAVSDK.union(TRANSFERS)), np.int64)
         self._position_s = np.full(count, -np.inf)  # arrival of the newest position given to MAVSDK
 
     def of(self, data: Bytes, frames: Whole, rows: Whole, time_s: Array) -> Mask:

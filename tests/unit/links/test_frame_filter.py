@@ -13,6 +13,9 @@ from gcs.mavlink.codec import find
 
 STATION, OTHER_STATION = 245, 255
 
+HOME = dialect.MAVLink_home_position_message(474000000, 85000000, 488000, 0, 0, 0, [1, 0, 0, 0], 0, 0, 0)
+"""Without it MAVSDK counts no vehicle as ready."""
+
 
 def shown(message: Any, component: int = 1) -> bool:
     raw = bytes(message.pack(dialect.MAVLink(None, srcSystem=3, srcComponent=component)))
@@ -30,8 +33,14 @@ def test_other_components_give_no_mode_battery_or_state(component: int, expected
         dialect.MAVLink_extended_sys_state_message(0, 1),
         dialect.MAVLink_global_position_int_message(0, 474000000, 85000000, 0, 0, 0, 0, 0, 0),
         dialect.MAVLink_command_ack_message(400, 0, 0, 0, STATION, COMPONENT_ID),
+        HOME,
     ):
         assert shown(message, component) is expected
+
+
+def test_fences_are_not_shown() -> None:
+    assert not shown(dialect.MAVLink_mission_count_message(STATION, COMPONENT_ID, 4, 1))
+    assert not shown(dialect.MAVLink_mission_current_message(0))
 
 
 @pytest.mark.parametrize(
