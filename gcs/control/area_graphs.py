@@ -46,7 +46,7 @@ GRAPHS_MAX: Final = 150
 WORK_MAX: Final = 2e9
 """Graphs of one site, times the cube of their points: about a second and a half."""
 
-SITES_MAX: Final = 4
+FENCES_MAX: Final = 4
 """Fences whose graphs are kept: that of the configuration, and those of the shows selected last."""
 
 
@@ -89,13 +89,13 @@ class AreaGraphs:
 _prepared = dict[Hashable, AreaGraphs]()
 
 
-def prepare_ways(*sites: SafetySettings) -> None:
-    """Make the graphs of these sites that are not there yet; they replace those of sites before them."""
-    for safety in sites:
+def prepare_ways(*rules: SafetySettings) -> None:
+    """Make the graphs of these fences that are not there yet; they replace those of fences before them."""
+    for safety in rules:
         if safety.fence.is_plain:
             continue
         graphs = _prepared.pop(_key(safety), None) or _made(safety)
-        while len(_prepared) >= SITES_MAX:
+        while len(_prepared) >= FENCES_MAX:
             del _prepared[next(iter(_prepared))]
         _prepared[_key(safety)] = graphs
 

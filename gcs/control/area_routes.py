@@ -50,7 +50,7 @@ def lead_within(
 
     Returns: aims (n, 3), rows of vehicles that fly there, and the ways.
     """
-    if now.settings.safety.fence.is_plain or (site := _site_of(now)) is None:
+    if now.settings.safety.fence.is_plain or (site := _drawn_site(now)) is None:
         return aim_m, aiming, None
     rows, goal_m = _under_way(now, aim_m, aiming, slot_m)
     ways = before or AreaWays.none(len(now.formed))
@@ -106,7 +106,7 @@ class _Site:
         return graph.edge_m, graph.kept_m + (self.standoff_m + SPARES_M[1] - kept_m)
 
 
-def _site_of(now: TickInputs) -> _Site | None:
+def _drawn_site(now: TickInputs) -> _Site | None:
     """None: there are no graphs of this fence."""
     safety = now.settings.safety
     ways = prepared_ways(safety)

@@ -9,7 +9,7 @@ from gcs.control.inputs import TickInputs
 from gcs.formation.orbit import Center
 from gcs.model.jit import kernel
 from gcs.model.state import TINY, Array
-from gcs.safety.walls import from_path_m
+from gcs.safety.lost_paths import from_path_m
 
 SLOT_SPARE_M = 0.5
 """A slot is farther from the paths of lost vehicles than the filter keeps its vehicle, by this much."""

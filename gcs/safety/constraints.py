@@ -421,3 +421,13 @@ def tightest(velocity_m_s: Array, first: Rows, second: Rows, normal: Array, boun
         if j != NO_ROW and slack < least_m_s[j]:
             least_m_s[j], which[j] = slack, k
     return which
+
+
+def true_bound(slope: Array, scaled_gap_m: Array, each: Array) -> tuple[Array, Array]:
+    """Unit normals (k, 3) and bounds (k,) in true metres a second.
+
+    `slope` (k, 3) is the gradient of the scaled distance; the gap in true metres along it is the scaled
+    gap divided by its length. `each` (4, k) is that of `Braking.of_each`.
+    """
+    length = np.linalg.norm(slope, axis=1)
+    return slope / length[:, None], -stopping_speed_m_s(scaled_gap_m / length, each)

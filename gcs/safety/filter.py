@@ -23,12 +23,13 @@ from gcs.safety.controlled_ground import ground_constraints, ground_margins
 from gcs.safety.fenced_areas import FencedArea, passable, shapes_of
 from gcs.safety.floor import Floor, minimum_separation
 from gcs.safety.impact import ImpactSettings, reach_of
+from gcs.safety.lost_paths import OWNERS_MOST, keepout_constraints
 from gcs.safety.near_traffic import Evading, NearTraffic, track_constraints
 from gcs.safety.neighbours import FEW, Rows, near_pairs
 from gcs.safety.separation import Pairs, separation_constraints
 from gcs.safety.target_clearance import clearance_constraints
 from gcs.safety.traffic import Traffic
-from gcs.safety.walls import OWNERS_MOST, Fence, fence_constraints, keepout_constraints, obstacle_constraints
+from gcs.safety.walls import Fence, fence_constraints, obstacle_constraints
 
 NOTICEABLE_M_S = 0.05
 

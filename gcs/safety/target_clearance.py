@@ -12,9 +12,8 @@ import numpy as np
 from gcs.model.plan import Target
 from gcs.model.response import FleetResponse
 from gcs.model.state import TINY, Array, Mask
-from gcs.safety.constraints import LEAD, NO_ROW, Braking, Constraints
+from gcs.safety.constraints import LEAD, NO_ROW, Braking, Constraints, true_bound
 from gcs.safety.floor import Floor
-from gcs.safety.walls import true_bound
 
 DEVIATIONS: Final = 4.0
 """So many standard deviations of a vehicle's position relative to the target are added."""

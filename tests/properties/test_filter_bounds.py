@@ -11,8 +11,9 @@ from gcs.formation.obstacles import Ellipse
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array, Mask
 from gcs.safety.constraints import NO_ROW
+from gcs.safety.lost_paths import keepout_constraints
 from gcs.safety.separation import Pairs, separation_constraints
-from gcs.safety.walls import fence_constraints, keepout_constraints, nearest_way_out, obstacle_constraints
+from gcs.safety.walls import fence_constraints, nearest_way_out, obstacle_constraints
 from tests.support.law_fleets import masks, obstacles, places, vectors, within
 from tests.support.safety_fleets import CALM, SAFETY
 

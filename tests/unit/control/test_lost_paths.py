@@ -10,7 +10,7 @@ from gcs.formation.orbit import Center
 from gcs.model.plan import Formation, Orbit, Plan
 from gcs.model.state import Array, FleetState, Traits
 from gcs.planning.lost_space import swept_segments_m
-from gcs.safety.walls import from_path_m
+from gcs.safety.lost_paths import from_path_m
 
 SETTINGS = ControlSettings()
 FLOOR = SETTINGS.safety.floor
