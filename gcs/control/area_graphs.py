@@ -5,12 +5,14 @@ how well the positions are known. So there is a graph for each pair of heights a
 within a bound on all the work: heights become coarser until it is kept. `prepare_ways` is for the ground.
 """
 
+from bisect import bisect_left
 from collections.abc import Hashable, Iterator
 from dataclasses import dataclass
 from itertools import combinations, product
 from typing import Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gcs.control.path_search import from_paths_m, sees
 from gcs.model.jit import kernel
@@ -66,24 +68,40 @@ Place = tuple[int, int, int]
 """Of a graph: its distance in KEPT_M, and the least and greatest height in steps."""
 
 
+class WallsAt(NamedTuple):
+    """The edges of g graphs one after the other, and which graph counts where."""
+
+    edge_m: Array  # (q, 2, 3) at height 0
+    kept_m: Array  # (q,) from each
+    first: NDArray[np.intp]  # (g + 1,) the first edge of each graph, and q
+    at: NDArray[np.intp]  # (KEPT_M, top + 1, top + 1) graph, by distance, and least and greatest height
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class AreaGraphs:
     """All graphs of a site."""
 
-    step_m: float  # between heights
-    top: int  # the greatest height, in steps; the least is 0
-    at: dict[Place, Graph]
+    step_m: float  # between heights; the least is 0
+    graphs: tuple[Graph, ...]
+    walls: WallsAt
 
-    def bands(self, place_m: Array, goal_m: Array) -> Array:
-        """(k, 2) the heights, in steps, between which walls count on the ways from (k, 3) to (k, 3)."""
-        heights = np.sort(np.column_stack([-place_m[:, 2], -goal_m[:, 2]]), axis=1) / self.step_m
-        low = np.clip(np.floor(heights[:, 0]), 0, self.top - 1)
-        return np.column_stack([low, np.clip(np.ceil(heights[:, 1]), low + 1, self.top)])
-
-    def graph(self, band: tuple[float, float], kept_m: float) -> tuple[Graph, float]:
+    def graph(self, band: tuple[int, int], kept_m: float) -> tuple[Graph, float]:
         """The graph between two heights, in steps, that keeps `kept_m` or more, and what it keeps."""
-        which = min(int(np.searchsorted(KEPT_M, kept_m - TINY)), len(KEPT_M) - 1)
-        return self.at[which, int(band[0]), int(band[1])], KEPT_M[which]
+        which = layer_of(kept_m)
+        return self.graphs[self.walls.at[which, *band]], KEPT_M[which]
+
+
+def layer_of(kept_m: float) -> int:
+    """The index in `KEPT_M` of the least distance that is `kept_m` or more."""
+    return min(bisect_left(KEPT_M, kept_m - TINY), len(KEPT_M) - 1)
+
+
+@kernel
+def band_of(here_m: Array, there_m: Array, step_m: float, top: int) -> tuple[int, int]:
+    """The heights, in steps up to `top`, between which walls count on a way, (3,) to (3,)."""
+    least, most = -max(here_m[2], there_m[2]) / step_m, -min(here_m[2], there_m[2]) / step_m
+    low = int(np.floor(min(max(least, 0.0), top - 1.0)))
+    return low, max(int(np.ceil(min(max(most, 0.0), float(top)))), low + 1)
 
 
 _prepared = dict[Hashable, AreaGraphs]()
@@ -112,8 +130,14 @@ def _key(safety: SafetySettings) -> Hashable:
 
 def _made(safety: SafetySettings) -> AreaGraphs:
     step_m, top, walls_at = _fitting(safety)
-    graphs = {walls: graph_of(walls) for walls in dict.fromkeys(walls_at.values())}
-    return AreaGraphs(step_m, top, {place: graphs[walls] for place, walls in walls_at.items()})
+    each = {walls: index for index, walls in enumerate(dict.fromkeys(walls_at.values()))}
+    at = np.zeros((len(KEPT_M), top + 1, top + 1), np.intp)
+    for place, walls in walls_at.items():
+        at[place] = each[walls]
+    graphs = tuple(map(graph_of, each))
+    first = np.cumsum([0, *(len(graph.kept_m) for graph in graphs)], dtype=np.intp)
+    edge_m, kept_m = (np.concatenate([graph[which] for graph in graphs]) for which in (0, 1))
+    return AreaGraphs(step_m, graphs, WallsAt(edge_m, kept_m, first, at))
 
 
 def _fitting(safety: SafetySettings) -> tuple[float, int, dict[Place, Walls]]:

@@ -7,18 +7,18 @@ between the heights of vehicle and goal; a wall of the controlled ground is as t
 Graphs are made before the first tick (`gcs.control.area_graphs`); without them vehicles fly straight.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.control.area_graphs import AreaGraphs, prepared_ways
+from gcs.control.area_graphs import KEPT_M, AreaGraphs, WallsAt, band_of, layer_of, prepared_ways
 from gcs.control.inputs import TickInputs
 from gcs.control.memory import AreaWays
 from gcs.control.path_search import BEGUN_SHARE, from_paths_m, sees
 from gcs.model.jit import kernel
-from gcs.model.state import TINY, Array, Mask
+from gcs.model.state import TINY, Array
 
 SPARES_M: Final = (1.0, 0.1)
 """What a way keeps from walls beyond what the filter keeps; the second where the first finds no way."""
@@ -50,29 +50,37 @@ def lead_within(
 
     Returns: aims (n, 3), rows of vehicles that fly there, and the ways.
     """
-    if now.settings.safety.fence.is_plain or (site := _drawn_site(now)) is None:
+    safety = now.settings.safety
+    if safety.fence.is_plain or (graphs := prepared_ways(safety)) is None:
         return aim_m, aiming, None
     rows, goal_m = _under_way(now, aim_m, aiming, slot_m)
+    standoff_m = _standoff_m(now)
+    least_m = standoff_m + SPARES_M[1]
+    layer = layer_of(least_m)
+    walls, step_m = graphs.walls, graphs.step_m
+    place_m = np.array(now.position_m)
+    hidden = _hidden(place_m, goal_m, rows, walls, step_m, layer, least_m - KEPT_M[layer])
     ways = before or AreaWays.none(len(now.formed))
     ways = replace(ways, corner_m=ways.corner_m.copy(), asked_s=ways.asked_s.copy())
-    hidden = _hidden(now, site, rows, goal_m)
     seen = np.ones(len(now.formed), np.bool_)
     seen[hidden] = False
     ways.corner_m[seen] = np.nan
     in_turn = hidden[np.argsort(ways.asked_s[hidden], kind="stable")][:SEARCHED_MAX]
     for row in in_turn.tolist():
-        ways.corner_m[row] = _first_corner(site, now.position_m[row], goal_m[row])
+        ways.corner_m[row] = _first_corner(graphs, standoff_m, place_m[row], goal_m[row])
         ways.asked_s[row] = now.fleet.time_s
     led = hidden[np.isfinite(ways.corner_m[hidden, 0])]
     if len(led) == 0:
         return aim_m, aiming, ways
     aim_m = np.array(aim_m)
-    ahead_m = ways.corner_m[led] - now.position_m[led, :2]
+    ahead_m = ways.corner_m[led] - place_m[led, :2]
     away_m = np.linalg.norm(ahead_m, axis=1)
     beyond = BEYOND_M * (away_m > BEYOND_M) / np.maximum(away_m, TINY)
-    aim_m[led, :2] = now.position_m[led, :2] + (1.0 + beyond[:, None]) * ahead_m
+    aim_m[led, :2] = place_m[led, :2] + (1.0 + beyond[:, None]) * ahead_m
     aim_m[led, 2] = goal_m[led, 2]
-    return aim_m, np.union1d(aiming, led), ways
+    aims = np.zeros(len(seen), np.bool_)
+    aims[aiming] = aims[led] = True
+    return aim_m, np.flatnonzero(aims), ways
 
 
 def _under_way(
@@ -93,60 +101,45 @@ def _under_way(
     return np.concatenate([aiming[free], off]), goal_m
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Site:
-    """The graphs of the fence, and what the filter keeps from walls in this tick."""
-
-    ways: AreaGraphs
-    standoff_m: float
-
-    def band_walls(self, band: tuple[float, float]) -> tuple[Array, Array]:
-        """(q, 2, 3) edges between two heights, and (q,) what a straight way past each keeps."""
-        graph, kept_m = self.ways.graph(band, self.standoff_m + SPARES_M[1])
-        return graph.edge_m, graph.kept_m + (self.standoff_m + SPARES_M[1] - kept_m)
-
-
-def _drawn_site(now: TickInputs) -> _Site | None:
-    """None: there are no graphs of this fence."""
-    safety = now.settings.safety
-    ways = prepared_ways(safety)
-    if ways is None:
-        return None
-    standoff_m = float(safety.floor.standoff_m(np.array(now.traits.uncertainty_m)).max(initial=0.0))
-    return _Site(ways, STANDOFF_STEP_M * float(np.ceil(standoff_m / STANDOFF_STEP_M)))
-
-
-def _hidden(now: TickInputs, site: _Site, rows: NDArray[np.intp], goal_m: Array) -> NDArray[np.intp]:
-    """Those of `rows` (k,) that do not see their goals (n, 3) past the walls."""
-    rows = rows[np.isfinite(goal_m[rows] + now.position_m[rows]).all(axis=1)]
-    if len(rows) == 0:
-        return rows
-    bands = site.ways.bands(now.position_m[rows], goal_m[rows])
-    widest = float(bands[:, 0].min()), float(bands[:, 1].max())
-    rest = _unseen(now.position_m[rows], goal_m[rows], *site.band_walls(widest))
-    rows, bands = rows[rest], bands[rest]
-    hidden = np.zeros(len(rows), np.bool_)
-    for band in {(low, high) for low, high in bands.tolist()}:
-        some = (bands == band).all(axis=1)
-        hidden[some] = _unseen(now.position_m[rows[some]], goal_m[rows[some]], *site.band_walls(band))
-    return rows[hidden]
+def _standoff_m(now: TickInputs) -> float:
+    """What the filter keeps all vehicles from walls in this tick, rounded up."""
+    most_m = now.settings.safety.floor.standoff_m(np.array(now.traits.uncertainty_m)).max(initial=0.0)
+    return STANDOFF_STEP_M * float(np.ceil(most_m / STANDOFF_STEP_M))
 
 
 @kernel
-def _unseen(place_m: Array, goal_m: Array, edge_m: Array, kept_m: Array) -> Mask:
-    """(k,) from which places (k, 3) the straight ways over the ground to goals (k, 3) are not clear."""
-    unseen, here_m, there_m = np.zeros(len(place_m), np.bool_), np.zeros(3), np.zeros(3)
-    for i in range(len(place_m)):
-        here_m[:2], there_m[:2] = place_m[i, :2], goal_m[i, :2]
-        unseen[i] = not sees(here_m, there_m, edge_m, kept_m, 0.0)
-    return unseen
+def _hidden(
+    position_m: Array,
+    goal_m: Array,
+    rows: NDArray[np.intp],
+    walls: WallsAt,
+    step_m: float,
+    layer: int,
+    more_m: float,
+) -> NDArray[np.intp]:
+    """Those of `rows` (k,) that do not see their goals (n, 3), from (n, 3), past the walls of their heights.
+
+    Walls are those of `layer` of `KEPT_M`; a straight way keeps `more_m` more.
+    """
+    hidden, count = np.empty(len(rows), np.intp), 0
+    here_m, there_m = np.zeros(3), np.zeros(3)
+    for i in rows:
+        if not np.isfinite(position_m[i].sum() + goal_m[i].sum()):
+            continue
+        low, high = band_of(position_m[i], goal_m[i], step_m, walls.at.shape[1] - 1)
+        begin, end = walls.first[walls.at[layer, low, high]], walls.first[walls.at[layer, low, high] + 1]
+        here_m[:2], there_m[:2] = position_m[i, :2], goal_m[i, :2]
+        if not sees(here_m, there_m, walls.edge_m[begin:end], walls.kept_m[begin:end], more_m):
+            hidden[count] = i
+            count += 1
+    return hidden[:count]
 
 
-def _first_corner(site: _Site, place_m: Array, goal_m: Array) -> Array:
+def _first_corner(ways: AreaGraphs, standoff_m: float, place_m: Array, goal_m: Array) -> Array:
     """(2,) the first corner of the shortest way from a place to a goal, (3,) each; NaN: none is known."""
-    low, high = site.ways.bands(place_m[None], goal_m[None])[0].tolist()
+    band = band_of(place_m, goal_m, ways.step_m, ways.walls.at.shape[1] - 1)
     for spare_m in SPARES_M:
-        graph, _ = site.ways.graph((low, high), site.standoff_m + spare_m)
+        graph, _ = ways.graph(band, standoff_m + spare_m)
         first = _first(_level(place_m), _level(goal_m), *graph)
         if first >= 0:
             return np.array(graph.point_m[first, :2])

@@ -152,6 +152,8 @@ def _area_rows(
                 count,
             )
             owner[before:count], kind[before:count] = area, WALL
+        if count == 0:
+            continue
         place = position_m[i, 0], position_m[i, 1], -position_m[i, 2]
         count = _led_out(place, shapes, wall, owner, kind, count)
         for k in range(count):

@@ -128,7 +128,7 @@ def ground_constraints(
         np.full(len(position_m), fastest_m_s) if course_m_s is None else np.minimum(course_m_s, fastest_m_s),
         LED_SHARE * fastest_m_s,
     )
-    reasons = np.full(len(rows), REASON, dtype=object)
+    reasons = np.repeat(np.array([REASON], dtype=object), len(rows))
     return Constraints(rows, np.full(len(rows), NO_ROW), normal, bound_m_s, reasons)
 
 

@@ -214,10 +214,15 @@ def _clearances(edges: Array, box: Array) -> Array:
 
 @kernel
 def surely_clear_m(x_m: float, y_m: float, box: Array, clear_m: Array, area: int) -> float:
-    """Least distance of a place from all edges of an area; negative outside, 0: it is not known."""
+    """Least distance of a place from all edges of an area; negative outside, 0: it is not known.
+
+    Outside of the raster it is the distance from that.
+    """
     i, j = (x_m - box[area, 0]) * box[area, 2], (y_m - box[area, 1]) * box[area, 3]
     if not (0.0 <= i < CELLS and 0.0 <= j < CELLS):
-        return 0.0
+        aside, along = max(-i, i - CELLS, 0.0) / box[area, 2], max(-j, j - CELLS, 0.0) / box[area, 3]
+        away_m: float = np.sqrt(aside * aside + along * along)
+        return -away_m
     least_m: float = clear_m[area, int(i), int(j)]
     return least_m
 

@@ -18,7 +18,16 @@ from gcs.model.state import TINY, Array, Mask
 from gcs.safety.across_stations import with_reports
 from gcs.safety.area_walls import area_constraints
 from gcs.safety.authority import AuthoritySettings, reach_constraints
-from gcs.safety.constraints import NO_ROW, Braking, Constraints, any_broken, nearest, shortened, tightest
+from gcs.safety.constraints import (
+    NO_ROW,
+    Braking,
+    Constraints,
+    along_m_s,
+    any_broken,
+    nearest,
+    shortened,
+    tightest,
+)
 from gcs.safety.controlled_ground import ground_constraints, ground_margins
 from gcs.safety.fenced_areas import FencedArea, passable, shapes_of
 from gcs.safety.floor import Floor, minimum_separation
@@ -169,7 +178,7 @@ def filter_velocities(
         allowed_m_s = np.zeros_like(allowed_m_s)
     changed_m_s = _lengths(desired_m_s, allowed_m_s)
     if not settings.fence.is_plain and len(judged):
-        np.maximum.at(changed_m_s, judged.first, -judged.slack_m_s(allowed_m_s))  # not led as they demand
+        _raise_to_unmet(changed_m_s, allowed_m_s, judged.first, judged.normal, judged.bound_m_s)
     if moved is not own:
         allowed_m_s[~own], changed_m_s[~own] = 0.0, 0.0
     return allowed_m_s, _reasons(desired_m_s, changed_m_s, judged, pairs, joined, here.names)
@@ -247,6 +256,16 @@ def _lengths(before_m_s: Array, after_m_s: Array) -> Array:
             square += (after_m_s[i, axis] - before_m_s[i, axis]) ** 2
         length_m_s[i] = np.sqrt(square)
     return length_m_s
+
+
+@kernel
+def _raise_to_unmet(
+    changed_m_s: Array, allowed_m_s: Array, first: Rows, normal: Array, bound_m_s: Array
+) -> None:
+    """Raise changes (n,) to what velocities (n, 3) lack of the walls (k,): not led as these demand."""
+    for k in range(len(first)):
+        i = first[k]
+        changed_m_s[i] = max(changed_m_s[i], bound_m_s[k] - along_m_s(allowed_m_s, i, normal, k))
 
 
 Joined: TypeAlias = tuple[Rows, Rows, Array, Array]

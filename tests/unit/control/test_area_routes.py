@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gcs.control import ControlSettings, Memory, Task, Tasks, prepare, tick, warm_up
-from gcs.control.area_graphs import BANDS_MAX, GRAPHS_MAX, KEPT_M, POINTS_MAX, graph_of, prepared_ways
+from gcs.control.area_graphs import BANDS_MAX, GRAPHS_MAX, POINTS_MAX, band_of, graph_of, prepared_ways
 from gcs.control.memory import AreaWays
 from gcs.model.plan import Formation, Plan
 from gcs.model.state import Array, FleetState, Traits
@@ -103,7 +103,8 @@ def test_what_is_far_beyond_all_graphs_takes_the_widest() -> None:
     ways = prepared_ways(safety)
     assert ways is not None
     far_m = np.array([[0.0, 0.0, 9.0], [0.0, 0.0, -1e9], [0.0, 0.0, -20.0]])
-    for band in ways.bands(far_m, far_m[::-1]).tolist():
+    for one_m, other_m in zip(far_m, far_m[::-1].copy(), strict=True):
+        band = band_of(one_m, other_m, ways.step_m, ways.walls.at.shape[1] - 1)
         assert [ways.graph(band, kept_m)[1] for kept_m in (0.1, 1.25, 1.3, 99.0)] == [0.35, 1.25, 2.0, 3.0]
 
 
@@ -137,7 +138,7 @@ def test_graphs_are_bounded_for_the_greatest_site() -> None:
     prepare(safety)
     ways = prepared_ways(safety)
     assert ways is not None
-    graphs = {id(graph): graph for graph in ways.at.values()}
-    assert len(ways.at) <= BANDS_MAX * len(KEPT_M)
-    assert len(graphs) <= GRAPHS_MAX
-    assert max(len(graph.point_m) for graph in graphs.values()) <= POINTS_MAX
+    heights = ways.walls.at.shape[1]
+    assert heights * (heights - 1) // 2 <= BANDS_MAX
+    assert len(ways.graphs) <= GRAPHS_MAX
+    assert max(len(graph.point_m) for graph in ways.graphs) <= POINTS_MAX
