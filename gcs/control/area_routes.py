@@ -18,7 +18,7 @@ from gcs.control.inputs import TickInputs
 from gcs.control.memory import AreaWays
 from gcs.control.path_search import BEGUN_SHARE, from_paths_m, sees
 from gcs.model.jit import kernel
-from gcs.model.state import TINY, Array
+from gcs.model.state import TINY, Array, Mask
 
 SPARES_M: Final = (1.0, 0.1)
 """What a way keeps from walls beyond what the filter keeps; the second where the first finds no way."""
@@ -53,12 +53,13 @@ def lead_within(
     safety = now.settings.safety
     if safety.fence.is_plain or (graphs := prepared_ways(safety)) is None:
         return aim_m, aiming, None
-    rows, goal_m = _under_way(now, aim_m, aiming, slot_m)
+    place_m, goal_m, aims = np.array(now.position_m), np.array(aim_m), np.zeros(len(aim_m), np.bool_)
+    aims[aiming] = True
+    rows = _under_way(now, place_m, goal_m, aims, slot_m)
     standoff_m = _standoff_m(now)
     least_m = standoff_m + SPARES_M[1]
     layer = layer_of(least_m)
     walls, step_m = graphs.walls, graphs.step_m
-    place_m = np.array(now.position_m)
     hidden = _hidden(place_m, goal_m, rows, walls, step_m, layer, least_m - KEPT_M[layer])
     ways = before or AreaWays.none(len(now.formed))
     ways = replace(ways, corner_m=ways.corner_m.copy(), asked_s=ways.asked_s.copy())
@@ -78,27 +79,37 @@ def lead_within(
     beyond = BEYOND_M * (away_m > BEYOND_M) / np.maximum(away_m, TINY)
     aim_m[led, :2] = place_m[led, :2] + (1.0 + beyond[:, None]) * ahead_m
     aim_m[led, 2] = goal_m[led, 2]
-    aims = np.zeros(len(seen), np.bool_)
-    aims[aiming] = aims[led] = True
+    aims[led] = True
     return aim_m, np.flatnonzero(aims), ways
 
 
-def _under_way(
-    now: TickInputs, aim_m: Array, aiming: NDArray[np.intp], slot_m: Array
-) -> tuple[NDArray[np.intp], Array]:
-    """Rows of vehicles that may need a way, and (n, 3) where to."""
-    goal_m, tasks = np.array(aim_m), now.tasks
-    free = ~now.descending[aiming]
-    if tasks.follows_planned_path is not None:
-        free &= ~tasks.follows_planned_path[aiming]
-    way_m = slot_m - now.of_formed(now.position_m)
-    far = np.flatnonzero((way_m**2).sum(axis=1) > THERE_M**2)  # NaN by a law without slots: never
-    off = now.rows[far]
-    led = np.zeros(len(goal_m), np.bool_)
-    led[aiming] = True
-    far, off = far[~led[off]], off[~led[off]]
-    goal_m[off] = slot_m[far]
-    return np.concatenate([aiming[free], off]), goal_m
+def _under_way(now: TickInputs, place_m: Array, goal_m: Array, aims: Mask, slot_m: Array) -> NDArray[np.intp]:
+    """Rows of vehicles that may need a way; of those in formation the goals (n, 3) become their slots."""
+    excused, planned = now.descending, now.tasks.follows_planned_path
+    excused = np.array(excused) if planned is None else excused | planned
+    return _far_rows(place_m, goal_m, aims & ~excused, aims, now.rows, np.array(slot_m))
+
+
+@kernel
+def _far_rows(
+    place_m: Array, goal_m: Array, led: Mask, aims: Mask, rows: NDArray[np.intp], slot_m: Array
+) -> NDArray[np.intp]:
+    """Those of `led` (n,), and of `rows` (m,) that aim nowhere and are far from their slots (m, 3)."""
+    far, count = np.empty(len(goal_m), np.intp), 0
+    for i in range(len(goal_m)):
+        if led[i]:
+            far[count] = i
+            count += 1
+    for k in range(len(rows)):
+        i, square_m2 = rows[k], 0.0
+        for axis in range(3):
+            square_m2 += (slot_m[k, axis] - place_m[i, axis]) ** 2
+        if not aims[i] and square_m2 > THERE_M**2:  # NaN by a law without slots: never
+            for axis in range(3):
+                goal_m[i, axis] = slot_m[k, axis]
+            far[count] = i
+            count += 1
+    return far[:count]
 
 
 def _standoff_m(now: TickInputs) -> float:
@@ -140,25 +151,22 @@ def _first_corner(ways: AreaGraphs, standoff_m: float, place_m: Array, goal_m: A
     band = band_of(place_m, goal_m, ways.step_m, ways.walls.at.shape[1] - 1)
     for spare_m in SPARES_M:
         graph, _ = ways.graph(band, standoff_m + spare_m)
-        first = _first(_level(place_m), _level(goal_m), *graph)
+        first = _first(place_m, goal_m, *graph)
         if first >= 0:
             return np.array(graph.point_m[first, :2])
     return np.full(2, np.nan)
-
-
-def _level(place_m: Array) -> Array:
-    return np.array([place_m[0], place_m[1], 0.0])
 
 
 @kernel
 def _first(
     place_m: Array, goal_m: Array, edge_m: Array, kept_m: Array, point_m: Array, between_m: Array
 ) -> int:
-    """The first point of the shortest way from a place (3,) to a goal (3,); -1: there is none.
+    """The first point of the shortest way over the ground from place to goal, (3,) each; -1: there is none.
 
     Places nearer to walls than is kept come no nearer to them.
     """
-    count = len(point_m)
+    count, place_m, goal_m = len(point_m), place_m.copy(), goal_m.copy()
+    place_m[2] = goal_m[2] = 0.0
     begun_m = np.minimum(kept_m, BEGUN_SHARE * from_paths_m(place_m, edge_m))
     ends_m = np.minimum(kept_m, BEGUN_SHARE * from_paths_m(goal_m, edge_m))
     left_m = np.full(count, np.inf)
