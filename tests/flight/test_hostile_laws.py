@@ -19,7 +19,7 @@ from gcs.formation.laws.protocol import NoSettings
 from gcs.model.state import Array
 from gcs.simulation import Scenario
 from gcs.simulation import fly as simulate
-from tests.support.hostile_laws import WELL_TICKS
+from tests.support.hostile_laws import REASONS, WELL_TICKS
 
 pytestmark = pytest.mark.long
 
@@ -27,28 +27,6 @@ SUPPORT = Path(__file__).parents[1] / "support"
 COUNT, TICK_S, HOLDS_WITHIN_S, STANDS_M_S = 20, 0.05, 0.5, 0.4
 FLIGHTS_MOST = 10
 HOSTILE_S = WELL_TICKS * TICK_S
-
-REASONS = {
-    "SleepsASecond": "it took longer than 10 ms in 5 ticks",
-    "NeverReturns": "it took longer than 10 ms in 5 ticks",
-    "Fails": "ZeroDivisionError: no vehicle is left (hostile_laws.py, line ",
-    "NotANumber": "its velocity of d4 is [nan, nan, nan]",
-    "Infinite": "its velocity of d1 is [",
-    "WrongShape": "it returned an array of shape (19, 3); (20, 3) is needed",
-    "HundredToOnePoint": "it asks for 100 m/s, more than 2",
-    "Toggles": "it reverses a velocity 4 times within 8 ticks",
-    "TakesMemory": "MemoryError",
-    "EndsItsProcess": "its process ended",
-    "ChangesItsInputs": "ValueError: assignment destination is read-only",
-    "AnswersItself": "its process sends what is no answer",
-    "AnswersNested": "its process sends what is no answer",
-    "ShortensTheTable": "PermissionError: [Errno 1] Operation not permitted (hostile_laws.py, line ",
-    "Forks": "it took longer than 10 ms in 5 ticks",
-    "PrintsEndlessly": "it took longer than 10 ms in 5 ticks",
-    "TakesModulesAway": "ModuleNotFoundError: import of json halted",
-    "TakesNoSignal": "it took longer than 10 ms in 5 ticks",
-    "WritesToTheTerminal": "ValueError: \\x1b[2Jall is well (hostile_laws.py, line ",
-}
 
 
 @pytest.fixture(autouse=True)

@@ -12,6 +12,7 @@ from gcs.service import ShowAction
 from gcs.service.alarms import AlarmCause
 from gcs.testing.views import vehicles_of
 from gcs.testing.virtual_show import VirtualShow, fly, show_config
+from tests.support.hostile_laws import IN_WHOLE_SHOWS, REASONS
 
 pytestmark = pytest.mark.long
 
@@ -19,17 +20,6 @@ SUPPORT = Path(__file__).parents[1] / "support"
 COUNT, TICK_S, HOLDS_WITHIN_S, STOPS_S, STANDS_M_S, HELD_M = 20, 0.05, 0.5, 1.5, 0.4, 0.5
 WELL_S = 15.0
 """All have joined by then, and are still on their way."""
-
-REASONS = {
-    "Fails": "ZeroDivisionError: no vehicle is left",
-    "SleepsASecond": "it took longer than 10 ms in 5 ticks",
-    "NotANumber": "its velocity of d4 is [nan, nan, nan]",
-    "Infinite": "its velocity of d1 is [",
-    "WrongShape": "it returned an array of shape (19, 3); (20, 3) is needed",
-    "HundredToOnePoint": "it asks for 100 m/s, more than 20 m/s",
-    "Toggles": "it reverses a velocity 4 times within 8 ticks",
-    "TakesMemory": "MemoryError",
-}
 
 
 @pytest.fixture(autouse=True)
@@ -46,7 +36,7 @@ def speeds_m_s(show: VirtualShow, from_s: float, to_s: float) -> Array:
 
 
 @pytest.mark.keeps("SleepsASecond", "HundredToOnePoint")
-@pytest.mark.parametrize("law", REASONS)
+@pytest.mark.parametrize("law", IN_WHOLE_SHOWS)
 def test_a_show_of_twenty_holds_and_comes_home(law: str) -> None:
     name = f"hostile_laws:{law}"
 

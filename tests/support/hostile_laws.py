@@ -14,6 +14,40 @@ from gcs.model.state import Array
 
 WELL_TICKS = 40
 
+REASONS = {
+    "SleepsASecond": "it took longer than 10 ms in 5 ticks",
+    "NeverReturns": "it took longer than 10 ms in 5 ticks",
+    "Fails": "ZeroDivisionError: no vehicle is left (hostile_laws.py, line ",
+    "NotANumber": "its velocity of d4 is [nan, nan, nan]",
+    "Infinite": "its velocity of d1 is [",
+    "WrongShape": "it returned an array of shape (19, 3); (20, 3) is needed",
+    "HundredToOnePoint": "it asks for 100 m/s, more than 2",
+    "Toggles": "it reverses a velocity 4 times within 8 ticks",
+    "TakesMemory": "MemoryError",
+    "EndsItsProcess": "its process ended",
+    "ChangesItsInputs": "ValueError: assignment destination is read-only",
+    "AnswersItself": "its process sends what is no answer",
+    "AnswersNested": "its process sends what is no answer",
+    "ShortensTheTable": "PermissionError: [Errno 1] Operation not permitted (hostile_laws.py, line ",
+    "Forks": "it took longer than 10 ms in 5 ticks",
+    "PrintsEndlessly": "it took longer than 10 ms in 5 ticks",
+    "TakesModulesAway": "ModuleNotFoundError: import of json halted",
+    "TakesNoSignal": "it took longer than 10 ms in 5 ticks",
+    "WritesToTheTerminal": "ValueError: \\x1b[2Jall is well (hostile_laws.py, line ",
+}
+"""Laws, and with what words their alarm begins."""
+
+IN_WHOLE_SHOWS = (
+    "Fails",
+    "SleepsASecond",
+    "NotANumber",
+    "Infinite",
+    "WrongShape",
+    "HundredToOnePoint",
+    "Toggles",
+    "TakesMemory",
+)
+
 
 class HostileSettings(Settings):
     """When a law does what it may not, and where."""

@@ -34,13 +34,6 @@ HOLDS_WITHIN_S, STOPS_S, STANDS_M_S = 0.5, 1.5, 0.2
 WINDOW_S = 0.5
 """Speeds are means over this time: true states come 50 times a second."""
 
-REASONS = {
-    "SleepsASecond": "it took longer than 10 ms in 5 ticks",
-    "HundredToOnePoint": "it asks for 100 m/s, more than ",
-    "Fails": "ZeroDivisionError: no vehicle is left",
-    "TakesMemory": "MemoryError",
-}
-
 
 def config_of(law: str, transport: str, base: int, mark: Path) -> tuple[Config, tuple[str, ...]]:
     """The configuration, and options of the vehicles."""
@@ -63,7 +56,7 @@ def speeds_m_s(truth: GroundTruth) -> np.ndarray:
 
 
 @pytest.mark.parametrize("transport", ["native", "mavsdk"])
-@pytest.mark.parametrize("kind", REASONS)
+@pytest.mark.parametrize("kind", hostile_laws.IN_WHOLE_SHOWS)
 def test_twenty_hold_and_come_home(
     kind: str, transport: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -85,7 +78,7 @@ def test_twenty_hold_and_come_home(
         assert mark.exists(), client.alarms()
         wait_until("alarm", SOON_S, lambda: any(one.cause == "law-failed" for one in client.alarms().alarms))
         (alarm,) = (one for one in client.alarms().alarms if one.cause == "law-failed")
-        assert alarm.text.startswith(f"Law {law} failed: {REASONS[kind]}")
+        assert alarm.text.startswith(f"Law {law} failed: {hostile_laws.REASONS[kind]}")
         time.sleep(10.0)
         stops_s = time.monotonic()
         client.stop()
