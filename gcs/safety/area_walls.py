@@ -32,6 +32,7 @@ from gcs.safety.fenced_areas import (
     passable,
     shapes_of,
     surely_clear_m,
+    without_tops,
 )
 from gcs.safety.neighbours import Rows
 
@@ -62,6 +63,9 @@ def area_constraints(
     other walls leave it; out of closed space over its top or below it where that is nearer, and flight is
     allowed there. Without such a way it is not led, but gets no farther from an area that it shall be in.
 
+    One that descends to land is led sideways or down, never up, and no wall slows its descent: for it closed
+    space has no top, because it comes through all of that. It would else be held in the air.
+
     Args:
         position_m: (n, 3), show frame.
         commanded: (n,).
@@ -71,16 +75,18 @@ def area_constraints(
         standoff_m: (n,) how far from the edges each is kept.
         response: (n,) in what they differ from `braking`; None: in nothing.
         fastest_m_s: greatest speed of any vehicle: what it does not break is left out.
-        descending: (n,) may go below the least height of the areas that they stay inside of; None: none may.
+        descending: (n,) descend to land, also below the least height of the areas that they stay inside of;
+            None: none does.
         heights_m: least and greatest height in which the fence allows flight.
         course_m_s: (n,) that of each, if it is less; None: it is not.
     """
     if not areas:
         return Constraints.none()
+    shapes = shapes_of(passable(tuple(areas), heights_m))
     rows, which, normal, bound_m_s, leads = _area_rows(
         (np.array(position_m), np.array(velocity_m_s)),
         (np.array(commanded), np.zeros_like(commanded) if descending is None else np.array(descending)),
-        shapes_of(passable(tuple(areas), heights_m)),
+        (shapes, without_tops(shapes)),
         np.array(standoff_m),
         braking.of_each(len(position_m), response),
         np.full(len(position_m), fastest_m_s) if course_m_s is None else np.minimum(course_m_s, fastest_m_s),
@@ -109,7 +115,7 @@ def _left_m_s(way: Array, led_m_s: float, normal: Array, bound_m_s: Array) -> fl
 def _area_rows(
     motion: tuple[Array, Array],
     roles: tuple[Mask, Mask],
-    shapes: Shapes,
+    both: tuple[Shapes, Shapes],
     standoff_m: Array,
     each: Array,
     possible_m_s: Array,
@@ -117,12 +123,12 @@ def _area_rows(
 ) -> tuple[Rows, Rows, Array, Array, Mask]:
     """Rows (k,), areas (k,), normals (k, 3), bounds (k,) of all walls that could bind, and which lead (k,).
 
-    `motion` are positions and velocities (n, 3), `roles` which are commanded, and which descend (n,). `each`
-    (4, n) is that of `Braking.of_each`, `possible_m_s` (n,) greatest speeds, `led_m_s` that of being led
-    back.
+    `motion` are positions and velocities (n, 3), `roles` which are commanded, and which descend (n,), `both`
+    the areas, and those for vehicles that descend. `each` (4, n) is that of `Braking.of_each`, `possible_m_s`
+    (n,) greatest speeds, `led_m_s` that of being led back.
     """
-    (position_m, velocity_m_s), (commanded, descending) = motion, roles
-    edges, first, inside, heights_m = shapes.edge, shapes.first, shapes.inside, shapes.heights_m
+    (position_m, velocity_m_s), (commanded, descending), (shapes, for_landing) = motion, roles, both
+    edges, first, inside = shapes.edge, shapes.first, shapes.inside
     most, kept = 64, 0
     rows, which = np.empty(most, np.intp), np.empty(most, np.intp)
     normal, bound_m_s, leads = np.empty((most, 3)), np.empty(most), np.empty(most, np.bool_)
@@ -135,7 +141,8 @@ def _area_rows(
         x_m_s, y_m_s, z_m_s = velocity_m_s[i, 0], velocity_m_s[i, 1], velocity_m_s[i, 2]
         speed_m_s = np.sqrt(x_m_s * x_m_s + y_m_s * y_m_s + z_m_s * z_m_s)
         near_m = _within_m(each, i, possible_m_s[i], speed_m_s) + standoff_m[i]
-        count = 0
+        count, own = 0, for_landing if descending[i] else shapes
+        heights_m = own.heights_m
         for area in range(len(inside)):
             before, tall = count, heights_m[area, 0] == -np.inf and heights_m[area, 1] == np.inf
             sure_m = surely_clear_m(position_m[i, 0], position_m[i, 1], shapes.box, shapes.clear_m, area)
@@ -155,7 +162,7 @@ def _area_rows(
         if count == 0:
             continue
         place = position_m[i, 0], position_m[i, 1], -position_m[i, 2]
-        count = _led_out(place, shapes, wall, owner, kind, count)
+        count = _led_out(place, own, wall, owner, kind, count)
         for k in range(count):
             closing_m_s = max(-(wall[k, 0] * x_m_s + wall[k, 1] * y_m_s + wall[k, 2] * z_m_s), 0.0)
             own_m = 0.0 if _is_squeezed(wall, k, count, standoff_m[i]) else standoff_m[i]

@@ -99,6 +99,13 @@ def shapes_of(areas: tuple[FencedArea, ...]) -> Shapes:
     )
 
 
+def without_tops(shapes: Shapes) -> Shapes:
+    """The same, where closed space has no top: so it is for vehicles that land, through all of it."""
+    heights_m = shapes.heights_m.copy()
+    heights_m[~shapes.inside, 1] = np.inf
+    return shapes._replace(heights_m=heights_m)
+
+
 def _raster(ring_m: Array) -> tuple[Array, Array]:
     low_m, high_m = ring_m.min(axis=0), ring_m.max(axis=0)
     box = np.concatenate([low_m, CELLS / np.maximum(high_m - low_m, TINY)])
