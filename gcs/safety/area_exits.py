@@ -3,19 +3,12 @@
 Source: boundary of a union of polygons; freeness changes along an edge only where others' edges cross it.
 """
 
-from typing import Final
-
 import numpy as np
 
 from gcs.model.jit import kernel
-from gcs.model.state import TINY, Array, Mask
-from gcs.safety.fenced_areas import ON_EDGE_M, Shapes, inward
-
-ACROSS_M: Final = 0.5
-"""So far behind an edge there must be no other wall, or no vehicle is led over it."""
-
-ASIDE_M: Final = 1.0
-"""So far beside the end of another wall a vehicle is led past it."""
+from gcs.model.state import Array, Mask
+from gcs.safety.fenced_areas import ACROSS_M, ON_EDGE_M, Shapes, inward, is_within, surely_clear_m
+from gcs.safety.neighbours import Rows
 
 
 @kernel
@@ -26,34 +19,18 @@ def way_out(place: tuple[float, float, float], shapes: Shapes, wrong: Mask, way:
     straight way there enters none that the vehicle is rightly outside of, and leaves none that it is
     rightly inside of; infinite: there is none. Areas at other heights do not count. `place`: x, y and height.
     """
-    x_m, y_m, _ = place
-    edges, first = shapes.edge, shapes.first
     counted, right = _sides(place, shapes, wrong)
-    nearest_m2 = np.inf
-    for area in range(len(wrong)):
-        if not wrong[area]:
-            continue
+    owner, edge, share, away_m2 = _ends(place, shapes, wrong)
+    for k in np.argsort(away_m2, kind="mergesort"):  # of equal ones the first
+        area = owner[k]
         turn = shapes.turn[area] if shapes.inside[area] else -shapes.turn[area]
         counted[area] = False  # behind its own edge it is left
-        for edge in range(first[area], first[area + 1]):
-            share = (x_m - edges[edge, 0]) * edges[edge, 2] + (y_m - edges[edge, 1]) * edges[edge, 3]
-            share = min(max(share * edges[edge, 4], 0.0), 1.0)
-            nearest_m2 = _nearer(place, shapes, (counted, right), (edge, share, turn), nearest_m2, way)
-            aside = ASIDE_M * np.sqrt(edges[edge, 4])
-            for other in range(len(edges)):
-                if first[area] <= other < first[area + 1]:
-                    continue
-                crossed = _share_crossed(edges, edge, turn, other)
-                if not np.isfinite(crossed):
-                    continue
-                for share in (crossed - aside, crossed + aside):
-                    if 0.0 <= share <= 1.0:
-                        nearest_m2 = _nearer(
-                            place, shapes, (counted, right), (edge, share, turn), nearest_m2, way
-                        )
+        is_free = _is_free(place, shapes, (counted, right), (edge[k], share[k], turn), way)
         counted[area] = True
-    away_m: float = np.sqrt(nearest_m2)
-    return away_m
+        if is_free:
+            away_m: float = np.sqrt(away_m2[k])
+            return away_m
+    return np.inf
 
 
 @kernel
@@ -62,7 +39,7 @@ def _sides(place: tuple[float, float, float], shapes: Shapes, wrong: Mask) -> tu
     x_m, y_m, height_m = place
     counted, right = np.zeros(len(wrong), np.bool_), np.zeros(len(wrong), np.bool_)
     for area in range(len(wrong)):
-        within = is_within(x_m, y_m, shapes.edge, shapes.first[area], shapes.first[area + 1])
+        within = is_within(x_m, y_m, shapes, area)
         if shapes.inside[area]:
             counted[area], right[area] = True, within
         elif shapes.heights_m[area, 0] <= height_m <= shapes.heights_m[area, 1]:
@@ -71,66 +48,72 @@ def _sides(place: tuple[float, float, float], shapes: Shapes, wrong: Mask) -> tu
 
 
 @kernel
-def is_within(x_m: float, y_m: float, edges: Array, begin: int, end: int) -> bool:
-    """Whether a place is inside the polygon of the edges `begin` to `end` of (m, 5)."""
-    is_inside = False
-    for edge in range(begin, end):
-        from_x, from_y, along_y = x_m - edges[edge, 0], y_m - edges[edge, 1], edges[edge, 3]
-        if (from_y < 0.0) != (from_y < along_y) and from_x < from_y * edges[edge, 2] / along_y:
-            is_inside = not is_inside
-    return is_inside
+def _ends(place: tuple[float, float, float], shapes: Shapes, wrong: Mask) -> tuple[Rows, Rows, Array, Array]:
+    """Where a straight way from a place could end, of all areas of `wrong` (a,): beside which it may be free.
+
+    The nearest point of each edge, and the points beside edges that cross it.
+
+    Returns: (k,) areas, edges, shares of these, and squares of the distances.
+    """
+    x_m, y_m, _ = place
+    edges, first, crossed = shapes.edge, shapes.first, shapes.crossed_first
+    count = 0
+    for area in range(len(wrong)):
+        if wrong[area]:
+            begin, end = first[area], first[area + 1]
+            count += end - begin + crossed[end] - crossed[begin]
+    owners, at = np.empty(count, np.intp), np.empty(count, np.intp)
+    shares, away_m2, kept = np.empty(count), np.empty(count), 0
+    for area in range(len(wrong)):
+        if not wrong[area]:
+            continue
+        for edge in range(first[area], first[area + 1]):
+            share = (x_m - edges[edge, 0]) * edges[edge, 2] + (y_m - edges[edge, 1]) * edges[edge, 3]
+            share = min(max(share * edges[edge, 4], 0.0), 1.0)
+            for k in range(crossed[edge] - 1, crossed[edge + 1]):
+                if k >= crossed[edge]:
+                    share = shapes.crossed[k]
+                off_x = x_m - edges[edge, 0] - share * edges[edge, 2]
+                off_y = y_m - edges[edge, 1] - share * edges[edge, 3]
+                owners[kept], at[kept], shares[kept] = area, edge, share
+                away_m2[kept] = off_x * off_x + off_y * off_y
+                kept += 1
+    return owners, at, shares, away_m2
 
 
 @kernel
-def _nearer(
+def _is_free(
     place: tuple[float, float, float],
     shapes: Shapes,
     sides: tuple[Mask, Mask],
     point: tuple[int, float, float],
-    nearest_m2: float,
     way: Array,
-) -> float:
-    """Take the way to a point of an edge if it is shorter, free behind, and straight. Returns the least m^2.
+) -> bool:
+    """Whether the way to a point of an edge is straight, and free behind. Then it is written into `way` (2,).
 
     `sides` are those of `_sides`, `point` the edge, the share of it, and the turn towards its allowed side.
     """
     (x_m, y_m, _), (counted, right), (edge, share, turn), edges = place, sides, point, shapes.edge
     off_x = x_m - edges[edge, 0] - share * edges[edge, 2]
     off_y = y_m - edges[edge, 1] - share * edges[edge, 3]
-    square_m2: float = off_x * off_x + off_y * off_y
-    if square_m2 >= nearest_m2:
-        return nearest_m2
+    away_m = np.sqrt(off_x * off_x + off_y * off_y)
     across_x, across_y = inward(edges, edge, turn)
     end = min(ACROSS_M * np.sqrt(edges[edge, 4]), 0.5)
     inner = min(max(share, end), 1.0 - end)  # not on the line of the edge beside it
     behind_x = edges[edge, 0] + inner * edges[edge, 2] + ACROSS_M * across_x
     behind_y = edges[edge, 1] + inner * edges[edge, 3] + ACROSS_M * across_y
     for area in range(len(counted)):
-        begin, last = shapes.first[area], shapes.first[area + 1]
-        if counted[area] and is_within(behind_x, behind_y, edges, begin, last) != shapes.inside[area]:
-            return nearest_m2
-        if right[area] and _crosses(x_m, y_m, -off_x, -off_y, edges, begin, last):
-            return nearest_m2
-    away_m = np.sqrt(square_m2)
+        if counted[area] and is_within(behind_x, behind_y, shapes, area) != shapes.inside[area]:
+            return False
+    for area in range(len(right)):
+        if not right[area] or abs(surely_clear_m(x_m, y_m, shapes.box, shapes.clear_m, area)) > away_m:
+            continue
+        if _crosses(x_m, y_m, -off_x, -off_y, edges, shapes.first[area], shapes.first[area + 1]):
+            return False
     way[0], way[1] = across_x, across_y
     if away_m > ON_EDGE_M:
         way[0], way[1] = -off_x / away_m, -off_y / away_m
-    return square_m2
-
-
-@kernel
-def _share_crossed(edges: Array, edge: int, turn: float, other: int) -> float:
-    """At which share an edge, moved to its allowed side by `ACROSS_M`, another crosses it; NaN: nowhere."""
-    across_x, across_y = inward(edges, edge, turn)
-    from_x = edges[other, 0] - edges[edge, 0] - ACROSS_M * across_x
-    from_y = edges[other, 1] - edges[edge, 1] - ACROSS_M * across_y
-    along_x, along_y, way_x, way_y = edges[edge, 2], edges[edge, 3], edges[other, 2], edges[other, 3]
-    area_m2 = along_x * way_y - along_y * way_x
-    if abs(area_m2) < TINY:
-        return np.nan
-    reached = (from_x * along_y - from_y * along_x) / area_m2
-    share: float = (from_x * way_y - from_y * way_x) / area_m2
-    return share if -ON_EDGE_M <= reached <= 1.0 + ON_EDGE_M else np.nan
+    return True
 
 
 @kernel

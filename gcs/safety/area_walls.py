@@ -8,7 +8,7 @@ import numpy as np
 from gcs.model.jit import kernel
 from gcs.model.response import FleetResponse
 from gcs.model.state import Array, Mask
-from gcs.safety.area_exits import ACROSS_M, is_within, way_out
+from gcs.safety.area_exits import way_out
 from gcs.safety.constraints import (
     DECELERATION,
     ESCAPE,
@@ -18,20 +18,24 @@ from gcs.safety.constraints import (
     Braking,
     Constraints,
     allowed_speed_m_s,
+    along_m_s,
     any_broken,
     nearest,
     shortened,
 )
 from gcs.safety.fenced_areas import (
+    ACROSS_M,
     LED_SHARE,
     ON_EDGE_M,
     FencedArea,
     Shapes,
     edges_seen,
     inward,
+    is_within,
     passable,
     shapes_of,
     surely_clear_m,
+    without_tops,
 )
 from gcs.safety.neighbours import Rows
 
@@ -62,6 +66,9 @@ def area_constraints(
     other walls leave it; out of closed space over its top or below it where that is nearer, and flight is
     allowed there. Without such a way it is not led, but gets no farther from an area that it shall be in.
 
+    One that descends to land is led sideways or down, never up, and no wall slows its descent: for it closed
+    space has no top, because it comes through all of that. It would else be held in the air.
+
     Args:
         position_m: (n, 3), show frame.
         commanded: (n,).
@@ -71,45 +78,68 @@ def area_constraints(
         standoff_m: (n,) how far from the edges each is kept.
         response: (n,) in what they differ from `braking`; None: in nothing.
         fastest_m_s: greatest speed of any vehicle: what it does not break is left out.
-        descending: (n,) may go below the least height of the areas that they stay inside of; None: none may.
+        descending: (n,) descend to land, also below the least height of the areas that they stay inside of;
+            None: none does.
         heights_m: least and greatest height in which the fence allows flight.
         course_m_s: (n,) that of each, if it is less; None: it is not.
     """
     if not areas:
         return Constraints.none()
+    shapes = shapes_of(passable(tuple(areas), heights_m))
     rows, which, normal, bound_m_s, leads = _area_rows(
         (np.array(position_m), np.array(velocity_m_s)),
         (np.array(commanded), np.zeros_like(commanded) if descending is None else np.array(descending)),
-        shapes_of(passable(tuple(areas), heights_m)),
+        (shapes, without_tops(shapes)),
         np.array(standoff_m),
         braking.of_each(len(position_m), response),
         np.full(len(position_m), fastest_m_s) if course_m_s is None else np.minimum(course_m_s, fastest_m_s),
         LED_SHARE * fastest_m_s,
     )
     reasons = np.array([f"area {number} of the fence" for number in range(1, len(areas) + 1)], dtype=object)
-    if len(areas) > 1:
-        for k in np.flatnonzero(leads):
-            others = np.flatnonzero((rows == rows[k]) & ~leads)
-            bound_m_s[k] = _left_m_s(normal[k], bound_m_s[k], normal[others], bound_m_s[others])
+    if len(areas) > 1 and np.count_nonzero(leads):
+        _leave_room(rows, leads, normal, bound_m_s)
     return Constraints(rows, np.full(len(rows), NO_ROW), normal, bound_m_s, reasons[which])
 
 
+@kernel
+def _leave_room(rows: Rows, leads: Mask, normal: Array, bound_m_s: Array) -> None:
+    """Lower the bounds (k,) of walls that lead to what the others of each vehicle leave: none contradicts.
+
+    Args:
+        rows: (k,) those of a vehicle follow each other.
+        leads: (k,).
+        normal: (k, 3).
+        bound_m_s: (k,) changed.
+    """
+    begin = 0
+    while begin < len(rows):
+        end = begin + 1
+        while end < len(rows) and rows[end] == rows[begin]:
+            end += 1
+        walls = begin + np.flatnonzero(~leads[begin:end])
+        for k in begin + np.flatnonzero(leads[begin:end]):
+            bound_m_s[k] = _left_m_s(normal[k], bound_m_s[k], normal[walls], bound_m_s[walls])
+        begin = end
+
+
+@kernel
 def _left_m_s(way: Array, led_m_s: float, normal: Array, bound_m_s: Array) -> float:
     """What walls (k,) leave of the speed with which a vehicle is led along `way` (3,): no row contradicts."""
     none, first = np.full(len(bound_m_s), NO_ROW), np.zeros(len(bound_m_s), np.intp)
-    walls, velocity_m_s = (first, none, normal, bound_m_s), led_m_s * way[None]
-    if not any_broken(velocity_m_s, *walls):
+    velocity_m_s = np.empty((1, 3))
+    velocity_m_s[0] = led_m_s * way
+    if not any_broken(velocity_m_s, first, none, normal, bound_m_s):
         return led_m_s
-    return min(
-        led_m_s, float(way @ shortened(nearest(velocity_m_s, *walls), *walls, np.zeros(1, np.bool_))[0])
-    )
+    left_m_s = nearest(velocity_m_s, first, none, normal, bound_m_s)
+    left_m_s = shortened(left_m_s, first, none, normal, bound_m_s, np.zeros(1, np.bool_))
+    return min(led_m_s, along_m_s(left_m_s, 0, way.reshape(1, 3), 0))
 
 
 @kernel
 def _area_rows(
     motion: tuple[Array, Array],
     roles: tuple[Mask, Mask],
-    shapes: Shapes,
+    both: tuple[Shapes, Shapes],
     standoff_m: Array,
     each: Array,
     possible_m_s: Array,
@@ -117,12 +147,13 @@ def _area_rows(
 ) -> tuple[Rows, Rows, Array, Array, Mask]:
     """Rows (k,), areas (k,), normals (k, 3), bounds (k,) of all walls that could bind, and which lead (k,).
 
-    `motion` are positions and velocities (n, 3), `roles` which are commanded, and which descend (n,). `each`
-    (4, n) is that of `Braking.of_each`, `possible_m_s` (n,) greatest speeds, `led_m_s` that of being led
-    back.
+    `motion` are positions and velocities (n, 3), `roles` which are commanded, and which descend (n,), `both`
+    the areas, and those for vehicles that descend. `each` (4, n) is that of `Braking.of_each`, `possible_m_s`
+    (n,) greatest speeds, `led_m_s` that of being led back.
     """
-    (position_m, velocity_m_s), (commanded, descending) = motion, roles
+    (position_m, velocity_m_s), (commanded, descending), (shapes, for_landing) = motion, roles, both
     edges, first, inside, heights_m = shapes.edge, shapes.first, shapes.inside, shapes.heights_m
+    turn, box, clear_m, tops_m = shapes.turn, shapes.box, shapes.clear_m, for_landing.heights_m[:, 1]
     most, kept = 64, 0
     rows, which = np.empty(most, np.intp), np.empty(most, np.intp)
     normal, bound_m_s, leads = np.empty((most, 3)), np.empty(most), np.empty(most, np.bool_)
@@ -135,17 +166,17 @@ def _area_rows(
         x_m_s, y_m_s, z_m_s = velocity_m_s[i, 0], velocity_m_s[i, 1], velocity_m_s[i, 2]
         speed_m_s = np.sqrt(x_m_s * x_m_s + y_m_s * y_m_s + z_m_s * z_m_s)
         near_m = _within_m(each, i, possible_m_s[i], speed_m_s) + standoff_m[i]
-        count = 0
+        count, lands = 0, descending[i]
         for area in range(len(inside)):
             before, tall = count, heights_m[area, 0] == -np.inf and heights_m[area, 1] == np.inf
-            sure_m = surely_clear_m(position_m[i, 0], position_m[i, 1], shapes.box, shapes.clear_m, area)
+            sure_m = surely_clear_m(position_m[i, 0], position_m[i, 1], box, clear_m, area)
             if (tall and sure_m > near_m) if inside[area] else -sure_m > near_m:
                 continue
             count = _walls_of(
                 (position_m[i, 0], position_m[i, 1], -position_m[i, 2]),
                 (edges, first[area], first[area + 1]),
-                (inside[area], shapes.turn[area], descending[i]),
-                (heights_m[area, 0], heights_m[area, 1]),
+                (inside[area], turn[area], lands),
+                (heights_m[area, 0], tops_m[area] if lands else heights_m[area, 1]),
                 near_m,
                 off_m,
                 wall,
@@ -154,8 +185,9 @@ def _area_rows(
             owner[before:count], kind[before:count] = area, WALL
         if count == 0:
             continue
-        place = position_m[i, 0], position_m[i, 1], -position_m[i, 2]
-        count = _led_out(place, shapes, wall, owner, kind, count)
+        if (wall[:count, 3] < 0.0).any():
+            place = position_m[i, 0], position_m[i, 1], -position_m[i, 2]
+            count = _led_out(place, for_landing if lands else shapes, wall, owner, kind, count)
         for k in range(count):
             closing_m_s = max(-(wall[k, 0] * x_m_s + wall[k, 1] * y_m_s + wall[k, 2] * z_m_s), 0.0)
             own_m = 0.0 if _is_squeezed(wall, k, count, standoff_m[i]) else standoff_m[i]
@@ -241,9 +273,7 @@ def _is_open(place: tuple[float, float, float], shapes: Shapes, out_of: int, dow
         if shapes.inside[area]:
             if not low_m <= height_m <= high_m:
                 return False
-        elif low_m <= height_m <= high_m and is_within(
-            x_m, y_m, shapes.edge, shapes.first[area], shapes.first[area + 1]
-        ):
+        elif low_m <= height_m <= high_m and is_within(x_m, y_m, shapes, area):
             return False
     return True
 

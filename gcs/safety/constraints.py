@@ -363,8 +363,8 @@ def shortened(
     """Scale rows (n, 3) down until every constraint holds that rest itself satisfies.
 
     Where rest is not enough (something else closes in), the velocity found by the projection is kept: it
-    moves away. The constraints are those of `nearest`. Upright walls shorten only the level part of rows that
-    are `descending` (n,): they do not stop a descent.
+    moves away. The constraints are those of `nearest`. Of rows that are `descending` (n,) walls shorten only
+    the level part where the upright one does not approach them: they do not stop a descent.
     """
     shorter_m_s = velocity_m_s.copy()
     broken = True
@@ -381,8 +381,8 @@ def shortened(
             broken = True
             approach_m_s = -along_m_s(shorter_m_s, i, normal, k)
             other_m_s = along_m_s(shorter_m_s, j, normal, k) if j != NO_ROW else 0.0
-            upright = descending[i] and j == NO_ROW and normal[k, 2] == 0.0
-            _demand(level if upright else factor, i, j, approach_m_s, other_m_s, -bound_m_s[k])
+            is_level = descending[i] and j == NO_ROW and normal[k, 2] * shorter_m_s[i, 2] >= 0.0
+            _demand(level if is_level else factor, i, j, approach_m_s, other_m_s, -bound_m_s[k])
         if tries >= most:
             factor, level = np.floor(factor), np.floor(level)
         tries += 1

@@ -29,6 +29,12 @@ CELLS: Final = 64
 PASSES_M: Final = 3.0
 """A vehicle passes over or under an area where the fence leaves it so much height."""
 
+ACROSS_M: Final = 0.5
+"""So far behind an edge there must be no other wall, or no vehicle is led over it."""
+
+ASIDE_M: Final = 1.0
+"""So far beside the end of another wall a vehicle is led past it."""
+
 LED_SHARE: Final = 0.5
 """Of the greatest speed: a vehicle far on the wrong side is led back so fast, and can still give way."""
 
@@ -81,22 +87,36 @@ class Shapes(NamedTuple):
     turn: Array  # (a,) 1 where the corners turn from x to y, else -1
     box: Array  # (a, 4) least x and y of a raster over each, and cells per metre
     clear_m: Array  # (a, CELLS, CELLS) least distance of a cell from all edges; negative: outside
+    crossed: Array  # (c,) shares of edges beside those of other areas that cross them, on the allowed side
+    crossed_first: NDArray[np.intp]  # (m + 1,) index of the first of each edge, and c
 
 
 @lru_cache(maxsize=16)
 def shapes_of(areas: tuple[FencedArea, ...]) -> Shapes:
     """The arrays of these areas, without corners that repeat the one before."""
     rings_m = [_ring_m(area) for area in areas]
-    turns, rasters = [_signed_m2(ring_m) for ring_m in rings_m], [_raster(ring_m) for ring_m in rings_m]
+    signed_m2, rasters = [_signed_m2(ring_m) for ring_m in rings_m], [_raster(ring_m) for ring_m in rings_m]
+    edges = np.concatenate([*map(_edges, rings_m), np.zeros((0, 5))])
+    first = np.append(0, np.cumsum([len(ring_m) for ring_m in rings_m], dtype=np.intp))
+    inside = np.array([area.inside for area in areas], np.bool_)
+    turns = np.where(np.array(signed_m2) < 0.0, -1.0, 1.0)
     return Shapes(
-        np.concatenate([*map(_edges, rings_m), np.zeros((0, 5))]),
-        np.append(0, np.cumsum([len(ring_m) for ring_m in rings_m], dtype=np.intp)),
-        np.array([area.inside for area in areas], np.bool_),
+        edges,
+        first,
+        inside,
         np.array([area.heights_m for area in areas], np.float64).reshape(-1, 2),
-        np.where(np.array(turns) < 0.0, -1.0, 1.0),
+        turns,
         np.array([box for box, _ in rasters]).reshape(-1, 4),
         np.array([clear_m for _, clear_m in rasters]).reshape(-1, CELLS, CELLS),
+        *_shares_crossed(edges, first, np.where(inside, turns, -turns)),
     )
+
+
+def without_tops(shapes: Shapes) -> Shapes:
+    """The same, where closed space has no top: so it is for vehicles that land, through all of it."""
+    heights_m = shapes.heights_m.copy()
+    heights_m[~shapes.inside, 1] = np.inf
+    return shapes._replace(heights_m=heights_m)
 
 
 def _raster(ring_m: Array) -> tuple[Array, Array]:
@@ -225,6 +245,58 @@ def surely_clear_m(x_m: float, y_m: float, box: Array, clear_m: Array, area: int
         return -away_m
     least_m: float = clear_m[area, int(i), int(j)]
     return least_m
+
+
+@kernel
+def is_within(x_m: float, y_m: float, shapes: Shapes, area: int) -> bool:
+    """Whether a place is inside the polygon of an area."""
+    sure_m = surely_clear_m(x_m, y_m, shapes.box, shapes.clear_m, area)
+    if sure_m != 0.0 and np.isfinite(sure_m):
+        return sure_m > 0.0
+    edges, is_inside = shapes.edge, False
+    for edge in range(shapes.first[area], shapes.first[area + 1]):
+        from_x, from_y, along_y = x_m - edges[edge, 0], y_m - edges[edge, 1], edges[edge, 3]
+        if (from_y < 0.0) != (from_y < along_y) and from_x < from_y * edges[edge, 2] / along_y:
+            is_inside = not is_inside
+    return is_inside
+
+
+@kernel
+def _shares_crossed(edges: Array, first: NDArray[np.intp], turn: Array) -> tuple[Array, NDArray[np.intp]]:
+    """As `Shapes.crossed` and `crossed_first`; `turn` (a,) is that towards the allowed side of each area."""
+    count, most = 0, 64
+    share, begins = np.empty(most), np.zeros(len(edges) + 1, np.intp)
+    for area in range(len(turn)):
+        for edge in range(first[area], first[area + 1]):
+            aside = ASIDE_M * np.sqrt(edges[edge, 4])
+            for other in range(len(edges)):
+                if first[area] <= other < first[area + 1]:
+                    continue
+                crossed = _share_crossed(edges, edge, turn[area], other)
+                for beside in (crossed - aside, crossed + aside):
+                    if not 0.0 <= beside <= 1.0:  # NaN: not crossed
+                        continue
+                    if count == most:
+                        share, most = np.append(share, share), 2 * most
+                    share[count] = beside
+                    count += 1
+            begins[edge + 1] = count
+    return share[:count].copy(), begins
+
+
+@kernel
+def _share_crossed(edges: Array, edge: int, turn: float, other: int) -> float:
+    """At which share an edge, moved to its allowed side by `ACROSS_M`, another crosses it; NaN: nowhere."""
+    across_x, across_y = inward(edges, edge, turn)
+    from_x = edges[other, 0] - edges[edge, 0] - ACROSS_M * across_x
+    from_y = edges[other, 1] - edges[edge, 1] - ACROSS_M * across_y
+    along_x, along_y, way_x, way_y = edges[edge, 2], edges[edge, 3], edges[other, 2], edges[other, 3]
+    area_m2 = along_x * way_y - along_y * way_x
+    if abs(area_m2) < TINY:
+        return np.nan
+    reached = (from_x * along_y - from_y * along_x) / area_m2
+    share: float = (from_x * way_y - from_y * way_x) / area_m2
+    return share if -ON_EDGE_M <= reached <= 1.0 + ON_EDGE_M else np.nan
 
 
 @kernel

@@ -588,7 +588,8 @@ def warm_up() -> None:
     near_pairs(all_rows, position_m, all_rows, zero)
     ring = FencedArea(corners_m=((0.0, 0.0), (9.0, 0.0), (0.0, 9.0)))
     braking, impact = settings.braking, settings.impact
-    area_constraints(position_m, all_rows, (ring,), braking, velocity_m_s=velocity_m_s, standoff_m=zero)
+    both = ring, ring.model_copy(update={"inside": False})  # each vehicle is on the wrong side of one
+    area_constraints(position_m, all_rows, both, braking, velocity_m_s=velocity_m_s, standoff_m=zero)
     ground_constraints(
         position_m, all_rows, ring, impact, braking, velocity_m_s=velocity_m_s, standoff_m=zero
     )

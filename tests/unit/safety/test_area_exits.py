@@ -62,7 +62,7 @@ def test_it_comes_out_and_enters_no_other_area(case: str) -> None:
         assert over_m[0] > 0.0 or over_m.max() <= 0.0
 
 
-@pytest.mark.parametrize("case", sorted(CASES.keys() - {"one above the other"}))
+@pytest.mark.parametrize("case", CASES)
 def test_its_descent_goes_on_meanwhile(case: str) -> None:
     areas, start_m = CASES[case]
     way_m, _ = flown(areas, start_m, np.array([0.0, 0.0, 1.0]), 15.0, down=True)
@@ -104,21 +104,77 @@ def test_a_pair_still_stops_a_descent_beside_walls() -> None:
     assert with_areas[0, 2] <= max(alone[0, 2], 0.0) + 1e-3
 
 
+LIDS = {
+    "above its top": ((closed(-9, -9, 9, 9, top_m=18),), 15.0),
+    "its top is nearer than its sides": ((closed(-9, -9, 9, 9, top_m=22),), 15.0),
+    "closed space above another": ((closed(-9, -9, 9, 9, top_m=12), closed(-9, -9, 9, 9, bottom_m=16)), 15.0),
+    "a lid upon two that overlap": (
+        (closed(-9, -9, 4, 9, top_m=22), closed(0, -9, 9, 9, top_m=24), closed(-9, -9, 9, 9, top_m=20)),
+        15.0,
+    ),
+    "under a wire": ((closed(-9, -9, 9, 9, bottom_m=22, top_m=40),), 0.0),
+}
+
+
+@pytest.mark.parametrize("case", LIDS)
+def test_a_vehicle_that_lands_comes_down_beside_a_lid(case: str) -> None:
+    """It is neither lifted nor held over it, and before it is down it has come out sideways."""
+    areas, aside_m = LIDS[case]
+    way_m, _ = flown(areas, (0.0, 1.0), np.array([0.0, 0.0, 1.4]), 11.0, down=True)
+    assert (np.diff(way_m[20:, 2]) > 1.3 * TICK_S).all()
+    assert beyond_m(areas, way_m)[-1] <= 0.0
+    assert (np.abs(way_m[-1, :2]).max() > 9.0) == (aside_m > 0.0)
+
+
+def test_a_vehicle_that_lands_crosses_no_lid() -> None:
+    """Beside closed space it keeps off it also above its top: it would come down into it."""
+    areas = (closed(-9, -9, 9, 9, top_m=12),)
+    across_m, _ = flown(areas, (-20.0, 0.0), np.array([5.0, 0.0, 0.0]), 8.0)
+    assert across_m[-1, 0] > 9.0
+    down_m, _ = flown(areas, (-20.0, 0.0), np.array([5.0, 0.0, 1.0]), 12.0, down=True)
+    assert beyond_m(areas, down_m).max() <= 0.0
+    assert -down_m[-1, 2] <= 20.0 - 11.0
+
+
 corner = st.tuples(st.integers(-40, 40), st.integers(-40, 40))
-shape = st.builds(
-    lambda corners, inside: FencedArea(corners_m=tuple(corners), inside=inside),
-    st.lists(corner, min_size=3, max_size=7, unique=True),
-    st.booleans(),
+height = st.none() | st.integers(0, 45)
+
+
+@st.composite
+def shapes(draw: st.DrawFn) -> FencedArea:
+    """Areas of both kinds, with and without heights."""
+    low, high = draw(height), draw(height)
+    if low is not None and high is not None and low >= high:
+        low, high = high, low + 1
+    return FencedArea(
+        corners_m=tuple(draw(st.lists(corner, min_size=3, max_size=7, unique=True))),
+        inside=draw(st.booleans()),
+        height_min_m=low,
+        height_max_m=high,
+    )
+
+
+@given(
+    st.lists(shapes(), min_size=1, max_size=5),
+    corner,
+    st.floats(0.0, 1.4),
+    st.tuples(corner, corner),
+    st.none() | st.floats(-2.0, 2.0),
 )
-
-
-@given(st.lists(shape, min_size=1, max_size=5), corner, st.floats(0.1, 1.4), st.tuples(corner, corner))
-def test_no_area_slows_a_descent(
-    areas: list[FencedArea], at: Corner, down_m_s: float, motion: tuple[Corner, Corner]
+def test_no_area_slows_a_descent_or_lifts(
+    areas: list[FencedArea],
+    at: Corner,
+    down_m_s: float,
+    motion: tuple[Corner, Corner],
+    sinks_m_s: float | None,
 ) -> None:
+    """Whatever the areas' heights, where the vehicle is, and how it moves; nor does controlled ground."""
     (x, y), (level_x, level_y) = motion
-    settings = SafetySettings(fence=Fence(areas=tuple(areas), distance_max_m=500.0, height_max_m=100.0))
-    velocity = np.array([[x / 10.0, y / 10.0, 0.0]])
+    ground = FencedArea(corners_m=box(-50.0, -50.0, 50.0, 50.0)) if sinks_m_s is None else None
+    settings = SafetySettings(
+        fence=Fence(areas=tuple(areas), controlled_ground=ground, distance_max_m=500.0, height_max_m=100.0)
+    )
+    velocity = np.array([[x / 10.0, y / 10.0, sinks_m_s or 0.0]])
     here = surroundings(np.array([[*at, -20.0]], float), velocity=velocity, descending=True)
     desired_m_s = np.array([[level_x / 10.0, level_y / 10.0, down_m_s]])
     allowed_m_s, _ = filter_velocities(desired_m_s, here, settings)

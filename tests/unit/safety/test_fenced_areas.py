@@ -17,6 +17,8 @@ from gcs.safety.fenced_areas import (
     Corner,
     FencedArea,
     beyond_m,
+    is_within,
+    shapes_of,
 )
 from gcs.safety.filter import SafetySettings, filter_velocities
 from gcs.safety.walls import Fence
@@ -93,6 +95,18 @@ def test_the_kernel_and_plain_arrays_agree(corners_m: list[Corner], near_m: Corn
     expected = Braking().speed_m_s(np.array([gap_m]))[0]
     assert -found.bound_m_s.max() == pytest.approx(expected, abs=1e-6)
     assert (len(found) == 1) == (over_m > 0.0) or len(found) == len(corners_m)
+
+
+@given(
+    st.lists(st.tuples(st.integers(-50, 50), st.integers(-50, 50)), min_size=3, max_size=12, unique=True),
+    st.tuples(st.floats(-60.0, 60.0), st.floats(-60.0, 60.0)),
+)
+def test_the_raster_and_the_edges_agree(corners_m: list[Corner], at_m: Corner) -> None:
+    """Which side a place is on, by the raster where that knows it, and by all edges."""
+    area = FencedArea(corners_m=tuple(corners_m))
+    by_edges_m = beyond_m([area], np.array([at_m]))[0]
+    if abs(by_edges_m) > 1e-9:
+        assert is_within(*at_m, shapes_of((area,)), 0) == (by_edges_m < 0.0)
 
 
 def test_the_filter_names_areas_of_commanded_vehicles() -> None:
