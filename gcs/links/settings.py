@@ -224,6 +224,8 @@ class StreamSettings(Settings):
 
     position_hz: Positive = 10.0
     """Positions a second; the tick brings them forward with their velocities."""
+    attitude_hz: NotNegative = 4.0
+    """Attitudes a second, of which the wind is measured; 0: none, and the wind is not known."""
     state_hz: Positive = 5.0
     """Reports of battery, fix, mode and the like a second."""
     others_hz: NotNegative = 0.0

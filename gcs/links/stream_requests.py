@@ -17,13 +17,13 @@ from gcs.mavlink.kernels import COMPONENT, MESSAGE, Whole
 from gcs.model.jit import kernel
 from gcs.model.state import Mask
 
-_NOT_NEEDED: Final = frozenset({30, 31, 32, 36, 74, 83, 85, 87, 105, 111, 132, 141, 230, 241})
-"""Frequent, and read by no part of the service: attitudes, local position, servos, HUD, targets, IMU, clocks,
-range, altitude, the estimator, vibration.
+_NOT_NEEDED: Final = frozenset({31, 32, 36, 74, 83, 85, 87, 105, 111, 132, 141, 230, 241})
+"""Frequent, and read by no part of the service: quaternions, local position, servos, HUD, targets, IMU,
+clocks, range, altitude, the estimator, vibration.
 """
 
-NOT_FOR_MAVSDK: Final = _NOT_NEEDED | {framing.ODOMETRY}
-"""Messages that MAVSDK does not receive. Of ODOMETRY the link itself reads the reset counter."""
+NOT_FOR_MAVSDK: Final = _NOT_NEEDED | {framing.ODOMETRY, framing.ATTITUDE}
+"""Messages that MAVSDK does not receive. Attitudes, and ODOMETRY's counter of resets, the link reads."""
 
 REQUESTING_COMPONENT: Final = 191
 """Our component that requests streams. Not MAVSDK's: it would receive answers to requests it did not send."""
@@ -43,6 +43,7 @@ def desired_rates(streams: StreamSettings) -> dict[int, float]:
     """Rate in Hz of every message that is requested; 0 ends the stream."""
     return {
         framing.GLOBAL_POSITION_INT: streams.position_hz,
+        framing.ATTITUDE: max(streams.attitude_hz, streams.others_hz),
         framing.EXTENDED_SYS_STATE: streams.state_hz,
         framing.SYS_STATUS: min(streams.state_hz, 2.0),
         framing.GPS_RAW_INT: min(streams.state_hz, 2.0),

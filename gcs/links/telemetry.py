@@ -214,6 +214,8 @@ class FleetTelemetry:
             altitude_amsl_m=_without(undiscovered, now.place[:, 2]),
             velocity_ned_m_s=_without(undiscovered, now.velocity_ned_m_s),
             yaw_deg=_without(undiscovered, now.yaw_deg),
+            attitude_rad=now.attitude_rad.copy(),
+            attitude_time_s=now.attitude_time_s.copy(),
             battery_remaining=self._packs.remaining.copy(),
             armed=self._armed_reported.values,
             mode=self._modes_reported.values,

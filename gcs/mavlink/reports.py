@@ -67,6 +67,7 @@ _BEAT, _STATUS, _TIME = framing.HEARTBEAT, framing.SYS_STATUS, framing.SYSTEM_TI
 _GPS, _GLOBAL, _BATTERY = framing.GPS_RAW_INT, framing.GLOBAL_POSITION_INT, framing.BATTERY_STATUS
 _EXTENDED, _ODOMETRY, _TEXT = framing.EXTENDED_SYS_STATE, framing.ODOMETRY, framing.STATUSTEXT
 _ESTIMATOR: Final = framing.EKF_STATUS_REPORT
+_ATTITUDE: Final = framing.ATTITUDE
 _VERSION: Final = framing.AUTOPILOT_VERSION
 _SYNC: Final = framing.TIMESYNC
 
@@ -94,6 +95,7 @@ _BATTERY_FUNCTION: Final = _at(_BATTERY, "battery_function")
 _GPS_FIX, _GPS_EPH, _GPS_EPV = _at(_GPS, "fix_type"), _at(_GPS, "eph"), _at(_GPS, "epv")
 _GPS_H_ACC, _GPS_V_ACC, _GPS_ALT = _at(_GPS, "h_acc"), _at(_GPS, "v_acc"), _at(_GPS, "alt")
 _TIME_UNIX: Final = _at(_TIME, "time_unix_usec")
+_ATTITUDE_AT: Final = np.array([_at(_ATTITUDE, axis) for axis in ("roll", "pitch", "yaw")])
 _EXTENDED_LANDED: Final = _at(_EXTENDED, "landed_state")
 _ODOMETRY_RESETS: Final = _at(_ODOMETRY, "reset_counter")
 _ESTIMATOR_FLAGS: Final = _at(_ESTIMATOR, "flags")
@@ -128,6 +130,8 @@ class Columns(NamedTuple):
     place: Array  # (n, 3) degrees, degrees, m AMSL
     velocity_ned_m_s: Array  # (n, 3)
     yaw_deg: Array
+    attitude_rad: Array  # (n, 3) roll, pitch, yaw
+    attitude_time_s: Array  # (n,) its arrival, -inf before
     changes: Whole  # (1,) of values that seldom change: modes, states, counters, first positions
 
     @staticmethod
@@ -158,6 +162,8 @@ class Columns(NamedTuple):
             place=np.full((n, 3), np.nan),
             velocity_ned_m_s=np.full((n, 3), np.nan),
             yaw_deg=np.full(n, np.nan),
+            attitude_rad=np.full((n, 3), np.nan),
+            attitude_time_s=np.full(n, -np.inf),
             changes=np.zeros(1, np.int64),
         )
 
@@ -234,6 +240,24 @@ def _note_position(
     into.velocity_ned_m_s[row, 2] = _signed(data, start + _GLOBAL_VZ, end, 2) * 0.01
     heading_cdeg = _unsigned(data, start + _GLOBAL_HEADING, end, 2)
     into.yaw_deg[row] = heading_cdeg * 0.01 if heading_cdeg <= _HEADING_MAX_CDEG else np.nan
+
+
+@kernel_within
+def _single(bits: np.int64) -> float:
+    """The number of single precision that has these 32 bits; NaN for one that is not finite."""
+    exponent, fraction = bits >> 23 & 0xFF, bits & 0x7FFFFF
+    size = fraction * 2.0**-149 if exponent == 0 else (fraction + 0x800000) * 2.0 ** (exponent - 150)
+    signed = -size if bits >> 31 else size
+    return np.nan if exponent == 0xFF else signed
+
+
+@kernel_within
+def _note_attitude(
+    data: Bytes, start: Number, end: Number, row: Number, time_s: float, into: Columns
+) -> None:
+    into.attitude_time_s[row] = time_s
+    for axis in range(3):
+        into.attitude_rad[row, axis] = _single(_unsigned(data, start + _ATTITUDE_AT[axis], end, 4))
 
 
 @kernel_within
@@ -322,6 +346,8 @@ def read_reports(  # noqa: C901, PLR0912, PLR0915  (within one function, no mess
         if message == _GLOBAL:
             _note_position(data, start, end, row, time_s[k], into)
             note_position(row, time_s[k], clocks)
+        elif message == _ATTITUDE:
+            _note_attitude(data, start, end, row, time_s[k], into)
         elif message == _BEAT:
             if _unsigned(data, start + _BEAT_AUTOPILOT, end, 1) != _NO_AUTOPILOT:
                 beats[beat_count] = k

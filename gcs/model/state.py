@@ -92,6 +92,8 @@ class Telemetry:
     altitude_amsl_m: Array  # (n,)
     velocity_ned_m_s: Array  # (n, 3)
     yaw_deg: Array  # (n,) clockwise from north
+    attitude_rad: Array  # (n, 3) roll, pitch and yaw of ATTITUDE, NaN before the first
+    attitude_time_s: Array  # (n,) its arrival
     battery_remaining: Array  # (n,) 0 to 1, NaN when unknown
     armed: tuple[bool, ...]  # from HEARTBEAT
     mode: tuple[Mode, ...]  # from HEARTBEAT
@@ -116,7 +118,7 @@ class Telemetry:
         for name in _TELEMETRY:
             column = getattr(self, name)
             if isinstance(column, np.ndarray):
-                if column.shape != (n,) and not (name == "velocity_ned_m_s" and column.shape == (n, 3)):
+                if column.shape != ((n, 3) if name in ("velocity_ned_m_s", "attitude_rad") else (n,)):
                     raise ShapeError(f"{name}: {column.shape} for {n} vehicles")
                 column.setflags(write=False)
             elif len(column) != n:

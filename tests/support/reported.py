@@ -20,6 +20,8 @@ def reported(ids: Sequence[str], time_s: float | Array = 0.0, **columns: Any) ->
         **dict.fromkeys(("clock_base_s", "round_trip_s", "position_late_s"), 0.0),
         **dict.fromkeys(("horizontal_accuracy_m", "vertical_accuracy_m", "gnss_altitude_amsl_m"), unknown),
         "velocity_ned_m_s": np.zeros((n, 3)),
+        "attitude_rad": np.zeros((n, 3)),
+        "attitude_time_s": time_s,
         "battery_remaining": 1.0,
         "armed": (True,) * n,
         "mode": (Mode.OFFBOARD,) * n,

@@ -127,7 +127,13 @@ def test_positions_are_requested_at_ten_hertz_by_default() -> None:
     assert desired_rates(StreamSettings())[33] == 10.0
     assert desired_rates(StreamSettings(position_hz=4.0))[33] == 4.0
     rates_hz = desired_rates(StreamSettings(others_hz=2.0))
-    assert (rates_hz[30], rates_hz[245], rates_hz[1]) == (2.0, 5.0, 2.0)
+    assert (rates_hz[31], rates_hz[245], rates_hz[1]) == (2.0, 5.0, 2.0)
+
+
+def test_attitudes_are_requested_for_the_wind_and_for_others() -> None:
+    assert desired_rates(StreamSettings())[30] == 4.0
+    assert desired_rates(StreamSettings(others_hz=10.0))[30] == 10.0
+    assert desired_rates(StreamSettings(attitude_hz=0.0))[30] == 0.0
 
 
 def test_reset_counter_stream_is_always_requested() -> None:

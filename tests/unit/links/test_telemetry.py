@@ -296,3 +296,27 @@ def test_a_broken_link_forgets_no_pack() -> None:
     fleet = FleetTelemetry(IDS)
     assert remaining(fleet, 0.0, on_ground(), pack(0, 80), pack(1, 3)) == 0.03
     assert remaining(fleet, 60.0, on_ground(), pack(0, 80)) == 0.03
+
+
+def test_an_attitude_has_its_time_and_its_three_angles() -> None:
+    fleet = FleetTelemetry(IDS)
+    reported = take(fleet, 2.0, attitude(5))
+    assert reported.attitude_rad[ROW] == pytest.approx([0.1, 0.2, 0.3], abs=1e-7)
+    assert (reported.attitude_time_s[ROW], reported.attitude_time_s[1 - ROW]) == (2.0, -inf)
+    assert np.isnan(reported.attitude_rad[1 - ROW]).all()
+    assert reported.position_time_s[ROW] == -inf
+
+
+@pytest.mark.parametrize("angle", [0.0, -0.0, -1.5, 3.1, 1e-40, -1e-45, 3.4e38, inf, -inf, nan])
+def test_every_number_of_single_precision_is_read_as_it_is(angle: float) -> None:
+    sent = dialect.MAVLink_attitude_message(5, angle, angle, angle, 0.0, 0.0, 0.0)
+    reported = take(FleetTelemetry(IDS), 2.0, sent).attitude_rad[ROW]
+    expected = np.float64(np.float32(angle)) if np.isfinite(angle) else np.nan
+    np.testing.assert_array_equal(reported, np.full(3, expected))
+
+
+def test_a_late_attitude_changes_nothing() -> None:
+    fleet = FleetTelemetry(IDS)
+    take(fleet, 2.0, attitude(5000))
+    late = dialect.MAVLink_attitude_message(4000, 0.5, 0.5, 0.5, 0.0, 0.0, 0.0)
+    assert take(fleet, 2.1, late).attitude_rad[ROW] == pytest.approx([0.1, 0.2, 0.3], abs=1e-7)
