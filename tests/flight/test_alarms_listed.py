@@ -192,7 +192,7 @@ def test_lost_vehicle_alarm_names_its_cause_until_it_is_back() -> None:
         texts = [event.text for event in show.service.events.newest()]
         assert any(text.startswith("warning: Vehicle d3 lost") for text in texts)
         assert any(text.startswith("acknowledged by service: Vehicle d3 lost") for text in texts)
-        assert any(text.startswith("over: Vehicle d3 lost") for text in texts)
+        assert any(text.startswith("over: Vehicle d3 was lost: ") for text in texts)
 
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=running)
 

@@ -7,6 +7,7 @@ import { project, rayThrough, type Screen } from "../src/scene/picking";
 import { Poses } from "../src/scene/playback";
 import { basisOf, START } from "../src/scene/rig";
 import { cornerGripAt, cornerMoved } from "../src/site/layer";
+import { AREA_KINDS, isInside, newArea, type Area, type AreaKind } from "../src/site/area";
 import { geojson, problemOf, shownAreas, type SiteMessage, type SiteState, type Step, updateSite } from "../src/site/model";
 import { sitePanel } from "../src/site/panel";
 import { t } from "../src/site/texts";
@@ -66,6 +67,28 @@ describe("an edited site", () => {
     expect(shownAreas(made).map((each) => [each.height_min_m, each.height_max_m])).toEqual([[0, 60], [5, null]]);
   });
 
+  it("has whole areas added and removed, each in one step", () => {
+    const undo: SiteMessage = { kind: "site-edit", how: "undo" };
+    const added = after(BEGUN, step({ what: "add-area", kind: "no-fly" }));
+    expect(shownAreas(added).map((each) => [each.kind, each.name])).toEqual([["flight-geography", "field"], ["no-fly", "mast"], ["no-fly", "no-fly"]]);
+    expect([added.edit!.area, added.edit!.corner, added.edit!.past.length]).toEqual([2, 0, 1]);
+    const made = after(added, step({ what: "remove-area", area: 1 }), step({ what: "add-area", kind: "no-fly" }));
+    expect(shownAreas(made).map((each) => each.name)).toEqual(["field", "no-fly", "no-fly 2"]);
+    expect(shownAreas(after(made, undo, undo)).map((each) => each.name)).toEqual(["field", "mast", "no-fly"]);
+    expect(shownAreas(after(made, undo, undo, undo))).toEqual(shownAreas(BEGUN));
+    expect(after(added, undo).edit!.area).toBe(1);
+  });
+
+  it("keeps one area, at most twelve, and one of each volume", () => {
+    const lone = after(BEGUN, step({ what: "remove-area", area: 1 }));
+    expect(lone.edit!.areas).toHaveLength(1);
+    expect(after(lone, step({ what: "remove-area", area: 0 }))).toEqual(lone);
+    expect(after(BEGUN, step({ what: "remove-area", area: 7 }), step({ what: "add-area", kind: "flight-geography" }))).toEqual(BEGUN);
+    const full = after(BEGUN, ...Array.from({ length: 12 }, () => step({ what: "add-area", kind: "audience" })));
+    expect(full.edit!.areas).toHaveLength(12);
+    expect(new Set(full.edit!.areas.map((each) => each.name)).size).toBe(12);
+  });
+
   it("is stored as GeoJSON with what was not moved as it was read", () => {
     const text = geojson(after(BEGUN, moved(-30, -40)).edit!, ON_GROUND.origin);
     const { type, name, features } = JSON.parse(text) as { type: string; name: string; features: { properties: object; geometry: { coordinates: number[][][] } }[] };
@@ -87,6 +110,7 @@ describe("an edited site", () => {
     expect(found("area 1, flight-geography 'field': its sides cross or touch each other, side 1-2 and side 3-4: give it a simple outline")).toEqual([0, 0, 1, 2, 3]);
     expect(found("area 2, no-fly 'mast': corners 1 and 3 are the same place: leave one of them out")).toEqual([1, 0, 2]);
     expect(found("no-fly 'mast' reaches 2.0 m out of contingency 'outer' at its corner 2: it must lie inside")).toEqual([1, 1]);
+    expect(found("61 corners in all go to the autopilots: at most 64, the most of PX4; leave corners out of no-fly 'mast'")).toEqual([1]);
     expect(found("area 9, audience 'x': 2 corners: 3 to 60 are possible")).toEqual([-1]);
     expect(found("site: features: at most 12")).toEqual([-1]);
   });
@@ -107,6 +131,49 @@ describe("an edited site", () => {
   });
 });
 
+describe("a new area", () => {
+  const drawn = (kind: AreaKind, areas: readonly Area[] = BEGUN.edit!.areas): Area => newArea(areas, kind);
+  const [field, mast] = BEGUN.edit!.areas as [Area, Area];
+  const all = (area: Area, of: Area): boolean => area.corners.every((each) => isInside(each, of.corners));
+
+  it("that is closed lies in the field, clear of what is closed already and of the origin", () => {
+    const area = drawn("no-fly");
+    expect(all(area, field)).toBe(true);
+    expect(area.corners.some((each) => isInside(each, mast.corners)) || mast.corners.some((each) => isInside(each, area.corners))).toBe(false);
+    expect(Math.min(...area.corners.map(({ x_m, y_m }) => Math.hypot(x_m, y_m)))).toBeGreaterThan(20);
+    const again = drawn("no-fly", [field, mast, area]);
+    expect(again.corners.some((each) => isInside(each, area.corners))).toBe(false);
+  });
+
+  it("of people lies beside all others", () => {
+    const area = drawn("audience", [field, mast, drawn("contingency")]);
+    expect(Math.min(...area.corners.map((each) => each.y_m))).toBeGreaterThan(120);
+  });
+
+  it("of volume lies round the one that it contains, and within the one around", () => {
+    const contingency = drawn("contingency");
+    expect([all(field, contingency), contingency.height_min_m, contingency.height_max_m]).toEqual([true, 0, 55]);
+    const ground = drawn("ground-risk", [field, contingency]);
+    expect([all(contingency, ground), ground.height_max_m]).toEqual([true, null]);
+    const tight = drawn("contingency", [field, { ...field, kind: "ground-risk", height_max_m: 50 }]);
+    expect([tight.corners.map(({ x_m, y_m }) => [x_m, y_m]), tight.height_max_m]).toEqual([PLACES.map((each) => [...each]), 50]);
+    const fly = drawn("flight-geography", [contingency]);
+    expect([fly.corners.length, fly.height_max_m]).toEqual([4, 55]);
+    expect(drawn("flight-geography", [mast]).height_max_m).toBe(40);
+  });
+
+  it("has no side across another, and room enough, in any field", () => {
+    const thin: Area = { ...field, corners: ([[0, 0], [300, 4], [0, 8]] as const).map(([x_m, y_m]) => ({ x_m, y_m, read: null })) };
+    for (const from of [field, thin]) for (const kind of AREA_KINDS) {
+      const { corners } = drawn(kind, kind === "flight-geography" ? [{ ...from, kind: "contingency" }] : [from]);
+      const twice_m2 = corners.reduce((sum, { x_m, y_m }, k) => { const to = corners[(k + 1) % corners.length]!; return sum + x_m * to.y_m - to.x_m * y_m; }, 0);
+      expect(Math.abs(twice_m2) / 2).toBeGreaterThan(25);
+      expect(new Set(corners.map(({ x_m, y_m }) => `${x_m} ${y_m}`)).size).toBe(corners.length);
+    }
+    expect(drawn("contingency", [thin]).corners.every(({ x_m }) => x_m < 340)).toBe(true);
+  });
+});
+
 describe("the panel of a site", () => {
   const state = (site: SiteState, change: Partial<State> = {}) => live({ status: ON_GROUND, frame: frame({ vehicles: [{ phase: "standby" }] }), site, ...change });
 
@@ -121,6 +188,21 @@ describe("the panel of a site", () => {
     const flying = state({ stored: SITE, edit: null }, { status: status({ features: FEATURES }) });
     expect(textOf(sitePanel(flying, actions, ""))).toContain("aria-disabled=true");
     expect(textOf(sitePanel(state(BEGUN), actions, ""))).toContain(t.unchanged);
+  });
+
+  it("says of which kind there is an area already, and removes the chosen one", () => {
+    const all = page(state(after(BEGUN, step({ what: "add-area", kind: "contingency" }))), () => undefined, "");
+    expect(all.state().site.edit!.areas.map((each) => each.kind)).toEqual(["flight-geography", "no-fly", "contingency"]);
+    press(sitePanel(all.state(), all.actions, ""), "site-add-contingency");
+    expect(all.state().site.edit!.areas).toHaveLength(3);
+    expect(textOf(sitePanel(all.state(), all.actions, ""))).toContain("A site has one contingency volume.");
+    press(sitePanel(all.state(), all.actions, ""), "site-area-remove");
+    expect(all.state().site.edit!.areas.map((each) => each.kind)).toEqual(["flight-geography", "no-fly"]);
+  });
+
+  it("names a kind once", () => {
+    const names = [["no-fly", "no-fly"], ["no-fly", "no-fly 2"], ["contingency", "contingency volume"], ["ground-risk", "ground-risk"], ["no-fly", "mast 2"]] as const;
+    expect(names.map(([kind, name]) => t.named(kind, name))).toEqual(["no-fly", "no-fly 2", "contingency volume", "ground risk buffer", "no-fly · mast 2"]);
   });
 
   it("stores what was edited, of the version that was read, and shows a refusal", async () => {

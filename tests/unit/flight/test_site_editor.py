@@ -131,11 +131,21 @@ def swapped() -> bytes:
     return json.dumps(document).encode()
 
 
+def with_areas(*rows: int) -> bytes:
+    """The field with some of its areas, in this order."""
+    document = json.loads(write(SITE))
+    document["features"] = [document["features"][row] for row in rows]
+    return json.dumps(document).encode()
+
+
 BAD: list[tuple[bytes, str]] = [
     (b"", "JSON"),
     (b"\xff\xfe", "site"),
     (b"[1, 2]", "site"),
     (b'{"type": "FeatureCollection", "features": []}', "no area of kind flight-geography"),
+    (with_areas(0, 1, 0), "2 areas of kind flight-geography: draw one polygon"),
+    (with_areas(1), "no area of kind flight-geography"),
+    (with_areas(0, *[1] * 12), "13 areas: at most 12"),
     (swapped(), r"area 1, flight-geography .*side \d-\d and side \d-\d"),
     (b" " * 1_000_001, "at most 1000000 bytes"),
 ]
@@ -168,6 +178,24 @@ def test_a_site_that_the_configuration_cannot_fly_is_refused(tmp_path: Path) -> 
     with pytest.raises(InvalidError, match="the first formation does not fit"):
         asyncio.run(site.change(write(SMALLER), version))
     assert path.read_bytes() == old
+
+
+def test_whole_areas_are_added_and_removed(tmp_path: Path) -> None:
+    site, path, _ = editor(tmp_path)
+    mast = area(AreaKind.NO_FLY, ((0, 0), (0, 9), (9, 9)), name="mast")
+
+    async def change() -> None:
+        added = await site.change(write(FlightSite("corner field", (*SITE.areas, mast))), await version())
+        assert [each.name for each in added.areas] == ["flight-geography", "audience", "mast"]
+        removed = await site.change(write(FlightSite("corner field", (SITE.areas[0], mast))), added.version)
+        assert [each.name for each in removed.areas] == ["flight-geography", "mast"]
+        assert removed.hash not in {SITE.digest, added.hash}
+        assert read_site(path).digest == removed.hash
+
+    async def version() -> str:
+        return (await site.read()).version
+
+    asyncio.run(change())
 
 
 def test_a_file_that_cannot_be_written_changes_nothing(tmp_path: Path) -> None:

@@ -12,7 +12,8 @@ import type { Palette, Rgb } from "../scene/palette";
 import { onLevel, project, type Ray } from "../scene/picking";
 import { Strokes } from "../scene/strokes";
 import { may, type State } from "../state";
-import { shownAreas, type Area, type AreaKind, type SiteEdit, type SiteState } from "./model";
+import type { Area, AreaKind } from "./area";
+import { shownAreas, type SiteEdit, type SiteState } from "./model";
 import { t } from "./texts";
 import { Walls } from "./walls";
 

@@ -1,24 +1,8 @@
 /** The site, and what an operator changes of it before it is stored. Pure. */
 
 import { fromShowFrame, type Origin } from "../scene/mercator";
-import type { Site, SiteArea } from "../snapshot";
-
-export type AreaKind = SiteArea["kind"];
-
-export interface Corner {
-  x_m: number;
-  y_m: number;
-  /** As it was read, to the last digit; null: it was moved or added. */
-  read: { latitude_deg: number; longitude_deg: number } | null;
-}
-
-export interface Area {
-  kind: AreaKind;
-  name: string;
-  corners: readonly Corner[];
-  height_min_m: number;
-  height_max_m: number | null;
-}
+import type { Site } from "../snapshot";
+import { AREAS_MAX, centimetres, isNested, newArea, type Area, type AreaKind, type Corner } from "./area";
 
 /** What is wrong, where the service says so; -1: of no area in particular. */
 export interface Problem {
@@ -57,7 +41,9 @@ export type Step =
   /** In the middle of the side that begins at `corner`. */
   | { what: "add"; area: number; corner: number }
   | { what: "remove"; area: number; corner: number }
-  | { what: "height"; area: number; key: "height_min_m" | "height_max_m"; value_m: number | null };
+  | { what: "height"; area: number; key: "height_min_m" | "height_max_m"; value_m: number | null }
+  | { what: "add-area"; kind: AreaKind }
+  | { what: "remove-area"; area: number };
 
 export type SiteMessage =
   /** As the service has it; `isSaved`: it is the answer to what was edited. */
@@ -134,18 +120,44 @@ function redone(edit: SiteEdit): SiteEdit {
 }
 
 function stepped(edit: SiteEdit, step: Step, gesture: string): SiteEdit {
-  const area = edit.areas[step.area];
-  const changed = area === undefined ? null : changedArea(area, step);
-  if (changed === null) return edit;
-  const areas = edit.areas.map((each, k) => (k === step.area ? changed : each));
+  const made = changedAreas(edit, step);
+  if (made === null) return edit;
   const goesOn = gesture !== "" && gesture === edit.gesture;
   const past = goesOn ? edit.past : [...edit.past, edit.areas].slice(-PAST_MAX);
-  const corner = step.what === "height" ? edit.corner : step.what === "add" ? step.corner + 1 : step.corner;
-  return chosen({ ...edit, areas, past, future: [], gesture, problems: [] }, step.area, corner);
+  return chosen({ ...edit, areas: made.areas, past, future: [], gesture, problems: [] }, made.area, made.corner);
+}
+
+interface Changed {
+  areas: readonly Area[];
+  /** Chosen then. */
+  area: number;
+  corner: number;
 }
 
 /** null: that is not possible, or changes nothing. */
-function changedArea(area: Area, step: Step): Area | null {
+function changedAreas({ areas, corner }: SiteEdit, step: Step): Changed | null {
+  if (step.what === "add-area") {
+    return whyNotAdded(areas, step.kind) === null ? { areas: [...areas, newArea(areas, step.kind)], area: areas.length, corner: 0 } : null;
+  }
+  const area = areas[step.area];
+  if (area === undefined) return null;
+  if (step.what === "remove-area") {
+    return areas.length > 1 ? { areas: areas.filter((_, k) => k !== step.area), area: step.area, corner: 0 } : null;
+  }
+  const changed = changedArea(area, step);
+  if (changed === null) return null;
+  const at = step.what === "height" ? corner : step.what === "add" ? step.corner + 1 : step.corner;
+  return { areas: areas.map((each, k) => (k === step.area ? changed : each)), area: step.area, corner: at };
+}
+
+/** What of the service's limits an area more would break; null: nothing. */
+export function whyNotAdded(areas: readonly Area[], kind: AreaKind): "most" | "another" | null {
+  if (areas.length >= AREAS_MAX) return "most";
+  return isNested(kind) && areas.some((each) => each.kind === kind) ? "another" : null;
+}
+
+/** null: that is not possible, or changes nothing. */
+function changedArea(area: Area, step: Exclude<Step, { what: "add-area" | "remove-area" }>): Area | null {
   const { corners } = area;
   switch (step.what) {
     case "move": {
@@ -167,8 +179,6 @@ function changedArea(area: Area, step: Step): Area | null {
   }
 }
 
-const centimetres = (value_m: number): number => Math.round(100 * value_m) / 100;
-
 function refused(edit: SiteEdit, reason: string): SiteEdit {
   const problems = reason.replace(/^site = [^:]*: /, "").split("\n").map((text) => problemOf(edit.areas, text));
   const first = problems.find((each) => each.area >= 0);
@@ -179,12 +189,19 @@ function refused(edit: SiteEdit, reason: string): SiteEdit {
 /** Which area and which corners a problem is about: "area 2, no-fly 'mast': side 1-2 and side 3-4 ...". */
 export function problemOf(areas: readonly Area[], text: string): Problem {
   const number = /^area (\d+)/.exec(text)?.[1];
-  const named = areas.findIndex(({ kind, name }) => text.startsWith(`${kind} '${name}'`));
+  const named = firstNamed(areas, text);
   const area = number === undefined ? named : Number(number) - 1;
   const found = [...text.matchAll(/corners? (\d+)(?: and (\d+))?|side (\d+)-(\d+)/g)].flatMap((each) => each.slice(1));
   const corners = found.flatMap((each) => (each === undefined ? [] : [Number(each) - 1]));
   const isThere = area >= 0 && area < areas.length;
   return { area: isThere ? area : -1, corners: isThere ? corners.filter((each) => each < areas[area]!.corners.length) : [], text };
+}
+
+/** The area that the text names first; -1: none. */
+function firstNamed(areas: readonly Area[], text: string): number {
+  const at = areas.map(({ kind, name }) => text.indexOf(`${kind} '${name}'`));
+  const there = at.filter((each) => each >= 0);
+  return there.length === 0 ? -1 : at.indexOf(Math.min(...there));
 }
 
 /** The whole site as GeoJSON; what was not moved is as it was read. */

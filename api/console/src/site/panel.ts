@@ -6,8 +6,9 @@ import { button } from "../panels/controls";
 import { icon } from "../panels/icons";
 import { whyNotOnGround } from "../panels/ground";
 import type { Site, State } from "../state";
-import { areasOf, CORNERS_MAX, CORNERS_MIN, isChanged, type Area, type Corner, type SiteEdit, type Step } from "./model";
-import { t } from "./texts";
+import { AREA_KINDS, type Area, type AreaKind, type Corner } from "./area";
+import { areasOf, CORNERS_MAX, CORNERS_MIN, isChanged, whyNotAdded, type SiteEdit, type Step } from "./model";
+import { KINDS, t } from "./texts";
 
 const STEP_M = 1;
 const FAR_STEP_M = 10;
@@ -110,9 +111,20 @@ function chosenArea(actions: PanelActions, edit: SiteEdit): TemplateResult {
   const here = area.corners[corner]!;
   const move = (change: Partial<Corner>): void => step(actions, { what: "move", area: at, corner, x_m: here.x_m, y_m: here.y_m, ...change });
   const height = (key: "height_min_m" | "height_max_m") => (value_m: number | null) => step(actions, { what: "height", area: at, key, value_m });
-  return html`<div class="fields">
+  const name = t.named(area.kind, area.name);
+  return html`<h3 data-testid="site-area">${name}</h3>
+    <div class="fields">
       ${field({ id: "site-least", label: t.least, value: area.height_min_m, set: height("height_min_m") })}
       ${field({ id: "site-greatest", label: t.greatest, value: area.height_max_m, set: height("height_max_m") })}
+    </div>
+    <div class="buttons">
+      ${button(actions, {
+        id: "site-area-remove",
+        label: t.removeArea,
+        name: t.removed(name),
+        why: edit.areas.length === 1 ? t.lastArea : "",
+        press: () => step(actions, { what: "remove-area", area: at }),
+      })}
     </div>
     <h3>${t.list}</h3>
     <ol class="site-corners" data-testid="site-corners" aria-label=${t.list}>
@@ -134,6 +146,30 @@ function chosenArea(actions: PanelActions, edit: SiteEdit): TemplateResult {
         label: t.remove,
         why: area.corners.length <= CORNERS_MIN ? t.fewest : "",
         press: () => remove(actions, edit, at, corner),
+      })}
+    </div>`;
+}
+
+/** It is chosen then, and in the picture. */
+function addArea(actions: PanelActions, kind: AreaKind): void {
+  step(actions, { what: "add-area", kind });
+  actions.view({ fits: actions.now().view.fits + 1 });
+  focusCorner(actions);
+}
+
+function newAreas(actions: PanelActions, edit: SiteEdit): TemplateResult {
+  return html`<h3 id="site-kinds">${t.addArea}</h3>
+    <div class="buttons" role="group" aria-labelledby="site-kinds">
+      ${AREA_KINDS.map((kind) => {
+        const why = whyNotAdded(edit.areas, kind);
+        return button(actions, {
+          id: `site-add-${kind}`,
+          label: KINDS[kind],
+          name: t.added(kind),
+          kind: "quiet",
+          why: why === null ? "" : t.notAdded[why](kind),
+          press: () => addArea(actions, kind),
+        });
       })}
     </div>`;
 }
@@ -178,7 +214,7 @@ function editor(state: State, actions: PanelActions, edit: SiteEdit, why: string
         </button>`,
       )}
     </div>
-    ${chosenArea(actions, edit)}
+    ${newAreas(actions, edit)} ${chosenArea(actions, edit)}
   </section>`;
 }
 

@@ -1,6 +1,6 @@
 /** Words of the site's panel and of its labels in the scene. */
 
-import type { AreaKind } from "./model";
+import type { AreaKind } from "./area";
 
 const metres = (value_m: number): string => `${Number(value_m.toFixed(1))} m`;
 
@@ -19,10 +19,24 @@ export const t = {
   corners: (count: number): string => `${count} corners`,
   heights: (least_m: number, greatest_m: number | null): string =>
     greatest_m === null ? `from ${metres(least_m)}` : `${metres(least_m)} to ${metres(greatest_m)}`,
-  named: (kind: AreaKind, name: string): string => (name.replaceAll("-", " ") === KINDS[kind] || name === kind ? KINDS[kind] : `${KINDS[kind]} · ${name}`),
+  /** Once where the name says the kind. */
+  named: (kind: AreaKind, name: string): string => {
+    const number = /^(.*?)( \d+)?$/.exec(name)!;
+    const isKind = [kind, KINDS[kind]].includes(number[1]!) || number[1]!.replaceAll("-", " ") === KINDS[kind];
+    return isKind ? KINDS[kind] + (number[2] ?? "") : `${KINDS[kind]} · ${name}`;
+  },
   edit: "Edit",
   how: "Drag a corner in the scene, or a side's middle to add one. In the list: arrow keys move a corner by 1 m, with Shift by 10 m; Insert adds one after it, Delete removes it.",
   areas: "Areas",
+  addArea: "Add area",
+  added: (kind: AreaKind): string => `Add area: ${KINDS[kind]}`,
+  removeArea: "Remove area",
+  removed: (name: string): string => `Remove area: ${name}`,
+  notAdded: {
+    most: (): string => "A site has at most 12 areas.",
+    another: (kind: AreaKind): string => `A site has one ${KINDS[kind]}.`,
+  },
+  lastArea: "A site has at least one area.",
   list: "Corners",
   corner: (number: number): string => `Corner ${number}`,
   at: (x_m: number, y_m: number): string => `x ${x_m.toFixed(1)}, y ${y_m.toFixed(1)} m`,
