@@ -100,6 +100,7 @@ class Feed:
         return (
             self._problem(),
             (view.show, view.reason, view.plan, view.flight_envelope, view.start_unix_time_s),
+            view.start_refused,
             None if selected is None else _slowly(selected),
             {name: each.at_rest() for name, each in view.features.reporting.items()},
             None if playback is None else replace(playback, position_s=0.0),

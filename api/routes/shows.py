@@ -49,7 +49,7 @@ replay = APIRouter(prefix="/replay", tags=["replay"], dependencies=TOKEN)
 @selected.get("", summary="Phase of the show")
 async def get_show(context: ContextDep) -> schemas.Show:
     """The show's phase, and the commands that it accepts now."""
-    return convert.show(context.view)
+    return convert.show(context.view, context.health_problem())
 
 
 @files.get("", summary="Every show file", responses=errors(409))

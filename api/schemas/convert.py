@@ -180,7 +180,7 @@ def summary(view: FleetView, frame: ShowFrame, problem: str, access: str) -> dic
         "time_s": view.time_s,
         "unix_time_s": view.unix_time_s,
         "control_reason": problem,
-        "show": show(view),
+        "show": show(view, problem),
         "stations": list(view.stations),
         "counts": view.counts,
         "origin": frame,
@@ -214,17 +214,29 @@ def estimates(view: FleetView) -> schemas.Estimates | None:
     )
 
 
-def show(view: FleetView) -> schemas.Show:
-    flies = view.counts.airborne > 0
+def start_refused(view: FleetView, problem: str) -> str:
+    """Why a start would be refused now, in short; empty: it would not. `problem` as of `fleet`."""
+    if view.playback is not None:
+        return "a replay flies nothing"
+    return f"control is not alive: {problem}" if problem else view.start_refused
+
+
+def show(view: FleetView, problem: str) -> schemas.Show:
+    flies, refused = view.counts.airborne > 0, start_refused(view, problem)
     possible = [
         action
         for action in ShowAction
         if (view.show, ShowEvent(action.value)) in SHOW_NEXT or (flies and action in ALWAYS_IN_THE_AIR)
     ]
+    if view.playback is not None:
+        possible = []
+    if refused and ShowAction.START in possible:
+        possible.remove(ShowAction.START)
     return schemas.Show(
         phase=view.show,
         reason=view.reason,
         possible=possible,
+        start_refused=refused,
         selected=view.selected,
         start_unix_time_s=view.start_unix_time_s,
         countdown_s=view.countdown_s,

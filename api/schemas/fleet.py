@@ -162,7 +162,14 @@ class Show(Outward):
 
     phase: ShowPhase
     reason: str
-    possible: list[ShowAction]
+    possible: list[ShowAction] = Field(
+        description="Accepted now: `start` while a start of all vehicles that are not left out would be."
+    )
+    start_refused: str = Field(
+        description="Why that start would be refused now, in short; empty: it would not."
+        " Looked at every 2 s on the ground, seldom of large fleets; preflight has all of it.",
+        examples=["checklist pads: 2 of 3 items are open (+1)"],
+    )
     selected: SelectedShow | None = Field(description="null: manual control of formation, target and orbit.")
     start_unix_time_s: float | None = Field(
         description="Commanded start time that is not reached yet; null: none."

@@ -44,7 +44,10 @@ class Readiness(Outward):
     """Whether at least one vehicle can be commanded."""
 
     ready: bool
-    vehicles_ready: int = Field(description="Vehicles that could start now.")
+    vehicles_ready: int = Field(
+        description="Vehicles whose autopilots report that they can be armed; whether a start is accepted"
+        " says `start_refused` of the show."
+    )
     vehicles_airborne: int
     vehicles: int = Field(description="Configured vehicles.")
 

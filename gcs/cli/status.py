@@ -22,7 +22,6 @@ from rich.text import Text
 from gcs.cli.alarms import PERIOD_S, alarm_lines, show_state
 from gcs.cli.output import REFUSED, kinds, print_json
 from gcs.cli.remote import add_connection, connected, document
-from gcs.model.errors import GcsError, RefusedError
 from gcs.model.lifecycle import ON_THE_GROUND, Phase
 
 if TYPE_CHECKING:
@@ -141,7 +140,6 @@ def board(
     *,
     columns: Sequence[str] | None = None,
     sort: str | None = None,
-    ready: Text | None = None,
 ) -> RenderableType:
     """Format alarms, fleet and vehicles, `width` characters wide; without `columns` as many as fit."""
     vehicles = fleet.vehicles if sort is None else sorted(fleet.vehicles, key=COLUMNS[sort].key)
@@ -150,28 +148,18 @@ def board(
     alarms = alarm_lines(fleet.severity, fleet.alarms)
     reasons = [] if "why" in chosen else _reasons(vehicles)
     table = _table(vehicles, {name: shown[name] for name in chosen}, width)
+    ready = readiness(fleet)
     top = [*_not_received(fleet.stations), alarms, *([] if ready is None else [ready])]
     return Group(*top, _head(fleet), Text(), table, *reasons)
 
 
-def readiness(fleet: schemas.Fleet, ask: Callable[[], PreflightReport]) -> Text | None:
-    """Whether the station that is asked would accept a start, else what to mend first; in the air None."""
+def readiness(fleet: schemas.Fleet) -> Text | None:
+    """Whether a start would be accepted, else what to mend first, as the service has it; in the air None."""
     if fleet.show.phase not in ON_THE_GROUND or fleet.counts.airborne:
         return None
-    which = "this station: " if fleet.stations else ""
-    if not fleet.control_alive:
-        return Text(f"{which}not ready: control is not alive", BAD)
-    try:
-        report = ask()
-    except RefusedError:  # it has taken off meanwhile
-        return None
-    except GcsError as error:
-        return Text(f"{which}not known whether a start would be accepted: {error}", BAD)
-    if report.passes:
-        return Text(f"{which}ready to start", "green")
-    more = f" (+{len(report.causes) - 1})" if len(report.causes) > 1 else ""
-    first = report.causes[0].text if report.causes else report.in_flight
-    return Text(f"{which}not ready: {first}{more}; see gcs preflight", BAD)
+    if not fleet.show.start_refused:
+        return Text("ready to start", "green")
+    return Text(f"not ready: {fleet.show.start_refused}; see gcs preflight", BAD)
 
 
 def _station_column(stations: Sequence[StationView]) -> TableColumn:
@@ -261,9 +249,19 @@ def _head(fleet: schemas.Fleet) -> RenderableType:
             table.add_row(name, Text.assemble(*parts))
     if energy := _energy(fleet.estimates):
         table.add_row("energy", Text(energy))
-    table.add_row("possible", Text(", ".join(fleet.show.possible) or "-"))
+    table.add_row("possible", _possible(fleet.show))
     table.add_row("access", Text(fleet.access))
     return table
+
+
+def _possible(show: schemas.Show) -> Text:
+    """What is accepted now; on the ground also that a start is not. Why stands above everything."""
+    text = Text(", ".join(show.possible) or "-")
+    return text.append("; no start: not ready", BAD) if _is_refused(show) else text
+
+
+def _is_refused(show: schemas.Show) -> bool:
+    return bool(show.start_refused) and show.phase in ON_THE_GROUND
 
 
 def _show_lines(show: schemas.Show) -> Iterator[Text]:
@@ -412,8 +410,7 @@ def run_status(arguments: argparse.Namespace) -> int:
     with connected(arguments) as client:
 
         def render(fleet: schemas.Fleet) -> RenderableType:
-            ready = readiness(fleet, client.preflight.report)
-            return board(fleet, width, columns=arguments.columns, sort=arguments.sort, ready=ready)
+            return board(fleet, width, columns=arguments.columns, sort=arguments.sort)
 
         return show_state(client.fleet, render, arguments.watch, arguments)
 

@@ -257,6 +257,7 @@ class Orchestrator:
             interventions=self._interventions,
             estimates=self._estimating.newest,
             unix_time_s=self.flight.unix_s(),
+            start_refused=self.commands.outlook.why_not,
             start_unix_s=None if countdown is None else countdown.at_unix_s,
             failsafes=self._failsafe_monitor.active,
             interrupted=self.recovery.view(),

@@ -121,6 +121,7 @@ class ShowProgress:
         if self.show.phase is ShowPhase.RUNNING and self.show.reason == self._reached:
             self.show.reason = self._reached = reached(self.show, self.vehicles)
         self.commander.recovery.stalls.note_setpoints()
+        self.commander.outlook.look()
 
     def _all_have_taken_off(self) -> None:
         holding = ", ".join(

@@ -149,6 +149,15 @@ class PreflightReport:
         sound = not self.in_flight and all(check.passes for check in self.fleet)
         return sound and bool(flying) and not any(vehicle.failed for vehicle in flying)
 
+    @property
+    def in_short(self) -> str:
+        """Why a start would be refused: what to mend first, and how many causes more; empty: it would not."""
+        if self.passes:
+            return ""
+        more = f" (+{len(self.causes) - 1})" if len(self.causes) > 1 else ""
+        first = self.causes[0].text if self.causes else self.in_flight or "no vehicle is left"
+        return f"{first}{more}"
+
 
 @dataclass(frozen=True, slots=True)
 class Exclusion:

@@ -614,6 +614,9 @@ class ReportState:
     report: Annotated[ReportBody | None, Field(description="null until it is done.")] = None
 
 
+NOT_LOOKED: Final = "it is not known yet whether a start would be accepted"
+
+
 @dataclass(frozen=True)
 class FleetView:
     """The newest state of the whole flight, complete in itself."""
@@ -634,6 +637,7 @@ class FleetView:
     control_alive: bool  # this tick was within the watchdog's time of the one before; see also its age
     setpoints_sent: int
     interventions: int  # of the safety filter, since the start: vehicles it changed, summed over ticks
+    start_refused: str = NOT_LOOKED  # why a start would be refused now, in short; empty: it would not
     late_samples: int = 0  # dropped, since the start: older than the newest of their kind
     alarms: tuple[Alarm, ...] = ()  # most severe first, of one severity newest first
     selected: SelectedShow | None = None  # None: formation, target and orbit follow the panels

@@ -9,11 +9,11 @@ from typing import Final
 from gcs.flight.commands.commander import Commander
 from gcs.flight.commands.recovery import FlightRecovery
 from gcs.flight.preflight.go import CrewGo
-from gcs.flight.preflight.preflight_gate import REASON_MAX, PreflightGate
+from gcs.flight.preflight.preflight_gate import REASON_MAX, STATIONS, TO_DO, PreflightGate
 from gcs.model.errors import InvalidError, RefusedError, UnknownError
 from gcs.model.interrupted_flight import Offer
 from gcs.model.lifecycle import AIRBORNE, ON_THE_GROUND, Phase
-from gcs.model.preflight_report import PreflightReport
+from gcs.model.preflight_report import Check, PreflightCause, PreflightReport, State
 from gcs.model.state import VehicleId
 from gcs.service import CALLER, CommandRecord, ShowAction, StationView, VehicleAction
 from gcs.service.commands import CommandLog
@@ -270,8 +270,16 @@ class SitePreflight:
     routing: SiteRouting
 
     def report(self, vehicles: Sequence[VehicleId] | None = None) -> PreflightReport:
-        """As `PreflightGate.report`, of the own vehicles."""
-        return self.local.report(vehicles)
+        """As `PreflightGate.report`, of the own vehicles, and whether the other stations could start."""
+        report = self.local.report(vehicles)
+        if report.in_flight:
+            return report
+        why = self.member.why_no_start()
+        state, to_do = (State.FAIL, TO_DO[STATIONS]) if why else (State.PASS, "")
+        check = Check(STATIONS, state, limit="all could start", problem=why, to_do=to_do)
+        cause = PreflightCause(STATIONS, state, why, to_do, (), ())
+        causes = (*report.causes, cause) if why else report.causes
+        return replace(report, fleet=(*report.fleet, check), causes=causes)
 
     def exclude(self, vehicle_id: VehicleId, reason: str) -> CommandRecord:
         """Take a vehicle out of the show, at the station that flies it."""

@@ -267,6 +267,14 @@ class SiteMember(Elsewhere):
                 return f"station {name}: {self.texts[name].why_not_ready}"
         return ""
 
+    def why_no_start(self) -> str:
+        """As of `Elsewhere`: where this start is made, and what keeps another station from it."""
+        go, lead = self.flight.config.go, self.site.lead
+        if go is not None and go.confirmed_by_another and not lead.leads:
+            return f"a start is proposed at the station that leads, {lead.name}"
+        why = self.why_not_start()
+        return f"a start needs every station: {why}" if why else ""
+
     @property
     def parameters_hash(self) -> str:
         read = {name: texts.parameters for name, texts in self.texts.items() if texts.parameters}

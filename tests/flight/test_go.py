@@ -8,6 +8,7 @@ from typing import Any, Final
 
 import pytest
 
+from gcs.api.schemas import convert
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation
@@ -80,6 +81,58 @@ def test_a_proposed_start_flies_once_another_confirms_it() -> None:
         assert go_of(show).proposal is None
 
     fly(story, show_config(2, **by_two()))
+
+
+def shown_of(show: VirtualShow) -> tuple[bool, str]:
+    """Whether the API lists a start as possible now, and why not, of the newest state."""
+    view = show.view
+    answer = convert.show(view, convert.health_problem(view, view.time_s))
+    return ShowAction.START in answer.possible, answer.start_refused
+
+
+def test_no_start_is_possible_while_it_would_be_refused(tmp_path: Path) -> None:
+    """What displays show agrees with what a start says, at each step to a go and back."""
+
+    async def story(show: VirtualShow) -> None:
+        service = show.service
+
+        async def agree(why: str) -> None:
+            await show.wait(2.1)
+            possible, refused_by = shown_of(show)
+            assert possible is not bool(why)
+            assert why in refused_by
+            report = service.preflight.report()
+            assert (report.passes, report.in_short) == (possible, refused_by)
+            if why:
+                call = await refused(show, lambda: propose(show))
+                assert (call.kind, why in call.text) == (RefusedError, True)
+
+        assert not shown_of(show)[0]
+        await show.standby()
+        await agree("checklist pads: 2 of 2 items are open")
+        with token("alice"):
+            service.go.sign("pads", [1, 2])
+            service.go.sign("observer", [1])
+        await agree("wind: not known")
+        with token("alice"):
+            service.go.enter_weather(GOOD)
+        await agree("")
+        await show.wait(61.0)
+        await agree("entered by alice")
+        with token("alice"):
+            service.go.enter_weather(GOOD)
+        await agree("")
+        service.preflight.exclude("d1", "bent")
+        service.preflight.exclude("d2", "bent")
+        await agree("no vehicle is left")
+        service.preflight.include("d1")
+        await agree("")
+        propose(show)
+        confirm(show, "bob", await hash_shown(show))
+        await show.reach(ShowPhase.RUNNING)
+        assert shown_of(show) == (False, "the show is running: a start is for the ground")
+
+    fly(story, show_config(2, **by_two(weather=WEATHER, checklists=str(lists_file(tmp_path)))))
 
 
 def test_a_late_confirmation_starts_nothing() -> None:

@@ -158,6 +158,30 @@ def test_stations_with_other_rules_start_nothing(what: str, asked: tuple[str, ..
     fly_site(story, site_config(2, 2, **by_two()), **BUS)
 
 
+def test_no_station_shows_a_start_as_possible_that_is_not() -> None:
+    """A follower names the station where it is proposed, and the lead the one that is missing."""
+
+    async def story(show: SiteShow) -> None:
+        north, south = show["north"], show["south"]
+        await proposed(show)
+        await show.wait(3.0)
+        assert north.view.start_refused == ""
+        assert north.service.preflight.report().passes
+        at_lead = "a start is proposed at the station that leads, north"
+        assert (south.view.start_refused, south.service.preflight.report().in_short) == (at_lead, at_lead)
+        await south.kill()
+        await show.wait(3.0)
+        missing = "a start needs every station: station south is not received"
+        report = north.service.preflight.report()
+        assert north.view.start_refused == missing
+        assert (report.passes, report.in_short) == (False, missing)
+        (check,) = (each for each in report.fleet if each.name == "stations")
+        assert check.problem == missing
+        assert "station south is not received" in refusal(show, "north", "start")
+
+    fly_site(story, site_config(2, 2, **by_two()), **BUS)
+
+
 def test_parameters_at_another_station_are_confirmed_too() -> None:
     async def story(show: SiteShow) -> None:
         _, shown = await proposed(show)

@@ -194,7 +194,7 @@ class FakeService:
     def _begin(self) -> None:
         self.show, self.battery = ShowPhase.IDLE, 0.9
         self.failing: dict[str, tuple[Check, ...]] = {}  # besides the battery
-        self.stands_still = False
+        self.stands_still, self.start_refused = False, ""
         self.silent_s: dict[str, float] = {}  # of stations that are not received
         self.selected: SelectedShow | None = None
         self.interrupted: InterruptedFlight | None = None
@@ -459,6 +459,7 @@ class FakeService:
             self.control_alive,
             self.ticks * len(self.phases),
             7,
+            self.start_refused,
             late_samples=4,
             selected=self.selected,
             interrupted=self.interrupted,

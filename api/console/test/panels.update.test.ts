@@ -1,7 +1,7 @@
 import { describe, expect, it } from "vitest";
 
 import { doomed } from "../src/panels/kill";
-import { whyNot, whyNotOnGround, whyNotShape, whyNotShow, whyNotVehicle } from "../src/panels/rights";
+import { whyNoStart, whyNot, whyNotOnGround, whyNotShape, whyNotShow, whyNotVehicle } from "../src/panels/rights";
 import { lastOrder, whyNotSelection } from "../src/panels/group";
 import { isOutdated, refusal } from "../src/panels/shows";
 import { startOrder } from "../src/panels/start";
@@ -68,6 +68,13 @@ describe("who may press what", () => {
     }
     const down = flying(undefined, { show: { ...status().show, phase: "idle", possible: ["start"] }, counts: GROUNDED });
     expect([whyNotShow(down, "start"), whyNotShow(down, "stop")]).toEqual(["", "Unavailable while idle"]);
+  });
+
+  it("opens the start while it would be refused, for its sheet says why, and marks the button", () => {
+    const show = { ...status().show, phase: "idle" as const, possible: [], start_refused: "checklist pads: 1 of 2 items are open" };
+    const refused = flying(undefined, { show, counts: GROUNDED });
+    expect([whyNotShow(refused, "start"), whyNoStart(refused)]).toEqual(["", show.start_refused]);
+    expect(whyNoStart(flying(undefined, { show: { ...show, phase: "running" } }))).toBe("");
   });
 
   it("says how many fly without this station's control, whatever the reason's words are", () => {

@@ -10,6 +10,7 @@ from gcs.flight.commands.recovery import FlightRecovery
 from gcs.flight.commands.spares import Spares
 from gcs.flight.commands.stall_recovery import AwaitedVehicles, StallRecovery
 from gcs.flight.commands.start import Starting
+from gcs.flight.commands.start_outlook import StartOutlook
 from gcs.flight.commands.vehicle_commands import VehicleCommands
 from gcs.flight.maneuvers.collective_return import CollectiveReturn
 from gcs.flight.maneuvers.landing_places import LandingPlaces
@@ -72,6 +73,9 @@ class Commander(VehicleCommands):
             show_player,
             flight.start_hashes,
             go,
+        )
+        self.outlook = StartOutlook(
+            newest, vehicles, show, self.starting, preflight_gate, lambda: flight.elsewhere, go
         )
         self.spares = Spares(newest, vehicles, show, book, places, maneuvers, preflight_gate)
         frame, space = flight.config.show_frame, flight.uncontrolled

@@ -195,6 +195,11 @@ class CrewGo(Feature):
         )
 
     @property
+    def newest(self) -> GoView | None:
+        """As of the newest look; None: nothing is asked for."""
+        return self._view
+
+    @property
     def checklists(self) -> tuple[Checklist, ...]:
         return self._checklists.view()
 

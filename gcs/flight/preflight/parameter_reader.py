@@ -188,10 +188,10 @@ class ParameterReader:
         if not changed:
             self._changed.pop(vehicle.id, None)
 
-    def checks(self, vehicle_id: VehicleId) -> list[Check]:
+    def checks(self, vehicle_id: VehicleId, *, reads_again: bool = True) -> list[Check]:
         """Return the checks of its version and parameters.
 
-        If any fails they are read again: it may be fixed by then.
+        If any fails they are read again, unless `reads_again` is false: it may be fixed by then.
         """
         needed = self._required(vehicle_id)
         versions, version = self._requirements.profiles[vehicle_id].versions, self._versions.get(vehicle_id)
@@ -199,7 +199,7 @@ class ParameterReader:
         checks = version_checks(versions, version)
         if not versions.is_too_old(version):
             checks += parameter_checks(needed, read, problem, missing_to_do(versions, version))
-        if not all(check.passes for check in checks):
+        if reads_again and not all(check.passes for check in checks):
             self._due[self._vehicles[vehicle_id].row] = True
         return checks
 

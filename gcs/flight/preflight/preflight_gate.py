@@ -73,6 +73,9 @@ OF_THE_SHOW: Final = frozenset(
 )
 """Checks that say nothing where the selected show is another one by now."""
 
+STATIONS: Final = "stations"
+"""Check of the other stations, of a report that is asked for at one of several."""
+
 SELECT_AGAIN: Final = "select it again, once its check is good"
 TO_DO: Final = {
     "vehicles": "include vehicles, or wait until they are received on the ground",
@@ -86,6 +89,7 @@ TO_DO: Final = {
     "loss times": "do as the text says, or fly vehicles with one time only",
     "loss of the ground station": "do as the text says, or choose a larger radius",
     "obstacles": "remove the obstacle, or move the pad",
+    STATIONS: "mend it there: gcs preflight at that station has all of it",
 }
 
 
@@ -128,6 +132,24 @@ class PreflightGate:
         show_run = self.flight.show.run
         return self._made(vehicles, None if show_run is None else show_run.hash)
 
+    @property
+    def left_out(self) -> frozenset[VehicleId]:
+        """Vehicles that operators have taken out of the show."""
+        return frozenset(self.flight.excluded)
+
+    def outlook(self) -> str:
+        """Why a start of all that are not left out would be refused now, in short; empty: it would not.
+
+        For looks at regular intervals: no parameters are read again because of one.
+        """
+        made_s, question, report = self._last or (-np.inf, None, None)
+        is_new = self.flight.newest.state.time_s - made_s < AGAIN_S and question == self._question(None)
+        if report is None or not is_new:
+            show_run, before = self.flight.show.run, self._last
+            report = self._made(None, None if show_run is None else show_run.hash, reads_again=False)
+            self._last = before  # a report that is asked for has the parameters read again
+        return report.in_short
+
     def _question(self, desired: Sequence[VehicleId] | None) -> Question:
         meant = None if desired is None else tuple(desired)
         return meant, self.flight.show.run, frozenset(self.flight.excluded)
@@ -137,15 +159,17 @@ class PreflightGate:
         flies = f"{len(flight.vehicles.airborne)} of {len(flight.vehicles)} vehicles fly"
         return f"the show is {flight.show.phase}, {flies}; a start is refused until all are down"
 
-    def _made(self, desired: Sequence[VehicleId] | None, show_hash: str | None) -> PreflightReport:
-        """Look at everything, for a start with this hash."""
+    def _made(
+        self, desired: Sequence[VehicleId] | None, show_hash: str | None, *, reads_again: bool = True
+    ) -> PreflightReport:
+        """Look at everything, for a start with this hash; `reads_again` as of `ParameterReader.checks`."""
         meant, left_out = self.meant(desired)
         chosen = [name for name in meant if self.flight.vehicles[name].phase is Phase.STANDBY]
         fleet = [_all_vehicles(chosen, meant)]
         look_at_show = partial(self._show, show_hash=show_hash, desired=desired)
         if show_hash is not None or self.flight.show.run is not None:
             fleet.append(look_at_show(meant))
-        looked = self._look(chosen)
+        looked = self._look(chosen, reads_again=reads_again)
         for name, check in self._absences(meant).items():
             looked.of[name].insert(0, check)
         fleet += looked.fleet
@@ -301,10 +325,10 @@ class PreflightGate:
         check = _tried("show", AS_CHECKED, start)
         return replace(check, to_do=SELECT_AGAIN) if player.outdated else check
 
-    def _look(self, chosen: Sequence[VehicleId]) -> FleetReadiness:
+    def _look(self, chosen: Sequence[VehicleId], *, reads_again: bool) -> FleetReadiness:
         """Inspect the vehicles that are to fly together, and each of all vehicles alone."""
         inputs = self._inputs()
-        alone = self._alone(inputs, list(self.flight.vehicles), chosen)
+        alone = self._alone(inputs, list(self.flight.vehicles), chosen, reads_again=reads_again)
         pattern = self._pattern()
         stand = standing(inputs, chosen, pattern)
         room = room_to_wander(inputs, chosen, pattern)
@@ -347,7 +371,12 @@ class PreflightGate:
         return warnings
 
     def _alone(
-        self, inputs: PreflightInputs, vehicles: Sequence[VehicleId], flying: Collection[VehicleId]
+        self,
+        inputs: PreflightInputs,
+        vehicles: Sequence[VehicleId],
+        flying: Collection[VehicleId],
+        *,
+        reads_again: bool = True,
     ) -> dict[VehicleId, list[Check]]:
         near = spacing(inputs, vehicles, flying)
         meant = self.flight.config.operation.require_parameters
@@ -355,7 +384,7 @@ class PreflightGate:
             name: [
                 *own_checks(inputs, name),
                 *near[name],
-                *(self.parameter_reader.checks(name) if meant else ()),
+                *(self.parameter_reader.checks(name, reads_again=reads_again) if meant else ()),
                 *chain.from_iterable(
                     each.vehicle_checks(self.flight.vehicles[name], self.flight.instant)
                     for each in self.flight.features

@@ -228,6 +228,10 @@ class Elsewhere:
         """Of the parameters of the other vehicles, as read where they are flown; empty: none were."""
         return ""
 
+    def why_no_start(self) -> str:
+        """Why a start with the other flights would be refused now; empty: it would not."""
+        return ""
+
     @property
     def all_up(self) -> bool:
         """Whether none of them climbs, or waits for its turn to take off."""

@@ -3,6 +3,7 @@ import math
 import pytest
 from rich.console import Console
 
+from gcs.api.context import Feed
 from gcs.api.schemas import convert
 from gcs.api.schemas import fleet as schemas
 from gcs.cli.status import board
@@ -30,6 +31,7 @@ def test_fleet_snapshot_is_of_one_instant(api: Api) -> None:
         "phase": "running",
         "reason": "",
         "possible": ["stop", "pause", "abort"],
+        "start_refused": "",
         "selected": None,
         "start_unix_time_s": None,
         "countdown_s": None,
@@ -187,6 +189,30 @@ def test_show_commands_repeat_only_if_they_reduce_the_flight(
     assert api("GET", "/api/v1/show").json()["phase"] == after
     assert (action in api("GET", "/api/v1/show").json()["possible"]) is (again == 202)
     assert api("POST", f"/api/v1/show/{action}").status_code == again
+
+
+def test_a_start_that_would_be_refused_is_not_possible(api: Api) -> None:
+    """Everywhere that a client reads it, with the reason; a stopped control starts nothing either."""
+    assert "start" in api("GET", "/api/v1/show").json()["possible"]
+    why = "checklist pads: 2 of 2 items are open (+1)"
+    api.service.start_refused = why
+    api.service.tick()
+    status = api("GET", "/api/v1/status").json()
+    fleet = api("GET", "/api/v1/fleet").json()
+    for show in (api("GET", "/api/v1/show").json(), fleet["show"], status["show"]):
+        assert (show["possible"], show["start_refused"]) == ([], why)
+    feed = Feed(api.service, "off", str)
+    first, _ = feed.status(0.0)
+    api.service.start_refused = ""
+    api.service.tick()
+    revision, text = feed.status(1.0)
+    assert revision == first + 1
+    assert '"start_refused":""' in text
+    api.service.control_alive = False
+    api.service.tick()
+    show = api("GET", "/api/v1/show").json()
+    assert show["possible"] == []
+    assert show["start_refused"].startswith("control is not alive: ")
 
 
 @pytest.mark.parametrize("body", [b"", b"{}", b"null"])

@@ -1,7 +1,6 @@
 """`gcs status`: one line for each vehicle at any width, and nothing that matters cut."""
 
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from datetime import datetime
 
@@ -9,8 +8,7 @@ import pytest
 from rich.console import Console
 
 from gcs.api.schemas import fleet as schemas
-from gcs.cli.status import COLUMNS, SORTED, _columns, board, preflight_board, readiness, station_board
-from gcs.model.errors import LinkError
+from gcs.cli.status import COLUMNS, SORTED, _columns, board, preflight_board, station_board
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.preflight_report import Check, PreflightReport, State, VehicleChecks
 from gcs.preflight.causes import causes_of
@@ -243,31 +241,24 @@ def test_preflight_names_the_command_that_mends_a_cause() -> None:
 
 
 def test_status_on_the_ground_says_what_keeps_it_there(fleet: schemas.Fleet) -> None:
-    checks = {
-        "d1": [Check("fix", State.FAIL, 2.0, "", "3D", "its fix is 2D", "wait for it")],
-        "d2": [Check("battery", State.FAIL, 0.1, "of 1", "at least 25%", "battery at 10%", "charge it")],
-    }
-    causes = causes_of(checks, lambda _out: [], lambda _check, _out: None, 40)
-    failing = tuple(VehicleChecks(name, True, "", tuple(own), "px4") for name, own in checks.items())
-    report = PreflightReport(0.0, None, None, (), failing, (), causes)
     counts = replace(fleet.counts, controlled=0, uncontrolled=0)
-    show = fleet.show.model_copy(update={"phase": ShowPhase.IDLE})
-    stands = fleet.model_copy(update={"counts": counts, "show": show, "control_alive": True})
 
-    def top(ask: Callable[[], PreflightReport], seen: schemas.Fleet = stands) -> str:
-        return "\n".join(lines(seen, 100, ready=readiness(seen, ask)))
+    def shown(**show: object) -> str:
+        seen = fleet.show.model_copy(update={"phase": ShowPhase.IDLE, "possible": [], **show})
+        update = {"counts": counts, "show": seen, "control_alive": True}
+        return "\n".join(lines(fleet.model_copy(update=update), 100))
 
-    def unavailable() -> PreflightReport:
-        raise LinkError("no answer")
-
-    assert "not ready: d1: its fix is 2D (+1); see gcs preflight" in top(lambda: report)
-    passed = VehicleChecks("d1", True, "", (Check("battery", State.PASS, 0.9),), "px4")
-    good = PreflightReport(0.0, None, None, (), (passed,), ())
-    assert "ready to start" in top(lambda: good)
-    assert "not known whether a start would be accepted: no answer" in top(unavailable)
-    dead = stands.model_copy(update={"control_alive": False})
-    assert "not ready: control is not alive" in top(lambda: good, dead)
-    assert "ready to start" not in top(lambda: good, fleet), "in flight"
+    refused = shown(start_refused="checklist pads: 2 of 2 items are open (+1)")
+    assert "not ready: checklist pads: 2 of 2 items are open (+1); see gcs preflight" in refused
+    assert "possible   -; no start: not ready" in refused
+    assert "ready to start" not in refused
+    good = shown(start_refused="", possible=["start"])
+    assert "ready to start" in good
+    assert "possible   start" in good
+    assert "no start" not in good
+    flying = "\n".join(lines(fleet, 100))
+    assert "ready to start" not in flying
+    assert "no start" not in flying
 
 
 def test_preflight_in_flight_says_that_it_flies() -> None:

@@ -8,7 +8,7 @@ import type { PanelActions } from "./actions";
 import { icon, type IconName } from "./icons";
 import { KEYS } from "./keys";
 import { failures, preflightNow } from "./preflight";
-import { whyNot, whyNotShow } from "./rights";
+import { whyNoStart, whyNot, whyNotShow } from "./rights";
 
 type Big = ShowAction | "kill";
 
@@ -27,8 +27,9 @@ export function whyNotBig(state: State, action: Big): string {
 
 /** What is known to speak against it already; the service has the last word. */
 function warning(state: State, action: Big): string {
+  if (action !== "start") return "";
   const report = preflightNow(state);
-  return action === "start" && report && !report.passes ? texts.flight.fails(failures(report)) : "";
+  return report && !report.passes ? texts.flight.fails(failures(report)) : whyNoStart(state);
 }
 
 /** What a big button does, by pointer or key. */

@@ -39,6 +39,13 @@ export function whyNotAcknowledge(state: State): string {
   return whyNot(state, "acknowledge");
 }
 
+const ON_THE_GROUND: readonly string[] = ["idle", "landed", "countdown"];
+
+/** Why the service would refuse a start of all vehicles now, by its own look; "" where it would not, or flies. Pure. */
+export function whyNoStart({ status }: State): string {
+  return status !== null && ON_THE_GROUND.includes(status.show.phase) ? status.show.start_refused : "";
+}
+
 const BRINGING_DOWN: readonly ShowAction[] = ["pause", "stop", "abort"];
 
 export function whyNotShow(state: State, action: ShowAction): string {
@@ -48,6 +55,7 @@ export function whyNotShow(state: State, action: ShowAction): string {
   const flying = airborne(state);
   if (flying > 0 && BRINGING_DOWN.includes(action)) return "";
   if (flying > 0 && action === "start") return texts.flight.airborne(flying);
+  if (action === "start" && whyNoStart(state) !== "") return ""; // its sheet says why, and named vehicles may start
   return possible.includes(action) ? "" : texts.flight.notNow(texts.phases[phase]);
 }
 

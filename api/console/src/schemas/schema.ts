@@ -2150,7 +2150,7 @@ export interface components {
             /** @description Configured vehicles. */
             vehicles: number;
             vehicles_airborne: number;
-            /** @description Vehicles that could start now. */
+            /** @description Vehicles whose autopilots report that they can be armed; whether a start is accepted says `start_refused` of the show. */
             vehicles_ready: number;
         };
         /** @description One vehicle that was airborne, and its state now. */
@@ -2323,10 +2323,13 @@ export interface components {
         Show: {
             countdown_s: number | null;
             phase: components["schemas"]["ShowPhase"];
+            /** @description Accepted now: `start` while a start of all vehicles that are not left out would be. */
             possible: components["schemas"]["ShowAction"][];
             reason: string;
             /** @description null: manual control of formation, target and orbit. */
             selected: components["schemas"]["SelectedShow"] | null;
+            /** @description Why that start would be refused now, in short; empty: it would not. Looked at every 2 s on the ground, seldom of large fleets; preflight has all of it. */
+            start_refused: string;
             /** @description Commanded start time that is not reached yet; null: none. */
             start_unix_time_s: number | null;
         };
