@@ -121,7 +121,7 @@ def ground_constraints(
         (np.array(position_m), np.array(velocity_m_s)),
         np.array(commanded),
         shapes,
-        reach_of(settings.airframe, settings.wind_max_m_s),
+        reach_of(settings.falling, settings.wind_max_m_s),
         (settings.reaction_s, settings.ground_m, settings.soft_m),
         np.array(standoff_m),
         braking.of_each(len(position_m), response),

@@ -540,7 +540,7 @@ def prepare(settings: SafetySettings) -> None:
     shapes_of(passable(fence.areas, fence.heights_m))
     if fence.controlled_ground is not None:
         shapes_of((fence.controlled_ground,))
-        reach_of(impact.airframe, impact.wind_max_m_s)
+        reach_of(impact.falling, impact.wind_max_m_s)
 
 
 def warm_up() -> None:

@@ -34,13 +34,13 @@ DRAG_SHARE: Final = 0.04
 
 
 class Airframe(Settings):
-    """What of a vehicle decides how it falls. The default is the quadrotor of PX4's simulator (1.5 kg)."""
+    """What of a vehicle decides how it falls: all of it, or nothing."""
 
-    mass_kg: Annotated[float, Field(ge=0.05, le=100.0)] = 1.5
+    mass_kg: Annotated[float, Field(ge=0.05, le=100.0)]
     """Of the vehicle as it flies, in kg."""
-    drag_area_m2: Annotated[float, Field(ge=0.0005, le=5.0)] = 0.04
+    drag_area_m2: Annotated[float, Field(ge=0.0005, le=5.0)]
     """Drag coefficient times frontal area of a vehicle that tumbles, in m^2."""
-    dimension_m: Annotated[float, Field(ge=0.05, le=8.0)] = 0.55
+    dimension_m: Annotated[float, Field(ge=0.05, le=8.0)]
     """Greatest extent from tip to tip, in m; half of it counts from where its centre falls."""
 
     @property
@@ -64,11 +64,17 @@ class Airframe(Settings):
         return self
 
 
+SIMULATED: Final = Airframe(mass_kg=1.5, drag_area_m2=0.04, dimension_m=0.55)
+"""The quadrotor of PX4's simulator. It stands for vehicles that were not weighed; preflight refuses these."""
+
+
 class ImpactSettings(Settings):
     """Where vehicles may fall: what is known of them and of the wind, and the lines inside the edge."""
 
-    airframe: Airframe = Airframe()
-    """How the vehicles of this fleet fall; weigh and measure the one that comes farthest."""
+    airframe: Airframe | None = None
+    """How the vehicles of this fleet fall; weigh and measure the one that comes farthest. Without it falls
+    are those of PX4's simulator (1.5 kg, 0.04 m^2, 0.55 m): no start over controlled ground passes preflight.
+    """
     wind_max_m_s: Annotated[float, Field(ge=0.0, le=25.0)] = 8.0
     """Greatest wind with gusts in which the fleet flies, in m/s; it counts from every direction."""
     reaction_s: Annotated[float, Field(ge=0.0, le=10.0)] = 1.0
@@ -79,6 +85,11 @@ class ImpactSettings(Settings):
     """The safety filter keeps impacts so far inside the edge of the controlled ground, in m."""
     hard_m: NotNegative = 1.0
     """An impact nearer to the edge is an alarm, and counted, in m; at the edge it is an emergency."""
+
+    @property
+    def falling(self) -> Airframe:
+        """The vehicle whose falls are computed."""
+        return self.airframe or SIMULATED
 
     @model_validator(mode="after")
     def _are_in_order(self) -> "ImpactSettings":
@@ -297,11 +308,11 @@ def impacts(position_m: Array, velocity_m_s: Array, settings: ImpactSettings) ->
     place_m, rest = _impacts(
         np.array(position_m),
         np.array(velocity_m_s),
-        reach_of(settings.airframe, settings.wind_max_m_s),
+        reach_of(settings.falling, settings.wind_max_m_s),
         settings.reaction_s,
         settings.ground_m,
     )
-    energy_j = 0.5 * settings.airframe.mass_kg * rest[SPEED] ** 2
+    energy_j = 0.5 * settings.falling.mass_kg * rest[SPEED] ** 2
     return Impacts(place_m, rest[SPREAD], rest[FALL], rest[SPEED], energy_j)
 
 

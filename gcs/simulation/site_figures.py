@@ -126,7 +126,7 @@ def _fallen(
     late_s = impact.reaction_s * np.concatenate([random.uniform(0.0, 1.0, count), np.ones(count)])
     both_m, both_m_s = np.concatenate([place_m] * 2), np.concatenate([pace_m_s] * 2)
     hit_m, _, _ = fallen(
-        both_m, both_m_s, wind_m_s, impact.airframe, ground_m=impact.ground_m, reaction_s=late_s
+        both_m, both_m_s, wind_m_s, impact.falling, ground_m=impact.ground_m, reaction_s=late_s
     )
     return hit_m
 

@@ -144,7 +144,9 @@ class SiteCommands:
             if of_station is not None:
                 expected = [vehicle_id for vehicle_id in of_station if vehicle_id in expected]
             if expected or not starts:
-                record = self.routing.ask(record, name, replace(request, vehicles=of_station), expected)
+                asked = replace(request, vehicles=of_station)
+                asked = self.member.as_agreed(name, asked) if starts else asked
+                record = self.routing.ask(record, name, asked, expected)
         return record
 
     def spread(self, record: CommandRecord, action: ShowAction, reason: str) -> CommandRecord:

@@ -103,7 +103,10 @@ class RequestExecutor:
         return context.run(execute)
 
     def _execute(self, sender: str, request: CommandRequest) -> None:
-        execute = self._show_part(request) if isinstance(request, ShowRequest) else self._part(request)
+        if isinstance(request, ShowRequest):
+            execute = self._show_part(sender, request)
+        else:
+            execute = self._part(request)
         try:
             record = self._execute_as(request.by, execute)
         except GcsError as refused:
@@ -111,7 +114,7 @@ class RequestExecutor:
             return
         self.routing.note_executed(record, sender, request.ref)
 
-    def _show_part(self, request: ShowRequest) -> Callable[[], CommandRecord]:
+    def _show_part(self, sender: str, request: ShowRequest) -> Callable[[], CommandRecord]:
         """What executes a fleet-wide command with the own vehicles."""
         if request.action is ShowAction.RESUME and self.local.flight.show.phase in FORMED:
             formed = [vehicle.id for vehicle in self.local.flight.vehicles.in_phase(Phase.FORMATION)]
@@ -121,7 +124,7 @@ class RequestExecutor:
         self.holds.end()
         if request.action is ShowAction.START:
             self.shows.named = None if request.named is None else frozenset(request.named)
-            return partial(self._start, request)
+            return partial(self._start, sender, request)
         return partial(
             self.local.command_show,
             request.action,
@@ -130,8 +133,10 @@ class RequestExecutor:
             at_unix_time_s=request.at_unix_time_s,
         )
 
-    def _start(self, request: ShowRequest) -> CommandRecord:
-        """Raises: RefusedError where a start needs two tokens, and the request does not have both."""
+    def _start(self, sender: str, request: ShowRequest) -> CommandRecord:
+        """Raises: RefusedError from a station with other rules, and without the two tokens it needs."""
+        if why := self.member.why_other_request(sender, request):
+            raise RefusedError(why)
         starting, approval = self.local.starting, Approval(request.proposed_by, request.confirmed_by)
         if starting.go.two is not None and not approval.holds:
             raise RefusedError("a start needs two tokens: propose and confirm it at the station that leads")

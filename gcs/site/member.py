@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import nan
 from typing import Any, Final
 
@@ -27,7 +27,7 @@ from gcs.preflight.vehicles import Placed
 from gcs.site.absences import Absences
 from gcs.site.agreement import NAMES_MAX, rules_of, why_others
 from gcs.site.led_show import PARTS, SHOW, ShowTraffic
-from gcs.site.requests import REQUEST, Refusal
+from gcs.site.requests import REQUEST, Refusal, ShowRequest
 from gcs.site.returns import SiteReturns
 from gcs.site.roles import SiteRoles, station_fleets, without_control
 from gcs.site.sender import NOT_CHECKED, WHY_LENGTH, SiteSender
@@ -260,12 +260,43 @@ class SiteMember(Elsewhere):
                 return f"station {name} is not received"
             if self.show_of(name) not in ON_THE_GROUND:
                 return f"at station {name} the show is {self.show_of(name)}"
-            their = self.texts[name].rules
-            if their is not None and (why := why_others(self._rules, their)):
+            if why := self._why_unlike(name) or self.texts[name].why_not_ready:
                 return f"station {name}: {why}"
-            if self.texts[name].why_not_ready:
-                return f"station {name}: {self.texts[name].why_not_ready}"
         return ""
+
+    def _why_unlike(self, station: str) -> str:
+        """How the rules of another station differ from this one's; empty: they do not."""
+        their = self.texts[station].rules
+        return NOT_CHECKED if their is None else why_others(self._rules, their)
+
+    def why_apart(self) -> str:
+        """As of `Elsewhere`: stations that are missing, and those that now have other rules."""
+        here = self.present()
+        for name in self.site.stations:
+            why = self._why_unlike(name) if name in here else "it is not received"
+            if why:
+                return f"a start needs every station: station {name}: {why}"
+        return ""
+
+    def why_other_request(self, station: str, request: ShowRequest) -> str:
+        """Why a start that another station asks for is none of this one's; empty: it is.
+
+        By the rules that the request carries: those of `why_apart` may be older.
+        """
+        if request.rules is None:
+            return f"station {station} asks for a start and does not say by which site and rules"
+        if why := why_others(self._rules, request.rules):
+            return f"station {station} asks for a start: {why}"
+        if request.parameters and request.parameters != self.sender.parameters_hash():
+            own = self.site.own
+            return f"the parameters of station {own} changed since the start was confirmed; propose it again"
+        return ""
+
+    def as_agreed(self, station: str, request: ShowRequest) -> ShowRequest:
+        """The request for a start with what that station has to have in common with this one."""
+        by_two = bool(request.confirmed_by)
+        parameters = self.texts[station].parameters if by_two else ""
+        return replace(request, rules=self._rules, parameters=parameters)
 
     def why_no_start(self) -> str:
         """As of `Elsewhere`: where this start is made, and what keeps another station from it."""

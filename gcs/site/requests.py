@@ -8,6 +8,7 @@ from pydantic import Field, TypeAdapter
 from gcs.model.interrupted_flight import Offer
 from gcs.model.state import VehicleId
 from gcs.service import Outcome, ShowAction, VehicleAction
+from gcs.site.agreement import NAMES_MAX
 from gcs.stations.messages import COUNT_MAX
 
 Named: TypeAlias = Annotated[tuple[VehicleId, ...], Field(max_length=COUNT_MAX)]
@@ -33,6 +34,8 @@ class ShowRequest:
     named: Named | None = None  # START of a show: the vehicles of all stations; None: all but those left out
     proposed_by: Text = ""  # START that needs two tokens: their names, checked by the lead
     confirmed_by: Text = ""
+    rules: Annotated[dict[Text, Text], Field(max_length=NAMES_MAX)] | None = None  # START: of who asks
+    parameters: Text = ""  # START that needs two tokens: hash of those of the receiver, as confirmed
     kind: Literal["show"] = "show"
 
 

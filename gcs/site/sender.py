@@ -164,9 +164,9 @@ class SiteSender:
         reasons |= {name: str(exclusion)[:150] for name, exclusion in excluded if name not in reasons}
         why = self._why_not_ready[:WHY_LENGTH]
         texts = {"why_not_ready": why, "offers": self.offers, "reasons": reasons}
-        return json.dumps(texts | {"rules": self._rules, "parameters": self._parameters_hash()}).encode()
+        return json.dumps(texts | {"rules": self._rules, "parameters": self.parameters_hash()}).encode()
 
-    def _parameters_hash(self) -> str:
+    def parameters_hash(self) -> str:
         """Of this station's vehicles; computed again only when those of one of them were read again."""
         values = list(self.flight.parameters.values())
         if len(values) != len(self._parameters[0]) or not all(map(is_, values, self._parameters[0])):

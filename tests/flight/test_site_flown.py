@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -12,22 +13,23 @@ from gcs.config.schema import Config, on_site
 from gcs.model.errors import InvalidError
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Formation, Orbit, Target
+from gcs.model.preflight_report import Check, State
 from gcs.recording.audit_reader import last_known
 from gcs.recording.mcap_reader import FlightData
 from gcs.recording.session import Record
 from gcs.safety.fenced_areas import beyond_m
 from gcs.service import ShowAction
-from gcs.testing.virtual_show import FlownTrack, VirtualShow, fly, show_config
+from gcs.testing.virtual_show import FlownTrack, VirtualShow, fly, refused, show_config
 from tests.support.audit_rows import events
-from tests.support.fields import field
+from tests.support.fields import CONTINGENCY, GROUND_RISK, field
 
 SITE = field(top_m=60.0)
 
 
-def config(folder: Path, site: FlightSite = SITE) -> Config:
+def config(folder: Path, site: FlightSite = SITE, **sections: dict[str, Any]) -> Config:
     path = folder / "field.geojson"
     path.write_bytes(written(site, path))
-    return on_site(show_config(4), path)
+    return on_site(show_config(4, **sections), path)
 
 
 async def near_an_edge(show: VirtualShow) -> FlownTrack:
@@ -59,6 +61,37 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Config, Flown
         track = fly(near_an_edge, flies, record=record)
         assert record.problems == ()
     return root, flies, track
+
+
+def test_vehicles_that_were_not_weighed_do_not_start(tmp_path: Path) -> None:
+    """Over a controlled ground; with their own figures they do, and where no ground is drawn."""
+    ground = field(CONTINGENCY, GROUND_RISK)
+
+    def airframe_of(site: FlightSite, **given: float) -> list[Check]:
+        async def story(show: VirtualShow) -> list[Check]:
+            await show.standby()
+            await show.wait(5.0)
+            report = show.service.preflight.report()
+            named = [each for each in report.fleet if each.name == "airframe"]
+            if named and not named[0].passes:
+                call = await refused(show, lambda: show.service.commands.command_show(ShowAction.START))
+                assert "control.safety.impact.airframe is not set" in call.text
+                assert [cause.check for cause in report.causes] == ["airframe"]
+                assert show.view.start_refused == report.in_short
+            else:
+                assert report.passes
+            return named
+
+        safety = {"safety": {"impact": {"airframe": given}}} if given else {}
+        return fly(story, config(tmp_path, site, control=safety))
+
+    (check,) = airframe_of(ground)
+    assert (check.state, check.value) == (State.UNKNOWN, None)
+    assert "computed for 1.5 kg, 0.04 m^2 and 0.55 m" in check.problem
+    assert "mass_kg, drag_area_m2 and dimension_m" in check.to_do
+    (check,) = airframe_of(ground, mass_kg=1.2, drag_area_m2=0.035, dimension_m=0.5)
+    assert (check.state, check.value) == (State.PASS, 1.2)
+    assert airframe_of(SITE) == []
 
 
 def test_no_vehicle_leaves_the_site(flown: tuple[Path, Config, FlownTrack]) -> None:

@@ -1,6 +1,7 @@
 """A start by two tokens with several stations: the lead decides, the others refuse in words."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -99,7 +100,8 @@ def test_a_station_starts_nothing_that_two_did_not_confirm(names: tuple[str, str
         request = ShowRequest("o9", "alice", ShowAction.START, proposed_by=names[0], confirmed_by=names[1])
         member = show["north"].service.local.flight.elsewhere
         assert isinstance(member, SiteMember)
-        member.post("south", REQUEST.dump_python(request, mode="json"))
+        agreed = member.as_agreed("south", request)
+        member.post("south", REQUEST.dump_python(agreed, mode="json"))
         await show.wait(8.0)
         assert show.armed.sum() == starts
 
@@ -114,7 +116,8 @@ def test_an_approved_start_ends_what_waits_elsewhere() -> None:
         request = ShowRequest("o9", "carol", ShowAction.START, proposed_by="carol", confirmed_by="bob")
         member = show["south"].service.local.flight.elsewhere
         assert isinstance(member, SiteMember)
-        member.post("north", REQUEST.dump_python(request, mode="json"))
+        agreed = member.as_agreed("north", request)
+        member.post("north", REQUEST.dump_python(agreed, mode="json"))
         await show.wait(8.0)
         assert (go_of(show, "north").proposal, go_of(show, "north").ended) == (None, "another start was made")
         own = show["north"].service.command_log.get(record.id)
@@ -154,6 +157,91 @@ def test_stations_with_other_rules_start_nothing(what: str, asked: tuple[str, ..
                 assert differs in refusal(show, station, "start")
             await show.wait(8.0)
             assert not show.armed.any()
+
+    fly_site(story, site_config(2, 2, **by_two()), **BUS)
+
+
+async def restarted(show: SiteShow, station: str, what: str, folder: Path) -> None:
+    """Start a station again with other rules, until the others receive it again."""
+    south = show[station]
+    await south.kill()
+    south.config = other(south.config, what)
+    rows = {name: (number, "loop") for number, name in enumerate(south.config.ids, 1)}
+    with Record(folder, south.config.model_dump_json(), rows, flight=False) as record:
+        south.restart(record)
+        await show.wait(12.0)
+
+
+def test_other_rules_at_the_time_of_a_start_refuse_it(tmp_path: Path) -> None:
+    """A station is started again with another fence while all count down."""
+    differs = "station south: it differs from this station in control.safety.fence: give both the same"
+
+    async def story(show: SiteShow) -> None:
+        north = show["north"]
+        at_s = north.unix() + 40.0
+        record, reasons = await asked_until_s(show, 15.0, at_unix_time_s=at_s)
+        assert record is not None, reasons
+        await show.wait(2.0)
+        phases = [show[name].view.show for name in show.stations]
+        assert phases == [ShowPhase.COUNTDOWN, ShowPhase.COUNTDOWN]
+        await restarted(show, "south", "control.safety.fence", tmp_path)
+        assert differs in north.view.start_refused
+        assert differs in north.view.reason
+        await show.wait(at_s - north.unix() + 2.0)
+        assert differs in north.view.reason
+        assert north.view.reason.startswith("did not start: a start needs every station: ")
+        assert not show.armed.any()
+        own = north.service.command_log.get(record.id).outcomes["n1"]
+        assert (own.outcome, differs in own.reason) == (Outcome.FAILED, True)
+
+    fly_site(story, site_config(2, 2), **BUS)
+
+
+def test_other_rules_between_proposal_and_confirmation(tmp_path: Path) -> None:
+    async def story(show: SiteShow) -> None:
+        _, shown = await proposed(show)
+        await restarted(show, "south", "control.safety.fence", tmp_path)
+        assert "changed since alice proposed it" in refusal(show, "north", "confirm", shown)
+        differs = "differs from this station in control.safety.fence: give both the same configuration"
+        assert differs in refusal(show, "north", "start")
+        await show.wait(8.0)
+        assert not show.armed.any()
+
+    fly_site(story, site_config(2, 2, **by_two()), **BUS)
+
+
+async def answered(show: SiteShow, request: ShowRequest) -> str:
+    """What south answers to a start that north asks for as the bus carries it; empty: it starts."""
+    member = show["north"].service.local.flight.elsewhere
+    assert isinstance(member, SiteMember)
+    member.post("south", REQUEST.dump_python(request, mode="json"))
+    for _ in range(100):
+        await show.wait(0.05)
+        for _, body in member.received:
+            if body["kind"] == "outcomes" and body["ref"] == request.ref:
+                return str(body["refused"])
+    return ""
+
+
+def test_a_station_compares_the_rules_of_who_asks_for_a_start() -> None:
+    """At the moment of the start, whatever was compared before: a request carries them."""
+
+    async def story(show: SiteShow) -> None:
+        await proposed(show)
+        member = show["north"].service.local.flight.elsewhere
+        assert isinstance(member, SiteMember)
+        bare = ShowRequest("o9", "alice", ShowAction.START, proposed_by="alice", confirmed_by="bob")
+        agreed = member.as_agreed("south", bare)
+        assert agreed.rules is not None
+        other_site = replace(agreed, rules={**agreed.rules, "site": "another"})
+        assert "does not say by which site and rules" in await answered(show, bare)
+        assert "differs from this station in site: " in await answered(show, other_site)
+        changed = await answered(show, replace(agreed, parameters="0" * 64))
+        assert changed.startswith("the parameters of station south changed since the start was confirmed")
+        assert not show.armed.any()
+        assert await answered(show, agreed) == ""
+        await show.wait(8.0)
+        assert show.armed.sum() == 2
 
     fly_site(story, site_config(2, 2, **by_two()), **BUS)
 

@@ -10,12 +10,15 @@ from gcs.testing.virtual_site import SiteShow, fly_site, site_config
 BUS = {"delay_s": 0.02, "spread_s": 0.01, "loss": 0.01}
 
 
-async def asked_until_s(show: SiteShow, seconds: float) -> tuple[CommandRecord | None, list[str]]:
+async def asked_until_s(
+    show: SiteShow, seconds: float, at_unix_time_s: float | None = None
+) -> tuple[CommandRecord | None, list[str]]:
     """Ask for a start 20 times a second. Returns: the command once accepted, and the reasons until then."""
     reasons: list[str] = []
     for _ in range(round(20 * seconds)):
         try:
-            return show["north"].service.commands.command_show(ShowAction.START), reasons
+            command = show["north"].service.commands.command_show
+            return command(ShowAction.START, at_unix_time_s=at_unix_time_s), reasons
         except RefusedError as refused:
             reasons.append(str(refused))
         await show.wait(0.05)

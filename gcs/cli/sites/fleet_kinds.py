@@ -86,7 +86,7 @@ def _kind(config: Config, profile: Autopilot, ids: list[VehicleId], read: ReadPa
         vehicles=len(ids),
         speed_m_s=fastest_m_s,
         climb_m_s=safety.limits.up_m_s,
-        dimension_m=safety.impact.airframe.dimension_m,
+        dimension_m=safety.impact.falling.dimension_m,
         tilt_deg=min(tilts),
         tilt_source=f"greatest tilt, {as_read}",
         setpoint_timeout_s=config.setpoint_timeout_s,

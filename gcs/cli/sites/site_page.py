@@ -52,6 +52,12 @@ svg text { font: 11px sans-serif; }
 """
 
 
+NOT_WEIGHED: Final = (
+    "<span class=bad>control.safety.impact.airframe is not set: weigh and measure the vehicles</span>"
+)
+"""Falls are those of a stand-in then."""
+
+
 @dataclass(frozen=True, slots=True)
 class SiteReported:
     """Everything that the report says."""
@@ -79,8 +85,8 @@ class SiteReported:
 
     @property
     def is_good(self) -> bool:
-        """Whether each volume is drawn and wide enough, the show fits, and what was read is as demanded."""
-        if self.problems or self.unmet:
+        """Whether volumes are wide enough, the show fits, vehicles were weighed, all read is as demanded."""
+        if self.problems or self.unmet or self.config.control.safety.impact.airframe is None:
             return False
         spares = [each.spare_m for each in self.beside]
         return all(spare is not None and spare >= -NEARLY_M for spare in spares)
@@ -194,7 +200,7 @@ def _volumes(reported: SiteReported) -> str:
 
 def _vehicles(reported: SiteReported) -> str:
     safety = reported.config.control.safety
-    frame, limits, fence = safety.impact.airframe, safety.limits, safety.fence
+    frame, limits, fence = safety.impact.falling, safety.limits, safety.fence
     drawn_above = reported.site.of(AreaKind.CONTINGENCY)
     falls = impacts(
         np.array([[0.0, 0.0, -max([fence.height_max_m, *(area.top_m for area in drawn_above)])]]),
@@ -202,6 +208,7 @@ def _vehicles(reported: SiteReported) -> str:
         safety.impact,
     )
     rows = [
+        *(() if safety.impact.airframe else [(NOT_WEIGHED, "PX4's simulator, a stand-in:")]),
         ("greatest extent", f"{frame.dimension_m:g} m"),
         ("mass in flight", f"{frame.mass_kg:g} kg"),
         ("drag coefficient x area", f"{frame.drag_area_m2:g} m²"),

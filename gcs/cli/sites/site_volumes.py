@@ -15,6 +15,7 @@ from gcs.config.schema import Config
 from gcs.model.errors import ConfigError
 
 NEARLY_M = 0.01
+STAND_IN = "control.safety.impact.airframe is not set: falls and sizes are those of PX4's simulator"
 
 
 def config_on_site(name: str) -> Config:
@@ -69,6 +70,8 @@ def text(config: Config, volumes: Sequence[Volumes], beside: Sequence[Comparison
     """Both as tables for people."""
     site = config.flight_site
     lines = [] if site is None else [f"{site.name}, hash {site.digest}"]
+    if config.control.safety.impact.airframe is None:
+        lines.append(STAND_IN)
     for each in volumes:
         lines += ["", f"{each.method}, {each.autopilot}:"]
         for extent in each.extents:

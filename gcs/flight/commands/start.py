@@ -340,6 +340,8 @@ class Starting:
             what := changes(countdown.parts, self._parts_now(countdown.request))
         ):
             raise RefusedError(f"{what} changed since the start was confirmed; propose it again")
+        if why := self.show_player.elsewhere().why_apart():
+            raise RefusedError(why)
         return self.preflight_gate.need(countdown.request.show_hash, countdown.chosen)
 
     def _end_countdown(self, countdown: Countdown, reason: str) -> None:

@@ -44,6 +44,7 @@ from gcs.preflight.causes import ALONE, DOWN, RECEIVED, STANDBY, Finding, causes
 from gcs.preflight.fleet import OF_THE_PATTERN, FleetReadiness, Pattern, standing
 from gcs.preflight.pad_distances import ROOM, TO_THE_NEXT, room_to_wander, spacing
 from gcs.preflight.vehicles import PreflightInputs, fix_words, own_checks
+from gcs.safety.impact import SIMULATED, ImpactSettings
 from gcs.service import CALLER, CommandRecord
 
 log = logging.getLogger(__name__)
@@ -76,6 +77,14 @@ OF_THE_SHOW: Final = frozenset(
 STATIONS: Final = "stations"
 """Check of the other stations, of a report that is asked for at one of several."""
 
+AIRFRAME: Final = "airframe"
+"""Check of what the configuration says of the vehicles' falls, where they have to stay on some ground."""
+
+NOT_WEIGHED: Final = (
+    "control.safety.impact.airframe is not set: where vehicles would fall is computed for"
+    f" {SIMULATED.mass_kg:g} kg, {SIMULATED.drag_area_m2:g} m^2 and {SIMULATED.dimension_m:g} m"
+)
+
 SELECT_AGAIN: Final = "select it again, once its check is good"
 TO_DO: Final = {
     "vehicles": "include vehicles, or wait until they are received on the ground",
@@ -89,6 +98,8 @@ TO_DO: Final = {
     "loss times": "do as the text says, or fly vehicles with one time only",
     "loss of the ground station": "do as the text says, or choose a larger radius",
     "obstacles": "remove the obstacle, or move the pad",
+    AIRFRAME: "weigh and measure the vehicle that comes farthest: set mass_kg, drag_area_m2 and dimension_m"
+    " there, and start the service again",
     STATIONS: "mend it there: gcs preflight at that station has all of it",
 }
 
@@ -206,7 +217,7 @@ class PreflightGate:
                 of = [*near[name], *stand.of[name], *([room[name]] if name in room else [])]
                 findings += [(name, check) for check in of]
             fleet = [_all_vehicles(kept, left), *stand.fleet] if left or not out else []
-            fleet += [check for each in self.flight.features for check in each.checks(self.flight.instant)]
+            fleet += self._of_the_flight()
             if "show" in failing:  # without vehicles a show says nothing about them
                 fliers, also_out = (left, len(out)) if left else (meant, 0)
                 fleet.append(look_at_show(fliers, also_out=also_out))
@@ -352,10 +363,17 @@ class PreflightGate:
             "clock: preflight.clock_max_s is null": settings.clock_max_s is None,
         }
         not_checked = [text for text, is_off in unlooked.items() if is_off] + self.parameter_reader.risks()
-        flight = self.flight
-        of_features = chain.from_iterable(each.checks(flight.instant) for each in flight.features)
         not_checked += self._ways_of_autopilots()
-        return FleetReadiness([*stand.fleet, *of_features], alone, [*stand.not_checked, *not_checked])
+        fleet = [*stand.fleet, *self._of_the_flight()]
+        return FleetReadiness(fleet, alone, [*stand.not_checked, *not_checked])
+
+    def _of_the_flight(self) -> list[Check]:
+        """Checks that do not depend on which vehicles fly."""
+        flight, safety = self.flight, self.flight.in_force.control.safety
+        of_features = chain.from_iterable(each.checks(flight.instant) for each in flight.features)
+        if safety.fence.controlled_ground is None:
+            return [*of_features]
+        return [_weighed(safety.impact), *of_features]
 
     def _ways_of_autopilots(self) -> list[str]:
         """Name what the show's check warns of, and returns of autopilots above the fence."""
@@ -634,6 +652,14 @@ class PreflightGate:
         if vehicle.phase not in GROUNDED:
             because = vehicle.reason.removesuffix(".")
             raise RefusedError(f"{vehicle_id} is {vehicle.phase}: {because}; it is not on the ground")
+
+
+def _weighed(impact: ImpactSettings) -> Check:
+    """Whether it is known how the vehicles fall; what is not known does not pass."""
+    limit = "mass_kg, drag_area_m2, dimension_m"
+    if (frame := impact.airframe) is None:
+        return Check(AIRFRAME, State.UNKNOWN, limit=limit, problem=NOT_WEIGHED, to_do=TO_DO[AIRFRAME])
+    return Check(AIRFRAME, State.PASS, frame.mass_kg, "kg", limit)
 
 
 def _evaluations(count: int) -> int:

@@ -232,6 +232,13 @@ class Elsewhere:
         """Why a start with the other flights would be refused now; empty: it would not."""
         return ""
 
+    def why_apart(self) -> str:
+        """Why the flights must not take off together at a time that has come; empty: they may.
+
+        Unlike `why_no_start` while another one takes off already.
+        """
+        return ""
+
     @property
     def all_up(self) -> bool:
         """Whether none of them climbs, or waits for its turn to take off."""

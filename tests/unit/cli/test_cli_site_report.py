@@ -169,3 +169,13 @@ def test_a_parameter_that_was_not_read_is_not_good(tmp_path: Path) -> None:
     path.write_text(json.dumps({"rows": rows}))
     page = reported(tmp_path, "lakeside", "--parameters", str(path), code=1)
     assert "<li class=bad>GF_ACTION: d1, d2, d3, d4, d5, d6, d7, d8" in page
+
+
+def test_vehicles_that_were_not_weighed_are_not_good(tmp_path: Path) -> None:
+    text = find("lakeside").read_text()
+    (tmp_path / "sites").mkdir()
+    (tmp_path / "sites" / "lakeside.geojson").write_bytes(written(SHIPPED, Path("a.geojson")))
+    path = tmp_path / "unweighed.yaml"
+    path.write_text(re.sub(r"    impact:\n      airframe: .*\n", "", text))
+    page = reported(tmp_path, str(path), "--parameters", str(parameters(tmp_path)), code=1)
+    assert "control.safety.impact.airframe is not set: weigh and measure the vehicles" in page
