@@ -7,6 +7,7 @@ from typing import Final
 
 import numpy as np
 
+from gcs.control.center_within import within_areas
 from gcs.control.detour import follow_detour
 from gcs.control.inputs import FormationState, Task, TickInputs
 from gcs.control.memory import Detour, Memory
@@ -80,6 +81,8 @@ def move_center(now: TickInputs, memory: Memory, shared: FormationState | None =
     limits = _limits(now, center, radius_m)
     desired_m_s, sides, detour = _around_obstacles(now, center, ahead, radius_m, memory, limits)
     desired_m_s, limits = _out_of_traffic(now, ahead, sphere_m, desired_m_s, limits)
+    if not now.settings.safety.fence.is_plain:
+        desired_m_s = within_areas(now, ahead, sphere_m, desired_m_s, limits)
     held_m_s = _inside_fence(now, ahead, sphere_m, desired_m_s, limits)
     moved = advance_center(center, held_m_s, now.dt_s, limits.acceleration_m_s2)
     change_m = now.settings.radius_rate_m_s * now.dt_s

@@ -221,6 +221,17 @@ def _check_areas(
     raise InvalidError("radius_m", radius_m, f"{room}: round a target at {place} {lacks}")
 
 
+def lack_around(
+    place_m: tuple[float, float], orbit: Orbit, formation: Formation, safety: SafetySettings
+) -> str:
+    """What orbit and sphere lack of room round a target at a place, in words; empty: nothing."""
+    if safety.fence.is_plain:
+        return ""
+    orbit_m_s = orbit.speed_m_s if orbit.radius_m > 0.0 else 0.0
+    lack_m, area = _lack(space_of(place_m, orbit, formation), safety, orbit_m_s)
+    return f"{ceil(lack_m)} m are missing to {area}" if lack_m > NEARLY_M else ""
+
+
 def _speed_m_s(target: Target, orbit: Orbit) -> float:
     """How fast a formation moves as a whole."""
     return target.speed_m_s + (orbit.speed_m_s if orbit.radius_m > 0.0 else 0.0)

@@ -27,6 +27,7 @@ from gcs.model.lifecycle import IN_THE_AIR, ShowPhase
 from gcs.model.plan import Target
 from gcs.model.preflight_report import Check, State
 from gcs.model.target_fix import TargetFix
+from gcs.planning.feasibility import lack_around
 from gcs.service.alarms import AlarmCause, Condition
 from gcs.service.features import TargetsView, TargetView
 
@@ -317,7 +318,11 @@ class Targets(Feature):
     def _beyond(self, motion: TargetMotion) -> str:
         """How far a target is beyond where it can be followed, in words; empty: it can."""
         beyond_m = float(np.hypot(*motion.position_m)) - self._reach_m
-        return f"{beyond_m:.0f} m farther than fence, orbit and sphere allow" if beyond_m > 0.0 else ""
+        if beyond_m > 0.0:
+            return f"{beyond_m:.0f} m farther than fence, orbit and sphere allow"
+        plan, safety = self._in_force.plan, self._in_force.control.safety
+        x_m, y_m = motion.position_m.tolist()
+        return lack_around((x_m, y_m), plan.orbit, plan.formation, safety)
 
     def _outruns(self, motion: TargetMotion) -> str:
         """That it is faster than the formation by more than a deviation, in words; empty: it is not."""
