@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from gcs.config.schema import Config
+from gcs.control.area_graphs import prepared_ways
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Orbit
+from gcs.safety.impact import impacts
 from gcs.service import ShowAction
 from gcs.service.alarms import AlarmCause
 from gcs.service.features import WindView
@@ -146,3 +148,39 @@ def test_calm_raises_no_alarm_of_the_wind(kinds: str) -> None:
         return greatest_m_s
 
     assert flown(story, kinds, 3) < 4.0
+
+
+FIELD_M: Final = ((-70.0, -70.0), (70.0, -70.0), (70.0, 70.0), (-70.0, 70.0))
+
+
+def test_more_wind_than_allowed_counts_for_where_vehicles_fall() -> None:
+    """The discs grow with what was measured, and stay so for the flight; ways round walls remain."""
+
+    async def story(show: VirtualShow) -> None:
+        service: Any = show.service
+        await show.standby()
+        blow(show, 3.0)
+        await orbit(show)
+        await show.wait(40.0)
+        flight = service.flight
+        allowed = flight.in_force.control.safety.impact
+        assert flight.control_now.safety.impact == allowed
+        calm_m = impacts(show.view.rows.position_m, show.view.rows.velocity_m_s, allowed).spread_m
+        blow(show, 10.0)
+        await show.wait(25.0)
+        counted = flight.control_now.safety.impact
+        assert counted.wind_max_m_s >= 10.0
+        assert flight.limits_now.safety.impact == counted
+        assert flight.control_now.safety.fence == flight.in_force.control.safety.fence
+        spread_m = impacts(show.view.rows.position_m, show.view.rows.velocity_m_s, counted).spread_m
+        assert (spread_m > 1.2 * calm_m).all()
+        assert prepared_ways(flight.control_now.safety) is not None
+        blow(show, 0.0)
+        await show.wait(30.0)
+        assert flight.control_now.safety.impact == counted, "never less safe within a flight"
+        show.service.commands.command_show(ShowAction.STOP)
+        await show.reach(ShowPhase.LANDED)
+
+    raw = config("ardupilot", 3).model_dump()
+    raw["control"]["safety"]["fence"] |= {"controlled_ground": {"corners_m": FIELD_M}, "height_max_m": 60.0}
+    flown(story, "ardupilot", 3, control=raw["control"])

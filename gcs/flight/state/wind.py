@@ -1,5 +1,6 @@
 """The wind of one flight: measured of its vehicles, compared with what is allowed and what was entered."""
 
+from collections import deque
 from collections.abc import Callable, Iterator
 from math import isinf, isnan, nan
 from typing import Final
@@ -19,6 +20,9 @@ from gcs.service.features import WindView
 VELOCITY_OLD_S: Final = 1.0
 BACK_M_S: Final = 0.5
 """So much below a limit an alarm of the wind ends."""
+
+LASTS: Final = 15
+"""So many looks, of 3 s, a wind must last to count as the greatest, for the rest of the flight."""
 
 MORE_M_S: Final = 1.0
 """The wind is surely so much more than was entered before that is contradicted: on the ground it is less."""
@@ -59,7 +63,7 @@ class WindWatch(Feature):
         self._landed: tuple[Landed, ...] = ()
         self._airborne = np.zeros(len(vehicles), np.bool_)
         self._flew = self._over = self._differs = False
-        self.greatest_m_s = nan
+        self.greatest_m_s, self._last_m_s = nan, deque[float](maxlen=LASTS)
 
     @property
     def estimate(self) -> WindEstimate:
@@ -88,14 +92,15 @@ class WindWatch(Feature):
             age_s, flies = now_s - telemetry.attitude_time_s, self._flies()
             if not self._flew and flies.any():
                 self.greatest_m_s, self._newest.wind_m_s = nan, 0.0
+                self._last_m_s.clear()
             self._flew = bool(flies.any())
             self._estimator.take(now_s, telemetry.attitude_rad, age_s, telemetry.velocity_ned_m_s, flies)
 
     def _note(self, measured: WindEstimate) -> None:
-        reached_m_s = measured.with_gusts_m_s
-        if not isnan(reached_m_s):
-            self.greatest_m_s = np.fmax(self.greatest_m_s, reached_m_s)
-        self._newest.wind_m_s = max(self._newest.wind_m_s, self._reached_m_s(measured))
+        self._last_m_s.append(self._reached_m_s(measured))
+        if len(self._last_m_s) == LASTS and (least_m_s := min(self._last_m_s)) > 0.0:
+            self.greatest_m_s = float(np.fmax(self.greatest_m_s, least_m_s))
+            self._newest.wind_m_s = self.greatest_m_s
 
     def _reached_m_s(self, measured: WindEstimate) -> float:
         """What the wind reaches with its gusts as it is known, or surely has where it is not."""
