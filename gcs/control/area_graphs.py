@@ -104,7 +104,8 @@ def band_of(here_m: Array, there_m: Array, step_m: float, top: int) -> tuple[int
     return low, max(int(np.ceil(min(max(most, 0.0), float(top)))), low + 1)
 
 
-_prepared = dict[Hashable, AreaGraphs]()
+_prepared = dict[Hashable, tuple[float, AreaGraphs]]()
+"""Graphs, and the wind for which they were made."""
 
 
 def prepare_ways(*rules: SafetySettings) -> None:
@@ -112,20 +113,27 @@ def prepare_ways(*rules: SafetySettings) -> None:
     for safety in rules:
         if safety.fence.is_plain:
             continue
-        graphs = _prepared.pop(_key(safety), None) or _made(safety)
+        wind_m_s, before = safety.impact.wind_max_m_s, _prepared.pop(_key(safety), None)
+        graphs = _made(safety) if before is None or before[0] != wind_m_s else before[1]
         while len(_prepared) >= FENCES_MAX:
             del _prepared[next(iter(_prepared))]
-        _prepared[_key(safety)] = graphs
+        _prepared[_key(safety)] = wind_m_s, graphs
 
 
 def prepared_ways(safety: SafetySettings) -> AreaGraphs | None:
-    """The graphs of this site; None: `prepare_ways` has not made them."""
-    return _prepared.get(_key(safety))
+    """The graphs of this site; None: `prepare_ways` has not made them.
+
+    In more wind than they were made for they still lead round walls: the safety filter keeps what is missing.
+    """
+    made = _prepared.get(_key(safety))
+    return None if made is None or made[0] > safety.impact.wind_max_m_s else made[1]
 
 
 def _key(safety: SafetySettings) -> Hashable:
-    """What graphs are of. A show has less height than the service, and needs no others for that."""
-    return safety.fence.areas, safety.fence.controlled_ground, safety.impact
+    """What graphs are of, but the wind. A show has less height than the service, and needs no others."""
+    impact = safety.impact
+    lines_m = impact.ground_m, impact.soft_m, impact.hard_m
+    return safety.fence.areas, safety.fence.controlled_ground, impact.airframe, impact.reaction_s, lines_m
 
 
 def _made(safety: SafetySettings) -> AreaGraphs:

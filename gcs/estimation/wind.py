@@ -20,13 +20,11 @@ ICRA 2010 (rotor drag is linear); of the filter: the identity of state variable 
 """
 
 from dataclasses import dataclass
-from typing import Annotated, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
-from pydantic import Field
 
 from gcs.model.jit import kernel, kernel_within
-from gcs.model.settings import Settings
 from gcs.model.state import TINY, Array, Mask
 
 GRAVITY_M_S2: Final = 9.80665
@@ -86,8 +84,8 @@ of a mean.
 
 DRAG_MIN_PER_S, DRAG_MAX_PER_S = 0.05, 3.0
 
-KNOWN_M_S: Final = 1.5
-KNOWN_SHARE: Final = 0.15
+KNOWN_M_S: Final = 1.0
+KNOWN_SHARE: Final = 0.16
 """A wind is known if its standard deviation is at most this, or this share of it."""
 
 KNOWN_AFTER_S: Final = 4.0
@@ -98,13 +96,6 @@ UNKNOWN_AFTER_S: Final = 5.0
 
 MARGIN: Final = 2.0
 """Deviations above the estimate that gusts may reach, and that an estimate may be off."""
-
-
-class WindSettings(Settings):
-    """What is known before the flight of how the fleet answers wind."""
-
-    drag_per_s: Annotated[float, Field(ge=DRAG_MIN_PER_S, le=DRAG_MAX_PER_S)] | None = None
-    """Drag of a vehicle in flight by its mass, in 1/s: 0.1 to 0.4 of most; null: it is measured in flight."""
 
 
 PRIOR_PER_S, PRIOR_SHARE, GIVEN_SHARE = 0.35, 1.0, 0.15
@@ -119,6 +110,7 @@ class WindEstimate:
     north_m_s: float = np.nan  # of the air over ground, as the next
     east_m_s: float = np.nan
     deviation_m_s: float = np.nan  # standard deviation of the estimate
+    drag_error_m_s: float = np.nan  # the part of it that is for the drag
     gust_m_s: float = np.nan  # standard deviation of the wind itself, and of what is measured of it
     drag_per_s: float = np.nan  # mean of the vehicles
     vehicles: int = 0  # that counted
@@ -178,14 +170,15 @@ class _Vehicles(NamedTuple):
 class WindEstimator:
     """Measures the wind over one fleet. Used on the event loop only; it never raises for what is reported."""
 
-    def __init__(self, count: int, settings: WindSettings = WindSettings()) -> None:  # noqa: B008 (frozen)
-        given = settings.drag_per_s
-        self._prior_per_s = PRIOR_PER_S if given is None else given
-        self._prior_share = PRIOR_SHARE if given is None else GIVEN_SHARE
-        self._vehicles, self._numbers = _Vehicles.unknown(count), np.empty((4, count))
+    def __init__(self, count: int, drag_per_s: float | None = None) -> None:
+        """Know nothing of `count` vehicles, but their drag by mass where it is given, in 1/s."""
+        self._prior_per_s = PRIOR_PER_S if drag_per_s is None else drag_per_s
+        self._prior_share = PRIOR_SHARE if drag_per_s is None else GIVEN_SHARE
+        self._vehicles = _Vehicles.unknown(count)
+        self._numbers, self._now_m_s = np.empty((4, count)), np.zeros((2, 2))  # written by `_of_fleet`
         self._time_s = self._counted_s = -np.inf
         self._measured_s = 0.0  # for how long
-        self._wind_m_s, self._gust_m2_s2 = np.zeros(2), 0.0
+        self._wind_m_s, self._gust_m2_s2, self._drag_per_s = np.zeros(2), 0.0, np.nan
         self.newest = WindEstimate()
 
     def take(
@@ -208,22 +201,23 @@ class WindEstimator:
 
     def look(self, now_s: float) -> WindEstimate:
         """Return the wind by what was taken last; once after each `take`, at the latest in the next tick."""
-        count, north_m_s, east_m_s, deviation_m_s, drag_per_s = _of_fleet(
-            self._vehicles, self._prior_per_s, self._prior_share, self._numbers
+        count, for_drag_m_s, else_m_s, drag_per_s = _of_fleet(
+            self._vehicles, self._prior_per_s, self._prior_share, self._numbers, self._now_m_s
         )
         if not count:
             if now_s - self._counted_s > UNKNOWN_AFTER_S:
                 self._measured_s, self.newest = 0.0, WindEstimate(now_s)
             return self.newest
-        self._follow(now_s - self._counted_s, np.array((north_m_s, east_m_s)))
+        self._follow(now_s - self._counted_s, self._now_m_s[0].copy(), self._now_m_s[1], drag_per_s)
         self._counted_s = now_s
-        speed_m_s = float(np.hypot(*self._wind_m_s))
+        speed_m_s, deviation_m_s = float(np.hypot(*self._wind_m_s)), float(np.hypot(for_drag_m_s, else_m_s))
         well = deviation_m_s <= max(KNOWN_M_S, KNOWN_SHARE * speed_m_s)
         self.newest = WindEstimate(
             now_s,
             float(self._wind_m_s[0]),
             float(self._wind_m_s[1]),
             deviation_m_s,
+            for_drag_m_s,
             float(np.sqrt(self._gust_m2_s2)),
             drag_per_s,
             count,
@@ -231,8 +225,17 @@ class WindEstimator:
         )
         return self.newest
 
-    def _follow(self, dt_s: float, now_m_s: Array) -> None:
-        """Filter the wind, at first as a mean of all."""
+    def _follow(self, dt_s: float, now_m_s: Array, moves_m_s: Array, drag_per_s: float) -> None:
+        """Filter the wind, at first as a mean of all. A drag that is known better is no gust.
+
+        Args:
+            dt_s: since the last time.
+            now_m_s: (2,) what is measured now.
+            moves_m_s: (2,) mean velocity of the vehicles.
+            drag_per_s: their mean.
+        """
+        anew = 1.0 if np.isnan(self._drag_per_s) else self._drag_per_s / drag_per_s
+        self._wind_m_s, self._drag_per_s = moves_m_s + anew * (self._wind_m_s - moves_m_s), drag_per_s
         if self._measured_s == 0.0:
             self._wind_m_s, self._gust_m2_s2, dt_s = now_m_s, 0.0, EVERY_S
         self._measured_s += dt_s
@@ -365,11 +368,11 @@ def _middle(values: Array) -> float:
 
 @kernel
 def _of_fleet(
-    kept: _Vehicles, prior_per_s: float, prior_share: float, numbers: Array
-) -> tuple[int, float, float, float, float]:
-    """How many count, the median of their winds, its standard deviation, and their usual drag.
+    kept: _Vehicles, prior_per_s: float, prior_share: float, numbers: Array, now_m_s: Array
+) -> tuple[int, float, float, float]:
+    """How many count, the standard deviations of their wind, for the drag and else, and their mean drag.
 
-    `numbers` (4, n) is written.
+    `numbers` (4, n) is written, and `now_m_s` (2, 2): the median of the winds, the mean of the velocities.
     """
     n, count = len(kept.settled_s), 0
     for i in range(n):
@@ -384,6 +387,7 @@ def _of_fleet(
         expected, share = _middle(numbers[0, :count]), ALIKE
     expects = 1.0 / (share * expected) ** 2
     count, drags = 0, 0.0
+    now_m_s[1] = 0.0
     for i in range(n):
         if kept.settled_s[i] < SETTLES_S:
             continue
@@ -397,9 +401,12 @@ def _of_fleet(
         through_m_s = np.sqrt(y_north * y_north + y_east * y_east) / drag
         numbers[2, count] = through_m_s / (drag * np.sqrt(information + expects))
         drags += drag
+        now_m_s[1, 0] += kept.short_m_s[i, 0]
+        now_m_s[1, 1] += kept.short_m_s[i, 1]
         count += 1
     if count == 0:
-        return 0, np.nan, np.nan, np.nan, np.nan
+        return 0, np.nan, np.nan, np.nan
+    now_m_s[1] /= count
     numbers[3, :count] = numbers[0, :count]
     north = _middle(numbers[3, :count])
     numbers[3, :count] = numbers[1, :count]
@@ -408,8 +415,9 @@ def _of_fleet(
         numbers[3, k] = (numbers[0, k] - north) ** 2 + (numbers[1, k] - east) ** 2
     spread_m2_s2, drag = SPREAD**2 * _middle(numbers[3, :count]), drags / count
     alone_m2_s2 = spread_m2_s2 + (LEVEL_M_S2 / drag) ** 2
-    deviation_m_s = np.sqrt(_middle(numbers[2, :count]) ** 2 + MEDIAN * alone_m2_s2 / count)
-    return count, north, east, deviation_m_s, drag
+    for_drag_m_s = _middle(numbers[2, :count])
+    now_m_s[0, 0], now_m_s[0, 1] = north, east
+    return count, for_drag_m_s, np.sqrt(MEDIAN * alone_m2_s2 / count), drag
 
 
 def warm_up() -> None:

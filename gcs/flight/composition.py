@@ -7,7 +7,7 @@ from functools import partial
 from math import isnan
 
 from gcs.control import warm_up as tick_warm_up
-from gcs.estimation import link_health
+from gcs.estimation import link_health, wind
 from gcs.estimation.targets import motion
 from gcs.failsafe import triggers
 from gcs.flight.commands.commander import Commander
@@ -32,6 +32,7 @@ from gcs.flight.state.flight import Flight
 from gcs.flight.state.refusals import Refusals
 from gcs.flight.state.targets import Targets
 from gcs.flight.state.ticker import TickClock
+from gcs.flight.state.wind import WindWatch
 from gcs.model.interrupted_flight import Interruption
 from gcs.planning import lost_space, silent_space
 from gcs.planning.return_paths import planner
@@ -50,6 +51,7 @@ def warm_up() -> None:
         lost_space.warm_up,
         silent_space.warm_up,
         motion.warm_up,
+        wind.warm_up,
     ):
         load()
 
@@ -98,7 +100,8 @@ class FlightParts:
             },
         )
         self.site = site = site_editor_of(flight)
-        flight.features = [*features_of(flight, targets, guard, unix_minus_loop_s, group), go, site]
+        watch = WindWatch(flight.config, flight.newest, flight.vehicles, go.wind_limits, lambda: go.wind)
+        flight.features = [*features_of(flight, targets, guard, unix_minus_loop_s, group), go, site, watch]
         self.refusals = refusals = refusals_of(flight)
         places = landing_places_of(flight)
         self.maneuvers = maneuvers = maneuvers_of(flight, group, places)

@@ -175,7 +175,7 @@ class Orchestrator:
             if self._record is not None:
                 run = self.flight.show.run
                 parts = {} if run is None else run.parts
-                sample = Sample(own(), parts, self.flight.in_force.control, elsewhere=hooks.recorded())
+                sample = Sample(own(), parts, self.flight.limits_now, elsewhere=hooks.recorded())
                 self._record.note(sample, self.flight.links)
             self.flight.wake()
             collect_garbage(now_s)

@@ -232,6 +232,13 @@ class GoSettings(Settings):
     """Limits of the weather that is entered."""
 
 
+class WindSettings(Settings):
+    """How the wind is measured in flight, from how vehicles tilt (docs/how-to/wind.md)."""
+
+    drag_per_s: Annotated[float, Field(ge=0.05, le=3.0)] | None = None
+    """Drag of a vehicle in flight by its mass, in 1/s: 0.1 to 0.4 of most; null: it is measured in flight."""
+
+
 class StationInputs(Settings):
     """Inputs that each station of a site may have of its own."""
 
@@ -254,6 +261,8 @@ class FeatureSettings(StationInputs):
     """Where the vehicles are sent as tracks of TAK; without it nowhere (docs/how-to/targets.md)."""
     remote_id: RemoteIdSettings | None = None
     """Remote ID; without it none is sent (docs/how-to/remote-id-and-fences.md)."""
+    wind: WindSettings = WindSettings()
+    """How the wind is measured in flight."""
     go: GoSettings | None = None
     """What people must say before a start: a second token, checklists, weather (docs/how-to/go.md)."""
 

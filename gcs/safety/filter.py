@@ -31,7 +31,7 @@ from gcs.safety.constraints import (
 from gcs.safety.controlled_ground import ground_constraints, ground_margins
 from gcs.safety.fenced_areas import FencedArea, passable, shapes_of
 from gcs.safety.floor import Floor, minimum_separation
-from gcs.safety.impact import ImpactSettings, reach_of
+from gcs.safety.impact import ImpactSettings, reach_of, winds_of
 from gcs.safety.lost_paths import OWNERS_MOST, keepout_constraints
 from gcs.safety.near_traffic import Evading, NearTraffic, track_constraints
 from gcs.safety.neighbours import FEW, Rows, near_pairs
@@ -540,7 +540,8 @@ def prepare(settings: SafetySettings) -> None:
     shapes_of(passable(fence.areas, fence.heights_m))
     if fence.controlled_ground is not None:
         shapes_of((fence.controlled_ground,))
-        reach_of(impact.falling, impact.wind_max_m_s)
+        for wind_m_s in winds_of(impact):  # that may be measured
+            reach_of(impact.falling, wind_m_s)
 
 
 def warm_up() -> None:

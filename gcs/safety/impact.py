@@ -98,6 +98,30 @@ class ImpactSettings(Settings):
         return self
 
 
+WIND_STEP_M_S: Final = 4.0
+WIND_MAX_M_S: Final = 25.0
+"""Tables are made for the greatest wind of the settings, and for stronger ones in these steps up to this."""
+
+
+def winds_of(settings: ImpactSettings) -> tuple[float, ...]:
+    """The winds for which there are tables, the weakest first."""
+    stronger = np.arange(settings.wind_max_m_s + WIND_STEP_M_S, WIND_MAX_M_S, WIND_STEP_M_S)
+    return tuple(dict.fromkeys((settings.wind_max_m_s, *stronger.tolist(), WIND_MAX_M_S)))
+
+
+def in_wind(settings: ImpactSettings, wind_m_s: float) -> ImpactSettings:
+    """These settings; for a wind that reaches more than theirs, those of the next stronger table."""
+    if not wind_m_s > settings.wind_max_m_s:
+        return settings
+    winds = winds_of(settings)
+    return _of_wind(settings, next((each for each in winds if each >= wind_m_s), winds[-1]))
+
+
+@lru_cache(maxsize=32)
+def _of_wind(settings: ImpactSettings, wind_m_s: float) -> ImpactSettings:
+    return settings.model_copy(update={"wind_max_m_s": wind_m_s})
+
+
 HEIGHT_MAX_M: Final = 500.0
 """Greatest height of the tables."""
 
@@ -228,7 +252,7 @@ def _crossing(z: float, z_next: float, w: float, w_next: float, step_s: float, h
     return high
 
 
-@lru_cache(maxsize=8)
+@lru_cache(maxsize=32)
 def reach_of(airframe: Airframe, wind_max_m_s: float) -> Reach:
     """The discs that hold all impacts in winds up to this from every direction; built once, in about 0.1 s.
 

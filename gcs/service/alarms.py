@@ -48,6 +48,7 @@ class AlarmCause(StrEnum):
     GROUND_NEAR = "ground-near"
     LAND_NOW = "land-now"
     WIND = "wind"
+    WIND_MEASURED = "wind-measured"
     LINKS_LATE = "links-late"
     SERVICE_LATE = "service-late"
     OWN_FAILSAFE = "own-failsafe"
@@ -88,6 +89,7 @@ class AlarmCause(StrEnum):
     CORRECTIONS_STOPPED = "corrections-stopped"
     TIMECODE = "timecode"
     CLOCK_DOUBTFUL = "clock-doubtful"
+    WEATHER_DIFFERS = "weather-differs"
     START_NOT_READY = "start-not-ready"
     SILENT = "silent"
     POOR_LINK = "poor-link"
@@ -225,6 +227,15 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
     AlarmCause.WIND: CauseRow(
         W, "Too much wind", "Bring the show home if the wind does not drop.",
         action=X.STOP, past="There was too much wind",
+    ),
+    AlarmCause.WIND_MEASURED: CauseRow(
+        W,
+        "More wind than allowed",
+        "Bring the show home: a vehicle that fails may fall farther than the site allows.",
+        on_after_s=1.0,
+        off_after_s=5.0,
+        action=X.STOP,
+        past="There was more wind than allowed",
     ),
     AlarmCause.SERVICE_LATE: CauseRow(
         W, "Service late", "End other programs on this computer; bring the show home if it stays late.",
@@ -476,6 +487,14 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "Bring the timecode to where the show is, or pause the show."
         " gcs shows follow-external-clock no lets it run by this station's clock.",
         on_after_s=1.0,
+    ),
+    AlarmCause.WEATHER_DIFFERS: CauseRow(
+        C,
+        "More wind than was entered",
+        "Enter the weather anew (gcs weather), and decide whether the show goes on.",
+        on_after_s=3.0,
+        off_after_s=5.0,
+        past="There was more wind than was entered",
     ),
     AlarmCause.START_NOT_READY: CauseRow(
         W,

@@ -22,6 +22,10 @@ def _speed(x_m_s: float | None, y_m_s: float | None) -> float | None:
     return None if x_m_s is None or y_m_s is None else hypot(x_m_s, y_m_s)
 
 
+def _number_of(degrees: float | None) -> str:
+    return "?" if degrees is None or isnan(degrees) else f"{round(degrees) % 360:03d}"
+
+
 def _number(value: float | None) -> str:
     return "?" if value is None or isnan(value) else f"{value:.1f}"
 
@@ -420,6 +424,50 @@ class RemoteIdView(FeatureView):
 
 
 @dataclass(frozen=True, slots=True)
+class WindView(FeatureView):
+    """The wind as the vehicles' tilts show it."""
+
+    __pydantic_config__ = PUBLISHED
+
+    speed_m_s: Annotated[Measured, Described("Over the last seconds; null: not known.", "gcs_wind_m_s")]
+    from_deg: Annotated[Measured, Described("Where it comes from, clockwise from north.")]
+    deviation_m_s: Annotated[
+        Measured, Described("Standard deviation of the estimate; null: nothing is measured.")
+    ]
+    with_gusts_m_s: Annotated[
+        Measured,
+        Described(
+            "What its gusts reach: two standard deviations more, of the wind and of the estimate.",
+            "gcs_wind_with_gusts_m_s",
+        ),
+    ]
+    at_least_m_s: Annotated[float, Described("What it surely has, also where it is not known.")]
+    allowed_m_s: Annotated[float, Described("The least limit with gusts of the settings.", moves=False)]
+    greatest_m_s: Annotated[
+        Measured, Described("Greatest with gusts since the vehicles took off.", "gcs_wind_greatest_m_s")
+    ]
+    drag_per_s: Annotated[Measured, Described("Drag of the vehicles by their mass, as it is believed now.")]
+    vehicles: Annotated[int, Described("Vehicles that it is measured of.")]
+    why_unknown: Annotated[str, Described("Why the wind is not known; empty: it is.")]
+
+    @property
+    def text(self) -> str:
+        """What is measured, in words."""
+        if self.speed_m_s is None or isnan(self.speed_m_s):
+            return f"not known: {self.why_unknown}"
+        measured = f"{self.speed_m_s:.1f} m/s from {_number_of(self.from_deg)} degrees"
+        return f"{measured} (+-{_number(self.deviation_m_s)}), gusts to {_number(self.with_gusts_m_s)}"
+
+    def line(self, unix_time_s: float) -> Line:  # noqa: ARG002
+        if not self.vehicles and self.greatest_m_s is None:
+            return
+        reached = max(self.at_least_m_s, self.with_gusts_m_s or 0.0)
+        yield f"{self.text}, allowed {self.allowed_m_s:g}", "bad" if reached > self.allowed_m_s else ""
+        if self.greatest_m_s is not None:
+            yield f", greatest of this flight {self.greatest_m_s:.1f}", ""
+
+
+@dataclass(frozen=True, slots=True)
 class Features:
     """What each feature reports; null: it is not configured, or not in a replayed record."""
 
@@ -433,6 +481,7 @@ class Features:
     fences: FencesView | None = None
     remote_id: RemoteIdView | None = None
     lights: LightsView | None = None
+    wind: WindView | None = None
     go: GoView | None = None
     site: SiteFileView | None = None
 

@@ -71,7 +71,8 @@ class Snapshot:
 
     @cached_property
     def tilt_rad(self) -> tuple[Array, Array]:
-        """Roll and pitch that push a point mass in the direction of its acceleration."""
+        """Roll and pitch that push a point mass in the direction of its acceleration, after its yaw."""
         forward_m_s2, right_m_s2, down_m_s2 = self.body_acceleration_m_s2
         lift_m_s2 = np.maximum(GRAVITY_M_S2 - down_m_s2, 1.0)
-        return np.arctan2(right_m_s2, lift_m_s2), -np.arctan2(forward_m_s2, lift_m_s2)
+        pitch_rad = -np.arctan2(forward_m_s2, lift_m_s2)
+        return np.arctan2(right_m_s2 * np.cos(pitch_rad), lift_m_s2), pitch_rad

@@ -71,6 +71,9 @@ FEATURES: Final = {
         7,
         10,  # a site's report says what is sent
     ),
+    "wind": Named(  # measured; that of the simulated world and of the settings has other names
+        r"Wind(?:View|Watch|Settings|Estimat\w+)|features\??\.wind\b|\./wind", r"wind", 3, 4
+    ),
     "traffic": Named(  # of others; `gcs/safety/traffic.py` is of the own vehicles
         r"TrafficView|TrafficSettings|TrafficSource|TrackTable|OtherTraffic|features\??\.traffic|\./traffic",
         r"traffic|tracks",

@@ -21,7 +21,7 @@ const vehicle = status().vehicles[0]!;
 const corrections = (state: State) => feature.glance!(state);
 
 /** With these corrections; null: none are configured. */
-const of = (found: typeof FOUND | null): Features => ({ corrections: found, timecode: null, targets: null, traffic: null, tak: null, fences: null, remote_id: null, go: null, site: null, lights: { driver: "led-control", sent: 0, dropped: 0 } });
+const of = (found: typeof FOUND | null): Features => ({ corrections: found, timecode: null, targets: null, traffic: null, tak: null, fences: null, remote_id: null, wind: null, go: null, site: null, lights: { driver: "led-control", sent: 0, dropped: 0 } });
 
 function state(change: Partial<State> = {}): State {
   const vehicles = [{ ...vehicle, fix_type: 6 }, { ...vehicle, id: "d2", fix_type: 5 }];

@@ -20,7 +20,7 @@ export function status(change: Partial<Status> = {}): Status {
     revision: 1, time_s: 10, unix_time_s: 1_790_000_000, began_unix_time_s: 1_789_999_990, control_reason: "",
     counts: { airborne: 2, controlled: 2, uncontrolled: 0, unknown: 0, on_ground: 0, offline: 0 },
     stations: [], show: { phase: "running", reason: "", possible: ["pause", "stop", "abort"], start_refused: "", selected: null, start_unix_time_s: null, countdown_s: null },
-    timeline: [], shows_refused: "", features: { corrections: null, timecode: null, targets: null, traffic: null, tak: null, fences: null, remote_id: null, go: null, site: null, lights: { driver: "led-control", sent: 0, dropped: 0 } },
+    timeline: [], shows_refused: "", features: { corrections: null, timecode: null, targets: null, traffic: null, tak: null, fences: null, remote_id: null, wind: null, go: null, site: null, lights: { driver: "led-control", sent: 0, dropped: 0 } },
     origin: { latitude_deg: 47.4, longitude_deg: 8.5, altitude_amsl_m: 488, heading_deg: 0 }, map: null,
     formation: { radius_m: 10, height_m: 20, law: "slots", radius_now_m: 10, height_now_m: 20 },
     target: {

@@ -11,6 +11,7 @@ from gcs.flight.state.vehicle import FlightVehicles
 from gcs.model.lifecycle import AIRBORNE, Phase
 from gcs.model.state import Array, Mask
 from gcs.safety.controlled_ground import ground_margins
+from gcs.safety.impact import in_wind
 from gcs.service.alarms import AlarmCause, Condition, Limit, beyond
 
 IN_THE_AIR: Final = AIRBORNE | {Phase.PILOT}
@@ -39,7 +40,8 @@ class GroundAlarms:
         if ground is None:
             return
         fleet = self.newest.state
-        margin_m = ground_margins(fleet.position_m, fleet.velocity_m_s, ground, safety.impact).margin_m
+        impact = in_wind(safety.impact, self.newest.wind_m_s)
+        margin_m = ground_margins(fleet.position_m, fleet.velocity_m_s, ground, impact).margin_m
         flies = np.array([vehicle.phase in IN_THE_AIR for vehicle in self.vehicles.rows], np.bool_)
         margin_m = np.where(flies, margin_m, np.nan)
         hard_m = safety.impact.hard_m

@@ -94,6 +94,8 @@ def measured(newest: Newest, link_quality: LinkQuality) -> dict[str, Array]:
     fleet, telemetry = newest.state, newest.telemetry
     return {
         "yaw_rad": fleet.yaw_rad,
+        "roll_rad": telemetry.attitude_rad[:, 0],
+        "pitch_rad": telemetry.attitude_rad[:, 1],
         "latitude_deg": telemetry.latitude_deg,
         "longitude_deg": telemetry.longitude_deg,
         "altitude_amsl_m": telemetry.altitude_amsl_m,

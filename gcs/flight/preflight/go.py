@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from math import inf, nan
 from types import MappingProxyType
 from typing import Final
 
@@ -198,6 +199,18 @@ class CrewGo(Feature):
     def newest(self) -> GoView | None:
         """As of the newest look; None: nothing is asked for."""
         return self._view
+
+    @property
+    def wind_limits(self) -> tuple[float, float]:
+        """Most wind and most gusts in which vehicles may start, in m/s; inf: not asked for."""
+        limits = (self._settings or GoSettings()).weather
+        return limits.wind_max_m_s or inf, limits.gust_max_m_s or inf
+
+    @property
+    def wind(self) -> tuple[float, str]:
+        """The wind of the newest entry, in m/s, and the token that made it; NaN: none was entered."""
+        entry = None if self._entered is None else self._entered.entry
+        return (nan, "") if entry is None or entry.wind_m_s is None else (entry.wind_m_s, entry.by)
 
     @property
     def checklists(self) -> tuple[Checklist, ...]:

@@ -59,6 +59,7 @@ from gcs.model.state import (
 from gcs.planning.return_paths.paths import keeps_to_path, lowest_beside_m
 from gcs.preflight.parameters import presumed_parameters
 from gcs.preflight.vehicles import PAD_HEIGHT_MAX_M
+from gcs.safety.impact import in_wind
 from gcs.safety.neighbours import near_pairs
 from gcs.service.commands import CommandLog
 
@@ -204,6 +205,7 @@ class Flight:
         self.link_delay = LinkDelay(len(self.vehicles))
         self.heights = HeightComparison(len(self.vehicles), config.heights)
         self.places = PadPlaces(len(self.vehicles), config.control.safety.floor.vertical_uncertainty)
+        self._windy: tuple[ControlSettings, ControlSettings] | None = None  # see `limits_now`
         self._slowed: tuple[ControlSettings, float, ControlSettings] | None = None  # see `control_now`
         self.newest.silent = np.ones(len(self.vehicles), dtype=np.bool_)
         self.newest.has_heartbeat = ~self.newest.silent
@@ -342,19 +344,27 @@ class Flight:
         return np.concatenate([self.newest.uncertainty_m(vehicles), self.elsewhere.uncertainty_m()])
 
     @property
+    def limits_now(self) -> ControlSettings:
+        """The control settings in force; falls go as far as in the measured wind, if that is more."""
+        settings, wind_m_s = self.in_force.control, self.newest.wind_m_s
+        if not wind_m_s > settings.safety.impact.wind_max_m_s:
+            return settings
+        impact, before = in_wind(settings.safety.impact, wind_m_s), self._windy
+        if before is None or before[0] is not settings or before[1].safety.impact is not impact:
+            safety = settings.safety.model_copy(update={"impact": impact})
+            self._windy = before = settings, settings.model_copy(update={"safety": safety})
+        return before[1]
+
+    @property
     def control_now(self) -> ControlSettings:
         """The control settings of this tick: `control`, slower and wider where links are late."""
         # pairs across flights know each other later
         late_s = self.link_delay.delay_s + self.elsewhere.delay_s
         flying = np.array([phase in AIRBORNE for phase in self.vehicles.phases], dtype=np.bool_)
-        before = self._slowed
+        before, limits = self._slowed, self.limits_now
         delay_s = fleet_delay_s(late_s, flying, 0.0 if before is None else before[1])
-        if before is None or before[0] is not self.in_force.control or before[1] != delay_s:
-            self._slowed = before = (
-                self.in_force.control,
-                delay_s,
-                for_late_links(self.in_force.control, delay_s),
-            )
+        if before is None or before[0] is not limits or before[1] != delay_s:
+            self._slowed = before = limits, delay_s, for_late_links(limits, delay_s)
         return before[2]
 
     def note_seen(self, rows: Mask) -> None:

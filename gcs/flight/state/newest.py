@@ -37,6 +37,7 @@ class Newest:
 
     near_traffic: NearTraffic | None = None  # traffic that vehicles keep clear of in the next tick
     kept_clear: Mapping[str, Target] = MappingProxyType({})  # targets with a clearance, followed or not
+    wind_m_s: float = 0.0  # greatest that was measured since the take-off, with gusts; 0: none
     manned: str = ""  # a manned aircraft that is too near, in words; empty: there is none
 
     def position_m(self, vehicle: Vehicle) -> Array:

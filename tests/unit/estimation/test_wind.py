@@ -14,7 +14,6 @@ from gcs.estimation.wind import (
     UNKNOWN_AFTER_S,
     WindEstimate,
     WindEstimator,
-    WindSettings,
 )
 from gcs.model.state import Array
 
@@ -70,7 +69,7 @@ class Flight:
     ) -> None:
         self.random, self.count, self.motion = np.random.default_rng(seed), count, motion
         self.drag_per_s, self.square_per_m = drag_per_s, square_per_m
-        self.estimator = WindEstimator(count, WindSettings(drag_per_s=given_per_s))
+        self.estimator = WindEstimator(count, given_per_s)
         self.yaw_rad = self.random.uniform(-np.pi, np.pi, count)
         self.off_rad = self.random.normal(0.0, OFF_RAD, (count, 2))
         self.time_s = 0.0
@@ -243,7 +242,7 @@ def test_the_median_is_that_of_numpy(count: int) -> None:
     winds_m_s = random.normal(0.0, 2.0, (count, 2))
     thrust_m_s2 = np.concatenate([-0.3 * winds_m_s, np.full((count, 1), -GRAVITY_M_S2)], axis=1)
     attitude_rad, still = attitudes(thrust_m_s2, np.zeros(count)), np.zeros((count, 3))
-    estimator = WindEstimator(count, WindSettings(drag_per_s=0.3))
+    estimator = WindEstimator(count, 0.3)
     for step in range(100):
         now_s = step * EVERY_S
         estimator.take(now_s, attitude_rad, np.zeros(count), still, np.ones(count, np.bool_))

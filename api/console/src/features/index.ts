@@ -12,8 +12,9 @@ import { site } from "./site";
 import { targets } from "./targets";
 import { timecode } from "./timecode";
 import { traffic } from "./traffic";
+import { wind } from "./wind";
 
-export const features: readonly Feature[] = [go, timecode, corrections, targets, traffic, fences, remoteId, site, lights];
+export const features: readonly Feature[] = [go, timecode, corrections, targets, traffic, fences, remoteId, wind, site, lights];
 
 /** Panels of those that are configured. */
 export const panelsOf = (status: Status | null): readonly FeaturePanel[] =>

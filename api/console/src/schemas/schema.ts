@@ -52,7 +52,7 @@ export interface components {
          * @description Cause of an alarm.
          * @enum {string}
          */
-        AlarmCause: "killed" | "terminated" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "ground-left" | "own-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "ground-near" | "land-now" | "wind" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "fence-differs" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "target-lost" | "target-outruns" | "target-beyond" | "target-sources" | "target-near" | "target-no-room" | "traffic-manned" | "traffic-near" | "traffic-crowded" | "traffic-unknown" | "tak-not-sent" | "remote-id" | "operator-unknown" | "obstacle-near" | "obstacle-waits" | "law-failed" | "no-headway" | "no-way" | "radius-small" | "uncertain-position" | "little-authority" | "slow-vehicle" | "slow-answers" | "height-differs" | "moved-on-pad" | "corrections-stopped" | "timecode" | "clock-doubtful" | "start-not-ready" | "silent" | "poor-link" | "no-heartbeat" | "input-flooded" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
+        AlarmCause: "killed" | "terminated" | "control-stopped" | "too-close" | "vehicles-lost" | "critical-battery" | "outside-fence" | "ground-left" | "own-fence" | "vehicle-lost" | "low-battery" | "bad-position" | "ground-near" | "land-now" | "wind" | "wind-measured" | "links-late" | "service-late" | "own-failsafe" | "outside-control" | "parameter-changed" | "fence-differs" | "interrupted" | "duplicate-system-id" | "link-failed" | "station-lost" | "return-unplanned" | "target-stale" | "target-lost" | "target-outruns" | "target-beyond" | "target-sources" | "target-near" | "target-no-room" | "traffic-manned" | "traffic-near" | "traffic-crowded" | "traffic-unknown" | "tak-not-sent" | "remote-id" | "operator-unknown" | "obstacle-near" | "obstacle-waits" | "law-failed" | "no-headway" | "no-way" | "radius-small" | "uncertain-position" | "little-authority" | "slow-vehicle" | "slow-answers" | "height-differs" | "moved-on-pad" | "corrections-stopped" | "timecode" | "clock-doubtful" | "weather-differs" | "start-not-ready" | "silent" | "poor-link" | "no-heartbeat" | "input-flooded" | "record-fails" | "supervisor-gone" | "not-flying" | "stacked" | "service-note" | "replay";
         /** @description All alarms, and the overall severity. */
         AlarmList: {
             /** @description Lasting alarms before ended ones; the most severe first, of one severity the newest. */
@@ -302,6 +302,7 @@ export interface components {
             targets: components["schemas"]["TargetsView"] | null;
             timecode: components["schemas"]["TimecodeView"] | null;
             traffic: components["schemas"]["TrafficView"] | null;
+            wind: components["schemas"]["WindView"] | null;
         };
         /** @description A polygon on the ground, with heights if it has some. */
         FenceArea: {
@@ -2819,11 +2820,15 @@ export interface components {
             low_s: number | null;
             mode: components["schemas"]["Mode"];
             phase: components["schemas"]["Phase"];
+            /** @description Pitch, nose up positive. Measured by the autopilot. */
+            pitch_rad: number | null;
             /** @description Time since the newest position arrived. Measured by the station. */
             position_age_s: number | null;
             ready: boolean;
             /** @description Why it is in its phase. */
             reason: string;
+            /** @description Roll, right side down positive. Measured by the autopilot. */
+            roll_rad: number | null;
             /** @description Velocity sent in the last tick, upwards. Measured by the station. */
             setpoint_up_m_s: number | null;
             /** @description Velocity sent in the last tick; null: not commanded. Measured by the station. */
@@ -2927,6 +2932,29 @@ export interface components {
             unix_time_s: number;
             visibility_m: number | null;
             wind_m_s: number | null;
+        };
+        /** @description The wind as the vehicles' tilts show it. */
+        WindView: {
+            /** @description The least limit with gusts of the settings. */
+            allowed_m_s: number;
+            /** @description What it surely has, also where it is not known. */
+            at_least_m_s: number;
+            /** @description Standard deviation of the estimate; null: nothing is measured. */
+            deviation_m_s: number | null;
+            /** @description Drag of the vehicles by their mass, as it is believed now. */
+            drag_per_s: number | null;
+            /** @description Where it comes from, clockwise from north. */
+            from_deg: number | null;
+            /** @description Greatest with gusts since the vehicles took off. */
+            greatest_m_s: number | null;
+            /** @description Over the last seconds; null: not known. */
+            speed_m_s: number | null;
+            /** @description Vehicles that it is measured of. */
+            vehicles: number;
+            /** @description Why the wind is not known; empty: it is. */
+            why_unknown: string;
+            /** @description What its gusts reach: two standard deviations more, of the wind and of the estimate. */
+            with_gusts_m_s: number | null;
         };
         /** @description The written show that was flown, and the position in it. */
         Written: {
