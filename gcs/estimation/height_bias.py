@@ -43,6 +43,12 @@ KEEPS: Final = 0.7
 WIDEST_M: Final = 5.0
 """A greater difference counts as this: a vehicle far off is landed, and does not scatter the fleet."""
 
+QUARTILE_ERROR: Final = 1.36
+"""Standard error of a quartile of n normal differences, in that of one, times sqrt(n); of few, that of one.
+
+sqrt(p (1 - p)) / f(q) with p = 0.25, where f is the normal density at that quartile.
+"""
+
 SCALED_ABOVE_M: Final = 5.0
 """Mean height from which the difference is given as a share of the height as well."""
 
@@ -205,7 +211,8 @@ class HeightComparison:
             bias_m = now.means[0] - before.means[0]
             grows = np.where(now.means[1] > SCALED_ABOVE_M, height_m / now.means[1], 1.0)
         bias_m, error_m = (np.where(compared, each * grows, np.nan) for each in (bias_m, error_m))
-        error_m = np.hypot(error_m, np.median(error_m[compared]) / np.sqrt(compared.sum()))
+        common_error = min(1.0, QUARTILE_ERROR / np.sqrt(compared.sum()))
+        error_m = np.hypot(error_m, common_error * np.median(error_m[compared]))
         high = compared & (now.means[1] > SCALED_ABOVE_M)
         if high.sum() > 1:
             share = (now.means[0] - before.means[0])[high] / now.means[1][high]

@@ -158,7 +158,8 @@ class Checklists:
             if not (numbers := each.open):
                 yield Check(name, State.PASS, 0, "open items", limit)
                 continue
-            texts = "; ".join(f"{number}. {each.items[number - 1].text}" for number in numbers[:NAMED_MAX])
+            # not "1.": the causes of a refused start are numbered like that
+            texts = "; ".join(f"({number}) {each.items[number - 1].text}" for number in numbers[:NAMED_MAX])
             more = f"; and {len(numbers) - NAMED_MAX} more" if len(numbers) > NAMED_MAX else ""
             problem = (
                 f"checklist {each.role}: {len(numbers)} of {len(each.items)} items are open: {texts}{more}"

@@ -320,7 +320,7 @@ def test_open_items_and_unknown_weather_keep_all_down(tmp_path: Path) -> None:
         await show.standby()
         text = (await refused(show, start)).text
         for says in (
-            "checklist pads: 2 of 2 items are open: 1. each vehicle stands on its pad; 2. no person is near",
+            "checklist pads: 2 of 2 items are open: (1) each vehicle stands on its pad; (2) no person is",
             "checklist observer: 1 of 1 items are open",
             "do them, and sign each: gcs sign observer NUMBER",
             "wind: not known",
@@ -365,7 +365,7 @@ def test_another_show_opens_what_depends_on_it(tmp_path: Path) -> None:
                 lambda: show.service.commands.command_show(ShowAction.START, show_hash=show_hash),
             )
         ).text
-        assert "checklist pads: 1 of 2 items are open: 1. each vehicle stands on its pad" in text
+        assert "checklist pads: 1 of 2 items are open: (1) each vehicle stands on its pad" in text
         assert "checklist observer: 1 of 1 items are open" in text
 
     plan = written_show.config(tmp_path, go={"checklists": str(lists_file(tmp_path))})

@@ -214,6 +214,11 @@ class FakeService:
         self.features = replace(self.features, go=self._go(proposal))
         self.tick()
 
+    def call_off(self, why: str) -> None:
+        """The proposal is over."""
+        self.features = replace(self.features, go=replace(self._go(), ended=why))
+        self.tick()
+
     def _go(self, proposal: ProposedStart | None = None) -> GoView:
         missing = tuple(check.problem for check in self.checklists.checks() if not check.passes)
         lists = self.checklists.view()

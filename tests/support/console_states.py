@@ -46,6 +46,7 @@ from gcs.service.features import (
     TrackView,
     TrafficView,
 )
+from gcs.service.go import WeatherEntry
 from gcs.shows.formats import write_drawing
 from tests.support.api_background import Ticking, in_background
 from tests.support.api_fake_service import FakeService
@@ -207,6 +208,18 @@ def proposed(service: FakeService) -> None:
     """A start that another token proposed, checklists of which one item is open, no weather."""
     service.sign("pads", [2])
     service.propose("alice", time.time() + 42.0)
+
+
+def not_signed(service: FakeService) -> None:
+    """NO GO: open checklists, no weather, and a proposal that is over."""
+    service.propose("alice")
+    service.call_off("checklists have changed since alice proposed it")
+
+
+def all_signed(service: FakeService) -> None:
+    """Checklists and weather are complete; no start is proposed."""
+    service.sign("pads", [1, 2])
+    service.enter_weather(WeatherEntry(4.0, 6.5, 5000.0, 2.0))
 
 
 def countdown_not_ready(service: FakeService) -> None:
@@ -386,6 +399,12 @@ def with_site(service: FakeService) -> None:
     service.keep_site(field(area(AreaKind.NO_FLY, MAST, name="mast")))
 
 
+def site_edited(ui: Console) -> None:
+    """A site with an area that was added."""
+    panel("feature-site", "site-edit", "site-add-no-fly")(ui)
+    expect(ui.part("site-choose-3")).to_be_visible(timeout=SOON_MS)
+
+
 def site_refused(ui: Console) -> None:
     """A site that is edited, whose sides cross; the service says where."""
     panel("feature-site", "site-edit")(ui)
@@ -477,6 +496,13 @@ STATES: Final = (
     ConsoleState("countdown", "countdown", counts_down),
     ConsoleState("countdown-not-ready", "countdown", countdown_not_ready),
     ConsoleState("proposed", "go-confirm", proposed, panel("feature-go")),
+    ConsoleState("no-go", "go-missing", not_signed, panel("feature-go")),
+    ConsoleState(
+        "weather",
+        "go-panel",
+        all_signed,
+        filled(panel("feature-go"), weather__gust_m_s="7.5", weather__kp="x"),
+    ),
     # in the air
     *(
         ConsoleState(f"show-{show}", "show-phase", flown(show, vehicles))
@@ -533,6 +559,7 @@ STATES: Final = (
     ConsoleState("drawn", "drawn", act=previewed),
     ConsoleState("placing", "placing", act=placed),
     ConsoleState("site", "site-edit", with_site, panel("feature-site")),
+    ConsoleState("site-edited", "site-editor", with_site, site_edited),
     ConsoleState("site-refused", "site-problems", with_site, site_refused),
     *(
         ConsoleState(f"events-{chosen}", f"events-{chosen}", happened, panel("events", f"events-{chosen}"))

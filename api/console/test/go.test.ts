@@ -2,7 +2,7 @@
 
 import { describe, expect, it } from "vitest";
 
-import { go, left_s, t, typedWeather, whyNotConfirm } from "../src/features/go";
+import { go, left_s, t, typedWeather, whyNotConfirm, whyNotEntered } from "../src/features/go";
 import type { Features, State } from "../src/state";
 import { frame } from "./frames";
 import { access, live, page, settled } from "./pages";
@@ -56,6 +56,13 @@ describe("a proposed start", () => {
 });
 
 describe("checklists and weather", () => {
+  it("say NO GO and why, and how a proposed start ended", () => {
+    const { actions } = over(state());
+    const text = textOf(go.panel!.view(state({ ended: "its 60 s are over" }), actions, ""));
+    for (const each of [t.noGo, "checklist pads: 1 of 2 items are open", "The proposed start is over: its 60 s are over."]) expect(text).toContain(each);
+    expect(textOf(go.panel!.view(state({ missing: [] }), actions, ""))).not.toContain(t.noGo);
+  });
+
   it("have a button for each item, and the names of those that signed", () => {
     const { actions } = over(state());
     const text = textOf(go.panel!.view(state(), actions, ""));
@@ -65,6 +72,9 @@ describe("checklists and weather", () => {
   it("sends the numbers that are typed, and no others", () => {
     const typed = (drafts: Record<string, string>): State => ({ ...state(), panels: { ...state().panels, drafts } });
     expect(typedWeather(typed({}))).toEqual({});
+    expect(whyNotEntered(typed({}))).toBe(t.noWeather);
+    expect(whyNotEntered(typed({ "weather:wind_m_s": "4.5", "weather:kp": "x" }))).toBe("Kp: type a number");
+    expect(whyNotEntered(typed({ "weather:wind_m_s": "4.5", "weather:kp": "" }))).toBe("");
     expect(typedWeather(typed({ "weather:wind_m_s": "4.5", "weather:kp": "x", "formation:radius_m": "9" }))).toEqual({ wind_m_s: 4.5 });
   });
 });

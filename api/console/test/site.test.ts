@@ -200,6 +200,14 @@ describe("the panel of a site", () => {
     expect(all.state().site.edit!.areas.map((each) => each.kind)).toEqual(["flight-geography", "no-fly"]);
   });
 
+  it("keeps a number that was typed just before the other, in the same view", () => {
+    const all = page(state(BEGUN), () => undefined, "");
+    const view = sitePanel(all.state(), all.actions, "");
+    press(view, "site-x", "change", { value: "-45" });
+    press(view, "site-y", "change", { value: "-50" });
+    expect(places(all.state().site)[0]).toEqual([-45, -50]);
+  });
+
   it("names a kind once", () => {
     const names = [["no-fly", "no-fly"], ["no-fly", "no-fly 2"], ["contingency", "contingency volume"], ["ground-risk", "ground-risk"], ["no-fly", "mast 2"]] as const;
     expect(names.map(([kind, name]) => t.named(kind, name))).toEqual(["no-fly", "no-fly 2", "contingency volume", "ground risk buffer", "no-fly · mast 2"]);

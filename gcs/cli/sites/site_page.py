@@ -1,7 +1,7 @@
 """The report on a site as one page without any other host: it prints, and needs no script."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -45,7 +45,9 @@ code { font-size: .85em; word-break: break-all; }
 .bad { color: #b3140c; font-weight: 600; } .good { color: #17692b; } p.note { color: #555; }
 svg { width: 100%; max-width: 44em; height: auto; border: 1px solid #ddd; }
 svg text { font: 11px sans-serif; }
+.key { white-space: nowrap; }
 .key i { display: inline-block; width: 1em; height: .8em; border: 2px solid; margin: 0 .3em 0 1em; }
+@media (max-width: 50em) { table { display: block; overflow-x: auto; } }
 @page { margin: 15mm; }
 @media print { body { margin: 0; max-width: none; font-size: 11px; }
  h2, h3 { break-after: avoid; } tr, svg { break-inside: avoid; } }
@@ -300,17 +302,20 @@ def _values(read: ReadParameters, needed: Requirement, names: Sequence[str]) -> 
         return "-"
     by_value: dict[str, list[str]] = {}
     for name in names:
-        value = read.get(name, {}).get(needed.name)
-        by_value.setdefault(_value(value, needed), []).append(name)
+        by_value.setdefault(_value(read.get(name, {}), needed), []).append(name)
     if len(by_value) == 1:
         return next(iter(by_value))
     return "; ".join(f"{value}: {', '.join(map(escape, of))}" for value, of in by_value.items())
 
 
-def _value(value: ParameterValue | None, needed: Requirement) -> str:
+def _value(values: Mapping[str, ParameterValue], needed: Requirement) -> str:
+    """Of one vehicle's values: that of the parameter, or of the one that other versions have in its place."""
+    value, other = values.get(needed.name), needed.otherwise
+    if value is None and other is not None and other.name in values:
+        return f"{escape(other.name)} in its place: {_value(values, other)}"
     if value is None:
-        return "not read"
-    either = (needed, needed.otherwise or needed)
+        return "its version has none" if values and needed.lacking is not None else "not read"
+    either = (needed, other or needed)
     if needed.unless or any(each.holds(value) for each in either):
         return f"{value:g}"
     return f"<span class=bad>{value:g}: not as demanded</span>"

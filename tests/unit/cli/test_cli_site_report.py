@@ -179,3 +179,13 @@ def test_vehicles_that_were_not_weighed_are_not_good(tmp_path: Path) -> None:
     path.write_text(re.sub(r"    impact:\n      airframe: .*\n", "", text))
     page = reported(tmp_path, str(path), "--parameters", str(parameters(tmp_path)), code=1)
     assert "control.safety.impact.airframe is not set: weigh and measure the vehicles" in page
+
+
+def test_a_parameter_of_other_versions_is_shown_in_its_place(tmp_path: Path) -> None:
+    path = parameters(tmp_path)
+    rows = [row for row in json.loads(path.read_text())["rows"] if row["parameter"] != "MAN_OVERRIDE_SPD"]
+    rows += [{"vehicle": f"d{row}", "parameter": "COM_RC_OVERRIDE", "value": 3} for row in range(1, 9)]
+    path.write_text(json.dumps({"rows": rows}))
+    page = reported(tmp_path, "lakeside", "--parameters", str(path))
+    assert "<td>COM_RC_OVERRIDE in its place: 3<td>" in page
+    assert "not read" not in page

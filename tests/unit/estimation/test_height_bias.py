@@ -111,6 +111,14 @@ def test_scale_that_all_have_endangers_no_pair() -> None:
     assert not any(found.named.any() for found in flight.hover(25.0, 60))
 
 
+@pytest.mark.parametrize(("count", "seed"), [(2, 280), (3, 80), (4, 155)])
+def test_few_that_are_compared_have_no_certain_scale(count: int, seed: int) -> None:
+    flight = Flight([COPTER] * count, noise_m=0.2, seed=seed)
+    flight.stand(4)
+    flight.climb(12.0)
+    assert not any(found.named.any() for found in flight.hover(12.0, 15))
+
+
 def test_drift_on_the_ground_is_named_before_the_take_off() -> None:
     flight = Flight([0.0] * 4)
     flight.stand(WINDOW)

@@ -42,8 +42,8 @@ def test_open_items_fail_and_signed_ones_have_name_and_time() -> None:
     lists = parse_checklists(TEXT, "lists.yaml")
     problems = {check.name: check.problem for check in lists.checks()}
     assert problems["checklist pilot"] == (
-        "checklist pilot: 2 of 2 items are open: 1. the transmitter takes over each vehicle;"
-        " 2. the way to the pads is clear"
+        "checklist pilot: 2 of 2 items are open: (1) the transmitter takes over each vehicle;"
+        " (2) the way to the pads is clear"
     )
     assert all(check.passes for check in signed().checks())
     item = signed().view()[1].items[0]

@@ -22,6 +22,8 @@ export const t = {
   own: "you have proposed it: another token confirms it",
   over: "its time is over: propose it again",
   confirmed: "The start is confirmed",
+  noGo: "NO GO",
+  ended: (why: string): string => `The proposed start is over: ${why}.`,
   open: (count: number, all: number): string => `${count} of ${all} open`,
   signed: (by: string, at: string): string => `${by}, ${at}`,
   sign: "Sign",
@@ -32,6 +34,7 @@ export const t = {
   entered: (by: string, at: string): string => `Entered by ${by} at ${at}`,
   notEntered: "Not entered",
   enter: "Enter weather",
+  noNumber: (label: string): string => `${label}: type a number`,
   noWeather: "type at least one number",
   isEntered: "The weather is entered",
 };
@@ -112,25 +115,43 @@ export function typedWeather({ panels }: State): Partial<Record<(typeof QUANTITI
   return Object.fromEntries(given.filter(([, value]) => value !== null));
 }
 
+/** Why what is typed is not entered; "" where it is. A field that was emptied is not known. Pure. */
+export function whyNotEntered(state: State): string {
+  const typed = QUANTITIES.map(([key, label]) => [label, (state.panels.drafts[`weather:${key}`] ?? "").trim()] as const);
+  const wrong = typed.find(([, text]) => text !== "" && parsed(text) === null);
+  if (wrong !== undefined) return t.noNumber(wrong[0]);
+  return typed.every(([, text]) => text === "") ? t.noWeather : "";
+}
+
 function weather(state: State, actions: PanelActions, { weather: entry }: Go, why: string): TemplateResult {
   const body = typedWeather(state);
   const enter = (): void => {
     actions.undo("weather:");
     void actions.ask(t.enter, (api) => api.PUT("/api/v1/go/weather", { body }), t.isEntered);
   };
-  return html`<h3>${t.weather}</h3>
+  return html`<section class="weather">
+    <h3>${t.weather}</h3>
     <p class="hint" data-testid="weather-entered">${entry === null ? t.notEntered : t.entered(entry.by, clockTime(entry.unix_time_s))}</p>
-    ${QUANTITIES.map(([key, label, unit]) => numberField(state, actions, { field: `weather:${key}`, label, unit, value: entry?.[key]?.toString() ?? "" }))}
+    <div class="fields">
+      ${QUANTITIES.map(([key, label, unit]) => numberField(state, actions, { field: `weather:${key}`, label, unit, value: entry?.[key]?.toString() ?? "" }))}
+    </div>
     <div class="buttons">
-      ${button(actions, { id: "weather-enter", label: t.enter, why: why || (Object.keys(body).length === 0 ? t.noWeather : ""), press: enter })}
-    </div>`;
+      ${button(actions, { id: "weather-enter", label: t.enter, why: why || whyNotEntered(state), press: enter })}
+    </div>
+  </section>`;
 }
 
 function view(state: State, actions: PanelActions, why: string): TemplateResult {
   const go = (state.features ?? state.status?.features)?.go;
   if (!go) return html`${nothing}`;
   return html`<div data-testid="go-panel">
-    ${go.missing.map((each) => html`<p class="problem">${each}</p>`)}
+    ${go.missing.length === 0
+      ? nothing
+      : html`<section class="problem" aria-label=${t.noGo} data-testid="go-missing">
+          <p>${icon("warning")} <strong>${t.noGo}</strong></p>
+          <ul>${go.missing.map((each) => html`<li>${each}</li>`)}</ul>
+        </section>`}
+    ${go.ended === "" ? nothing : html`<p class="hint" data-testid="go-ended">${t.ended(go.ended)}</p>`}
     <ul class="cards">
       ${go.checklists.map((each) => checklist(actions, each, why))}
     </ul>

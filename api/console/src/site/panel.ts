@@ -109,7 +109,10 @@ function chosenArea(actions: PanelActions, edit: SiteEdit): TemplateResult {
   const { area: at, corner } = edit;
   const area = edit.areas[at]!;
   const here = area.corners[corner]!;
-  const move = (change: Partial<Corner>): void => step(actions, { what: "move", area: at, corner, x_m: here.x_m, y_m: here.y_m, ...change });
+  const move = (change: Partial<Corner>): void => {
+    const { x_m, y_m } = actions.now().site.edit?.areas[at]?.corners[corner] ?? here; // the other number may just have been typed
+    step(actions, { what: "move", area: at, corner, x_m, y_m, ...change });
+  };
   const height = (key: "height_min_m" | "height_max_m") => (value_m: number | null) => step(actions, { what: "height", area: at, key, value_m });
   const name = t.named(area.kind, area.name);
   return html`<h3 data-testid="site-area">${name}</h3>
@@ -166,7 +169,6 @@ function newAreas(actions: PanelActions, edit: SiteEdit): TemplateResult {
           id: `site-add-${kind}`,
           label: KINDS[kind],
           name: t.added(kind),
-          kind: "quiet",
           why: why === null ? "" : t.notAdded[why](kind),
           press: () => addArea(actions, kind),
         });
