@@ -72,7 +72,12 @@ def _judge(arguments: argparse.Namespace, report: Report) -> tuple[FlightReport,
     if trajectories is None:
         raise GcsError("--positions estimated: there is no flight.mcap")
     if believed is not None:
-        trajectories = replace(trajectories, site_hash=believed.site_hash, show_hashes=believed.show_hashes)
+        trajectories = replace(
+            trajectories,
+            site_hash=believed.site_hash,
+            show_hashes=believed.show_hashes,
+            starts=believed.starts,
+        )
     used = truths if desired == "true" else flights
     rest = part_of(report, READ_SHARE, 1.0)
     judged = make_flight_report(trajectories, standard, by_it_alone=bool(arguments.config), on_progress=rest)
@@ -114,6 +119,7 @@ def summary(flight_report: FlightReport, source: str) -> str:
     lines = [f"{source}: {flown}, {flight_report.duration_s:.0f} s"]
     lines += [f"based on {trajectories.based_on}: {trajectories.uncertainty}"]
     lines += [f"{what} {digest}" for what, digest in flight_report.hashes]
+    lines += [line for start in trajectories.starts for line in start.lines]
     lines += [f"note: {remark}" for remark in trajectories.remarks]
     for check in flight_report.checks:
         worst = "nothing to judge" if check.worst is None else f"{check.worst:g}"

@@ -1,6 +1,7 @@
 """The flight report as one self-contained HTML page with its plots."""
 
 from collections import Counter
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from html import escape
 from io import StringIO
@@ -14,6 +15,7 @@ from matplotlib.patches import Circle
 
 from gcs.cli.output import kinds
 from gcs.recording.flight_report import SMOOTHED_S, TOLERATED, TOLERATED_M_S, TOLERATED_M_S2, FlightReport
+from gcs.service.go import StartMade
 from gcs.service.snapshots import GroundKept, TargetTracking, TrackPassed
 
 SHOWN_PATHS: Final = 80
@@ -59,6 +61,7 @@ From {escape(source)}; judged {datetime.now(UTC):%Y-%m-%d %H:%M} UTC. Speeds and
 {TOLERATED:.0%} and {TOLERATED_M_S:g} m/s ({TOLERATED_M_S2:g} m/s²).{hashes}</p>
 {notes}
 {_checks(flight_report)}
+{_starts(flight_report.trajectories.starts)}
 {_listed("Targets that were followed", flight_report.trajectories.tracking)}
 {_listed("Traffic that came near", flight_report.trajectories.traffic)}
 {_listed("Controlled ground", () if flight_report.ground is None else (flight_report.ground,))}
@@ -82,6 +85,11 @@ def _checks(flight_report: FlightReport) -> str:
         )
     head = "<tr><th>What<th>Worst<th>Limit<th>Unit<th>Vehicle<th>At<th>Verdict"
     return f"<table>{head}{''.join(rows)}</table>"
+
+
+def _starts(starts: Sequence[StartMade]) -> str:
+    texts = [f"<li>{escape(line)}" for start in starts for line in start.lines]
+    return f"<h2>Who started, and what was signed and entered</h2><ul>{''.join(texts)}</ul>" if texts else ""
 
 
 def _listed(

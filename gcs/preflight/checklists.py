@@ -32,7 +32,7 @@ class Reopening(StrEnum):
 class _ListedItem(Settings):
     """An item of the file."""
 
-    text: Annotated[str, Field(min_length=1, max_length=TEXT_MAX)]
+    text: Annotated[str, Field(pattern=r"\S", max_length=TEXT_MAX)]
     kept_over: Annotated[tuple[Reopening, ...], Field(max_length=len(Reopening))] = ()
 
 

@@ -144,6 +144,7 @@ class FlightReport:
             self.ground,
             trajectories.site_hash or None,
             trajectories.show_hashes,
+            trajectories.starts,
         )
 
 

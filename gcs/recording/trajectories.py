@@ -19,6 +19,7 @@ from gcs.recording.mcap_layout import RecordedLimits
 from gcs.recording.mcap_reader import FlightData, RecordedSample
 from gcs.recording.target_tracking import target_tracking
 from gcs.recording.traffic_passed import traffic_passed
+from gcs.service.go import StartMade
 from gcs.service.snapshots import TargetTracking, TrackPassed
 
 Single = NDArray[np.float32]
@@ -57,6 +58,7 @@ class FlownTrajectories:
     traffic: tuple[TrackPassed, ...] = ()  # likewise
     site_hash: str = ""  # of the site's areas; empty: there were none
     show_hashes: tuple[str, ...] = ()  # of the written shows that were selected in the air, in order
+    starts: tuple[StartMade, ...] = ()  # in order; empty: none was recorded
 
     def elapsed_s(self, sample: int | np.signedinteger[Any]) -> float:
         """Time of a sample since the first, to hundredths of a second."""
@@ -126,6 +128,7 @@ def estimated(data: FlightData, on_progress: OnProgress | None = None) -> FlownT
             traffic_passed(ticks, data.about.ids, position_m, airborne),
             data.about.site_hash,
             _shows_flown(ticks, airborne),
+            _starts_made(ticks),
         ),
         [at for at, _ in gaps],
     )
@@ -135,6 +138,13 @@ def _shows_flown(ticks: Sequence[RecordedSample], airborne: Mask) -> tuple[str, 
     flies = np.flatnonzero(airborne.any(axis=1)).tolist()
     flown = (ticks[at].status.selected for at in flies)
     return tuple(dict.fromkeys(selected.hash for selected in flown if selected is not None))
+
+
+def _starts_made(ticks: Sequence[RecordedSample]) -> tuple[StartMade, ...]:
+    """Each start once, with its names, as the station recorded it with its features."""
+    made = (tick.features.go.start for tick in ticks if tick.features.go is not None)
+    starts = {each.command_id: each for each in made if each is not None}
+    return tuple(starts.values())
 
 
 def _center_m(position_m: Single, formed: Mask) -> Array:

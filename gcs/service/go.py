@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from typing import Annotated
 
 from pydantic import Field
@@ -63,6 +64,56 @@ class WeatherEntry:
     by: Annotated[str, Field(description="Name of the token that entered it.")] = ""
     unix_time_s: float = 0.0
 
+    @property
+    def in_words(self) -> str:
+        """What is known, with units."""
+        values = {
+            "wind": (self.wind_m_s, " m/s"),
+            "gusts": (self.gust_m_s, " m/s"),
+            "visibility": (self.visibility_m, " m"),
+            "Kp": (self.kp, ""),
+        }
+        return ", ".join(
+            f"{name} {value:g}{unit}" for name, (value, unit) in values.items() if value is not None
+        )
+
+
+def _at(unix_time_s: float | None) -> str:
+    return "?" if unix_time_s is None else f"{datetime.fromtimestamp(unix_time_s, UTC):%Y-%m-%d %H:%M:%S} UTC"
+
+
+@dataclass(frozen=True, slots=True)
+class StartMade:
+    """A start that was made: by whom, and what was signed and entered then."""
+
+    __pydantic_config__ = PUBLISHED
+
+    command_id: str
+    unix_time_s: Annotated[float, Field(description="When the first vehicle was to take off.")]
+    proposed_by: Annotated[str, Field(description="Name of the token that proposed it, or started alone.")]
+    confirmed_by: Annotated[str, Field(description="Of the other token; empty: one person starts.")]
+    hash: Annotated[str, Field(description="As it was confirmed; empty: it was not, or at another station.")]
+    checklists: Annotated[
+        tuple[Checklist, ...], Field(description="As signed; empty: none, or kept at another station.")
+    ] = ()
+    weather: WeatherEntry | None = None
+
+    @property
+    def lines(self) -> Iterator[str]:
+        """All of it, in words."""
+        when = f"start {self.command_id} at {_at(self.unix_time_s)}"
+        if self.confirmed_by:
+            named = f"proposed by {self.proposed_by}, confirmed by {self.confirmed_by}"
+            yield f"{when}: {named}{f', hash {self.hash}' if self.hash else ''}"
+        else:
+            yield f"{when}: by {self.proposed_by} alone, no second token was needed"
+        for each in self.checklists:
+            for item in each.items:
+                signed = f"signed by {item.by} at {_at(item.unix_time_s)}" if item.by else "OPEN"
+                yield f"checklist {each.role}: {item.text}: {signed}"
+        if (entry := self.weather) is not None:
+            yield f"weather: {entry.in_words}, entered by {entry.by} at {_at(entry.unix_time_s)}"
+
 
 @dataclass(frozen=True, slots=True)
 class GoView(FeatureView):
@@ -90,6 +141,10 @@ class GoView(FeatureView):
         Described("What keeps the vehicles on the ground: open items, weather.", moves=False),
         Field(examples=[("checklist pads: 2 of 3 items are open",)]),
     ]
+    start: Annotated[
+        StartMade | None,
+        Described("The newest that was made; null: none since the service began.", moves=False),
+    ] = None
 
     @staticmethod
     def none() -> "GoView":
@@ -112,17 +167,12 @@ class GoView(FeatureView):
             yield (f"proposed by {self.proposal.by}: {start}, hash {self.proposal.hash}",)
         elif self.ended:
             yield (f"not confirmed: {self.ended}",)
+        if self.start is not None:
+            yield (next(self.start.lines),)
         for text in self.missing:
             yield (f"NO GO: {text}",)
         if (entry := self.weather) is not None:
-            values = {
-                "wind": (entry.wind_m_s, " m/s"),
-                "gusts": (entry.gust_m_s, " m/s"),
-                "visibility": (entry.visibility_m, " m"),
-                "Kp": (entry.kp, ""),
-            }
-            given = (f"{name} {value:g}{unit}" for name, (value, unit) in values.items() if value is not None)
-            yield (f"weather as {entry.by} entered it: {', '.join(given)}",)
+            yield (f"weather as {entry.by} entered it: {entry.in_words}",)
         yield "role", "item", "signed by", "text"
         for each in self.checklists:
             for number, item in enumerate(each.items, 1):

@@ -20,6 +20,7 @@ from gcs.model.traffic import KIND_IN_WORDS, TrackKind
 from gcs.service.alarms import Alarm, AlarmSeverity
 from gcs.service.event_log import Severity
 from gcs.service.features import Features
+from gcs.service.go import StartMade
 from gcs.service.histograms import Collected, TickHistogram
 from gcs.service.vehicle_table import VehicleTable
 
@@ -600,6 +601,12 @@ class ReportBody:
     ] = None
     show_hashes: Annotated[
         tuple[str, ...], Field(description="Of the written shows that were selected in the air, in order.")
+    ] = ()
+    starts: Annotated[
+        tuple[StartMade, ...],
+        Field(
+            description="Each start with its names, signatures and weather, where the configuration has `go`."
+        ),
     ] = ()
 
 

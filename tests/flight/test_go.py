@@ -1,7 +1,10 @@
 """A start by two tokens, checklists and weather, flown: what starts, what is refused, in which words."""
 
+import json
 from collections.abc import Callable
+from contextlib import redirect_stdout
 from functools import partial
+from io import StringIO
 from pathlib import Path
 from random import Random
 from typing import Any, Final
@@ -9,9 +12,11 @@ from typing import Any, Final
 import pytest
 
 from gcs.api.schemas import convert
+from gcs.cli.main import main
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation
+from gcs.recording.session import Record
 from gcs.service import CommandRecord, GoView, Outcome, ShowAction, WeatherEntry
 from gcs.service.alarms import AlarmCause
 from gcs.testing.views import vehicles_of
@@ -133,6 +138,50 @@ def test_no_start_is_possible_while_it_would_be_refused(tmp_path: Path) -> None:
         assert shown_of(show) == (False, "the show is running: a start is for the ground")
 
     fly(story, show_config(2, **by_two(weather=WEATHER, checklists=str(lists_file(tmp_path)))))
+
+
+def test_the_flight_report_has_who_started_signed_and_entered(tmp_path: Path) -> None:
+    """By the names of their tokens and with times, of each start: as JSON, as text and as a page."""
+
+    async def story(show: VirtualShow) -> str:
+        await show.standby()
+        for name, role, items in (("carol", "pads", [1]), ("dan", "pads", [2]), ("carol", "observer", [1])):
+            with token(name):
+                show.service.go.sign(role, items)
+        with token("erin"):
+            show.service.go.enter_weather(GOOD)
+        await show.wait(2.1)
+        propose(show)
+        await show.wait(5.0)
+        shown = await hash_shown(show)
+        confirm(show, "bob", shown)
+        await show.reach(ShowPhase.RUNNING)
+        await show.show(ShowAction.STOP)
+        await show.reach(ShowPhase.LANDED)
+        assert go_of(show).start is not None
+        return shown
+
+    config = show_config(2, **by_two(weather=WEATHER, checklists=str(lists_file(tmp_path))))
+    root = tmp_path / "runs"
+    vehicles = {name: (row + 1, "loop") for row, name in enumerate(config.ids)}
+    with Record(root, config.model_dump_json(), vehicles) as record:
+        shown = fly(story, config, record=record)
+    files = {kind: tmp_path / f"report.{kind}" for kind in ("json", "html")}
+    printed = StringIO()
+    with redirect_stdout(printed):
+        assert main(["report", str(root), "--report", str(files["json"]), "--html", str(files["html"])]) == 0
+    (start,) = json.loads(files["json"].read_text())["starts"]
+    named = [start[key] for key in ("command_id", "proposed_by", "confirmed_by", "hash")]
+    assert named == ["o5", "alice", "bob", shown]
+    signers = [item["by"] for role in start["checklists"] for item in role["items"]]
+    assert (signers, start["weather"]["by"]) == (["carol", "dan", "carol"], "erin")
+    signed_s = start["checklists"][0]["items"][0]["unix_time_s"]
+    assert 7.0 < start["unix_time_s"] - signed_s < 9.0
+    assert 7.0 < start["unix_time_s"] - start["weather"]["unix_time_s"] < 9.0
+    for text in (printed.getvalue(), files["html"].read_text()):
+        assert f"proposed by alice, confirmed by bob, hash {shown}" in text
+        assert "checklist pads: no person is near: signed by dan at " in text
+        assert "weather: wind 4 m/s, Kp 2, entered by erin at " in text
 
 
 def test_a_late_confirmation_starts_nothing() -> None:

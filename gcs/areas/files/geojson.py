@@ -9,12 +9,13 @@ from gcs.areas.files.reading import (
     DEGREES_MAX,
     Heights,
     ReadArea,
+    parsed_once,
     site_of,
     without_last,
 )
 from gcs.areas.site import NAME_MAX, FlightSite, GeodeticCorner, SiteArea
 from gcs.model.errors import SiteError
-from gcs.model.json_values import Value, parsed
+from gcs.model.json_values import Value
 
 TEXT_MAX: Final = 1000
 WGS84: Final = ("urn:ogc:def:crs:OGC:1.3:CRS84", "urn:ogc:def:crs:EPSG::4326", "EPSG:4326")
@@ -23,7 +24,7 @@ WGS84: Final = ("urn:ogc:def:crs:OGC:1.3:CRS84", "urn:ogc:def:crs:EPSG::4326", "
 
 def read(data: bytes, file: str, heights: Heights) -> FlightSite:
     """Read a site. Raises: SiteError that names file, feature and corner."""
-    document = parsed(data, file, SiteError)
+    document = parsed_once(data, file)
     if document.need("type").raw != "FeatureCollection":
         raise document.need("type").wrong("a FeatureCollection, with a feature for each area,")
     _check_reference(document)

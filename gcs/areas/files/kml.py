@@ -61,6 +61,9 @@ def _area(placemark: Element, file: str) -> ReadArea:
         raise SiteError(
             f"{file}: {place}", "it has a hole: draw that as a placemark of its own, of kind no-fly"
         )
+    outlines = [ring for each in polygon.children("outerBoundaryIs") for ring in each.children("LinearRing")]
+    if len(outlines) > 1:
+        raise SiteError(f"{file}: {place}", f"it has {len(outlines)} outlines: one is needed")
     ring = polygon.text_of("outerBoundaryIs", "LinearRing", "coordinates")
     places = list(_coordinates(ring, f"{file}: {place}"))
     least_m, greatest_m = (
@@ -112,6 +115,10 @@ def _data(placemark: Element, key: str) -> str:
 
 
 def _height_m(placemark: Element, key: str, place: str) -> float | None:
+    extended = placemark.child("ExtendedData")
+    given = () if extended is None else extended.children("Data")
+    if sum(data.attributes.get("name") == key for data in given) > 1:
+        raise SiteError(place, f"{key} is there twice: leave one of them out")
     written = _data(placemark, key)
     if not written:
         return None

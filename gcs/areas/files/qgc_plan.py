@@ -18,6 +18,7 @@ from gcs.areas.files.reading import (
     Heights,
     ReadArea,
     named,
+    parsed_once,
     site_of,
 )
 from gcs.areas.site import (
@@ -30,7 +31,7 @@ from gcs.areas.site import (
     frame_at,
 )
 from gcs.model.errors import SiteError
-from gcs.model.json_values import Value, parsed
+from gcs.model.json_values import Value
 
 OURS: Final = "formation-gcs"
 TEXT_MAX: Final = 1000
@@ -43,7 +44,7 @@ VERSION: Final = 1
 
 def read(data: bytes, file: str, heights: Heights) -> FlightSite:
     """Read the geofence of a plan. Raises: SiteError that names file, polygon and corner."""
-    document = parsed(data, file, SiteError)
+    document = parsed_once(data, file)
     if document.need("fileType").raw != "Plan":
         raise document.need("fileType").wrong("a plan, 'Plan',")
     fence = document.need("geoFence")

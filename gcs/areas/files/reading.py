@@ -1,5 +1,6 @@
 """What all readers of sites share: names that say a kind, and areas before they are checked. Pure."""
 
+import json
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -7,6 +8,7 @@ from typing import Final
 
 from gcs.areas.site import AreaKind, FlightSite, GeodeticCorner, SiteArea
 from gcs.model.errors import SiteError, cut
+from gcs.model.json_values import Value, parsed
 
 AREAS_READ_MAX: Final = 100
 CORNERS_READ_MAX: Final = 1000
@@ -90,3 +92,22 @@ def without_last(place: str, ring: Sequence[GeodeticCorner]) -> tuple[GeodeticCo
 
 def named(area: ReadArea, kind: AreaKind) -> ReadArea:
     return replace(area, kind=str(kind), name=area.name or str(kind))
+
+
+def parsed_once(data: bytes, file: str) -> Value:
+    """The document, without a key that stands twice in one object: readers differ in which of them counts.
+
+    Raises: SiteError.
+    """
+    document = parsed(data, file, SiteError)  # bounds its depth and its size first
+
+    def unique(pairs: list[tuple[str, object]]) -> dict[str, object]:
+        once: dict[str, object] = {}
+        for key, value in pairs:
+            if key in once:
+                raise SiteError(file, f"key '{cut(key)}' is there twice in one object: leave one of them out")
+            once[key] = value
+        return once
+
+    json.loads(data.decode("utf-8-sig"), object_pairs_hook=unique)
+    return document

@@ -63,10 +63,11 @@ def _named(ids: list[str]) -> str:
 
 
 class Approval(NamedTuple):
-    """Names of the two tokens of a start."""
+    """Names of the two tokens of a start, and what they agreed on."""
 
     proposed_by: str
-    confirmed_by: str
+    confirmed_by: str = ""  # empty: one person starts
+    hash: str = ""  # empty: there is none, or another station has it
 
     @property
     def holds(self) -> bool:
@@ -99,6 +100,7 @@ class Countdown:
     chosen: tuple[VehicleId, ...]
     request: StartRequest
     parts: Mapping[str, str] | None  # what it was confirmed for; None: it needed no confirmation
+    approval: Approval
 
 
 @dataclass(eq=False)
@@ -139,7 +141,7 @@ class Starting:
         request = StartRequest(None if desired is None else tuple(desired), show_hash, at_unix_s)
         cleared = self._cleared(request)
         if self.go.two is None or (approval is not None and approval.holds):
-            return self._accept(request, cleared, None)
+            return self._accept(request, cleared, None, approval or Approval(CALLER.get()))
         return self._propose(request, cleared)
 
     def _cleared(self, request: StartRequest) -> Cleared:
@@ -156,7 +158,7 @@ class Starting:
         return self.preflight_gate.need(request.show_hash, request.desired)
 
     def _accept(
-        self, request: StartRequest, cleared: Cleared, parts: Mapping[str, str] | None
+        self, request: StartRequest, cleared: Cleared, parts: Mapping[str, str] | None, approval: Approval
     ) -> CommandRecord:
         """Take off or count down; `parts` is what the start was confirmed for, None: nothing."""
         chosen, left_out = cleared
@@ -167,13 +169,13 @@ class Starting:
         record = self.book.open("start", chosen, left_out) if waiting is None else waiting.record
         if request.at_unix_s is not None:
             ahead_s = request.at_unix_s - self.unix_s()
-            self.countdown = Countdown(request.at_unix_s, record, tuple(chosen), request, parts)
+            self.countdown = Countdown(request.at_unix_s, record, tuple(chosen), request, parts, approval)
             self.why_not_ready, self._looked_s = "", self.now_s()
             self.show.move(ShowEvent.SCHEDULE, f"{len(chosen)} vehicles take off in {ahead_s:.0f} s")
             return record
         if self.countdown is not None:
             self._end_countdown(self.countdown, "started before its time, by another command")
-        self._take_off(record, chosen, left_out, request.show_hash)
+        self._take_off(record, Cleared(chosen, left_out), request.show_hash, approval)
         return record
 
     # proposed by one token, confirmed by another
@@ -213,7 +215,8 @@ class Starting:
         self.book.open("confirm", [], {})
         approved = {"by": by, "proposed_by": proposal.by, "hash": proposal.hash, "of": dict(proposal.parts)}
         log.info("start_confirmed", extra=approved)
-        record = self._accept(waiting.request, cleared, proposal.parts)
+        approval = Approval(proposal.by, by, proposal.hash)
+        record = self._accept(waiting.request, cleared, proposal.parts, approval)
         self.go.refresh()
         return record
 
@@ -259,20 +262,21 @@ class Starting:
     def _take_off(
         self,
         record: CommandRecord,
-        chosen: Sequence[VehicleId],
-        left_out: dict[VehicleId, str],
+        cleared: Cleared,
         show_hash: str | None,
+        approval: Approval,
     ) -> None:
+        chosen, left_out = cleared
+        self.go.note_start(record.id, *approval)
         log.info("start_hashes", extra={"command": record.id, **self.hashes(chosen, show_hash)})
         flies = self.show_player.give_parts(chosen)
         for name in chosen[len(flies) :]:
             left_out = left_out | {name: STANDS_BY}
             self.book.close(record.id, name, Outcome.DONE, STANDS_BY)
-        chosen = flies
-        self.show.left_behind, self.show.accepted = left_out, tuple(chosen)
+        self.show.left_behind, self.show.accepted = left_out, tuple(flies)
         self.show.move(ShowEvent.START, "checks every vehicle")
-        self.show.move(ShowEvent.CHECKED, f"{len(chosen)} vehicles take off one after the other")
-        for turn, name in enumerate(chosen):
+        self.show.move(ShowEvent.CHECKED, f"{len(flies)} vehicles take off one after the other")
+        for turn, name in enumerate(flies):
             vehicle = self.vehicles[name]
             vehicle.home_m = self.newest.position_m(vehicle).copy()
             delay_s = turn * self.stagger_s
@@ -303,13 +307,13 @@ class Starting:
             self._look_ahead(countdown)
             return
         try:
-            chosen, left_out = self._still_ready(countdown, late_s)
+            cleared = self._still_ready(countdown, late_s)
         except (RefusedError, InvalidError, UnknownError) as error:
             self._end_countdown(countdown, str(error))
             self.show.move(ShowEvent.CHECK_FAILED, f"did not start: {error}")
             return
         self.countdown, self.why_not_ready = None, ""
-        self._take_off(countdown.record, chosen, left_out, countdown.request.show_hash)
+        self._take_off(countdown.record, cleared, countdown.request.show_hash, countdown.approval)
 
     def _look_ahead(self, countdown: Countdown) -> None:
         """Note every `LOOKS_EVERY_S` whether the start would be refused now: no countdown is green then."""

@@ -19,7 +19,7 @@ from gcs.preflight.checklists import SignedFor, read_checklists
 from gcs.preflight.go import GoByTwo, digest
 from gcs.preflight.weather import check_entry, weather_checks
 from gcs.service import CALLER
-from gcs.service.go import Checklist, GoView, ProposedStart, WeatherEntry
+from gcs.service.go import Checklist, GoView, ProposedStart, StartMade, WeatherEntry
 
 log = logging.getLogger(__name__)
 
@@ -81,6 +81,7 @@ class CrewGo(Feature):
         self._due_s = 0.0
         self._common: dict[str, str] = {}  # of the newest look
         self._view: GoView | None = None
+        self._start: StartMade | None = None  # the newest
         self.two: GoByTwo | None = GoByTwo(given.within_s) if given.confirmed_by_another else None
         self.proposed: ProposedStart | None = None  # for displays, while `two` has a proposal
 
@@ -176,6 +177,22 @@ class CrewGo(Feature):
         if count := self._checklists.note(seen):
             log.info("checklists_open", extra={"count": count, "reason": "show or parameters changed"})
 
+    def note_start(self, command_id: str, proposed_by: str, confirmed_by: str, go_hash: str) -> None:
+        """Keep the names of a start that is made, with what was signed and entered where it leads."""
+        if self._settings is None:
+            return
+        leads, entered = self._flight.elsewhere.shows.leads, self._entered
+        self._start = StartMade(
+            command_id,
+            self._flight.unix_s(),
+            proposed_by,
+            confirmed_by,
+            go_hash,
+            self.checklists if leads else (),
+            None if entered is None or not leads else entered.entry,
+        )
+        self.refresh()
+
     def refresh(self) -> None:
         """Compose the view anew: the proposal has changed."""
         if self._settings is not None:
@@ -193,6 +210,7 @@ class CrewGo(Feature):
             checklists=self.checklists,
             weather=None if self._entered is None else self._entered.entry,
             missing=tuple(check.problem for check in self._checks() if not check.passes),
+            start=self._start,
         )
 
     @property

@@ -48,6 +48,9 @@ def polygon(inclusion: object = True, ring: object = places(ELL)) -> dict[str, A
     return {"inclusion": inclusion, "polygon": ring, "version": 1}
 
 
+HEIGHT = '<Data name="height_max_m"><value>40</value></Data>'
+
+
 def kml(altitude: str = ",60", mode: str = "<altitudeMode>relativeToGround</altitudeMode>") -> str:
     return KML.format(ring=" ".join(f"{lon},{lat}{altitude}" for lon, lat in RING), mode=mode)
 
@@ -136,6 +139,26 @@ WRONG: dict[str, tuple[str, object, tuple[str, ...]]] = {
         "a.kml",
         kml(altitude=",high"),
         ("coordinates, corner 1", "is not longitude,latitude,altitude"),
+    ),
+    "a height twice": (
+        "a.geojson",
+        '{"type": "FeatureCollection", "features": [{"height_max_m": 40, "height_max_m": 400}]}',
+        ("a.geojson: key 'height_max_m' is there twice in one object",),
+    ),
+    "a fence twice": (
+        "a.plan",
+        '{"fileType": "Plan", "geoFence": {}, "geoFence": {}}',
+        ("key 'geoFence' is there twice",),
+    ),
+    "two outlines": (
+        "a.kml",
+        kml().replace("</outerBoundaryIs>", "<LinearRing/></outerBoundaryIs>"),
+        ("it has 2 outlines: one is needed",),
+    ),
+    "a height of data twice": (
+        "a.kml",
+        kml().replace("<Polygon>", f"<ExtendedData>{HEIGHT * 2}</ExtendedData><Polygon>"),
+        ("height_max_m is there twice",),
     ),
     "a kml without heights": ("a.kml", kml(altitude="", mode=""), ("height_max_m is missing",)),
     "another plan": ("a.plan", {"fileType": "Mission"}, ("fileType", "a plan, 'Plan'")),

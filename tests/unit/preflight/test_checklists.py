@@ -103,6 +103,7 @@ BAD = {
     "no list": ("pilot: look", "lists.yaml: line 1: pilot"),
     "no items": ("pilot: []", "lists.yaml: line 1: pilot"),
     "capitals": ("Pilot: [look]", "lists.yaml: line 1: Pilot"),
+    "blank": ("pilot: ['  ']", "lists.yaml: line 1: pilot.0"),
     "long": (f"pilot: [{'x' * (TEXT_MAX + 1)}]", "lists.yaml: line 1: pilot.0"),
     "many": (f"pilot: [{', '.join(['look'] * (ITEMS_MAX + 1))}]", "lists.yaml: line 1: pilot"),
     "roles": ("".join(f"r{row}: [look]\n" for row in range(ROLES_MAX + 1)), "lists.yaml"),

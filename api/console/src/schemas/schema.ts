@@ -475,6 +475,8 @@ export interface components {
             missing: string[];
             /** @description null: no start is proposed. */
             proposal: components["schemas"]["ProposedStart"] | null;
+            /** @description The newest that was made; null: none since the service began. */
+            start: components["schemas"]["StartMade"] | null;
             /** @description The newest entry; null: there is none. */
             weather: components["schemas"]["WeatherEntry"] | null;
             /** @description How long a proposal waits. */
@@ -2227,6 +2229,8 @@ export interface components {
             /** @description SHA-256 of the areas of the site; null: there were none. */
             site_hash: string | null;
             source: string;
+            /** @description Each start with its names, signatures and weather, where the configuration has `go`. */
+            starts: components["schemas"]["StartMade"][];
             /** @description Of each target that was followed; empty: of none. */
             tracking: components["schemas"]["TargetTracking"][];
             /** @description Each track of which operators were alarmed; empty: none. */
@@ -2460,6 +2464,21 @@ export interface components {
             show_hash?: string;
             /** @description Absent: every vehicle that is not left out. */
             vehicles?: string[];
+        };
+        /** @description A start that was made: by whom, and what was signed and entered then. */
+        StartMade: {
+            /** @description As signed; empty: none, or kept at another station. */
+            checklists: components["schemas"]["Checklist"][];
+            command_id: string;
+            /** @description Of the other token; empty: one person starts. */
+            confirmed_by: string;
+            /** @description As it was confirmed; empty: it was not, or at another station. */
+            hash: string;
+            /** @description Name of the token that proposed it, or started alone. */
+            proposed_by: string;
+            /** @description When the first vehicle was to take off. */
+            unix_time_s: number;
+            weather: components["schemas"]["WeatherEntry"] | null;
         };
         /**
          * @description Result of a check. Unknown counts as failed.
