@@ -47,6 +47,7 @@ class AlarmCause(StrEnum):
     BAD_POSITION = "bad-position"
     GROUND_NEAR = "ground-near"
     LAND_NOW = "land-now"
+    NOT_LOWER = "not-lower"
     WIND = "wind"
     WIND_MEASURED = "wind-measured"
     LINKS_LATE = "links-late"
@@ -223,6 +224,14 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "{vehicles} asked to land by the autopilot",
         "Land [it|them].",
         action=X.LAND,
+    ),
+    AlarmCause.NOT_LOWER: CauseRow(
+        W,
+        "{vehicles} [lands and gets|land and get] no lower",
+        "Look for what keeps [it|them] up, and watch [its battery|their batteries]. Hold [it|them], then land"
+        " [it|them] again; or have a pilot land [it|them] by hand.",
+        action=X.LAND,
+        past="{vehicles} had got no lower while landing",
     ),
     AlarmCause.WIND: CauseRow(
         W, "Too much wind", "Bring the show home if the wind does not drop.",

@@ -238,6 +238,15 @@ class Commander:
         else:
             self._act_after_hold(action)
 
+    def lose_transponder(self) -> None:
+        """Apply COM_ARM_ODID in flight; it never ends a landing."""
+        action = failsafe.TRANSPONDER_ACTIONS[int(self.parameters["COM_ARM_ODID"])]
+        self._report(CRITICAL, "Open Drone ID system not ready")
+        if action < 0:
+            self._stop_by_failsafe(action)
+        elif self.mode is not Mode.LAND:
+            self._act_after_hold(action)
+
     def lose_position(self) -> None:
         """Descend without a position, at once: PX4's DESCEND, which HEARTBEAT shows as LAND."""
         self._report(CRITICAL, failsafe.ACTIVATED)

@@ -73,6 +73,13 @@ FENCE_ACTIONS: Mapping[int, int] = {
 """By GF_ACTION; 1 is a warning, 0 nothing."""
 
 
+TRANSPONDER_ACTS = (1, 18)
+"""Release from which on a transponder that fails in flight has an action; before, COM_ARM_ODID ends at 2."""
+
+TRANSPONDER_ACTIONS: Mapping[int, int] = {3: Mode.RETURN.number, 4: Mode.LAND.number, 5: TERMINATE}
+"""By COM_ARM_ODID; up to 2 only arming is refused."""
+
+
 def fence_text(release: tuple[int, int]) -> str:
     """The text of a breach of an uploaded fence."""
     if release < (1, 15):

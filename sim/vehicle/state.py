@@ -87,6 +87,7 @@ class State:
         self.blind = _no(count)  # and it descends without a position
         self.fence_breached = _no(count)  # and GF_ACTION is not 0
         self.transponder_ok = _no(count)  # that of Remote ID reports that it is ready
+        self.transponder_lost = _no(count)  # its failsafe has acted since then
         self.terminated = _no(count)  # the motors stand still until the next boot
         self.piloted = _no(count)  # a pilot has the sticks
         self.setpoint_seen = _no(count)

@@ -45,6 +45,7 @@ class Transitions:
         if armed.any():
             self._watch_setpoints(armed)
             self._watch_station(armed)
+            self._watch_transponders(armed)
             for row in (armed & (state.now_s >= state.acts_at_s)).nonzero()[0].tolist():
                 self.commanders[row].act()
             lost = armed & ~state.landed & state.position_lost & ~state.blind & ~BY_HAND[state.mode]
@@ -101,6 +102,19 @@ class Transitions:
         state.station_lost = silent & (state.station_lost | due)
         for row in due.nonzero()[0].tolist():
             self.commanders[row].lose_station()
+
+    def _watch_transponders(self, armed: Mask) -> None:
+        """Apply COM_ARM_ODID, once for each loss in the air."""
+        state = self.state
+        if self.commanders[0].firmware_release < failsafe.TRANSPONDER_ACTS or state.transponder_ok.all():
+            state.transponder_lost[:] = False
+            return
+        acts = np.isin(self.parameters["COM_ARM_ODID"], list(failsafe.TRANSPONDER_ACTIONS))
+        lost = armed & acts & ~state.landed & ~state.transponder_ok
+        due = lost & ~state.transponder_lost
+        state.transponder_lost = lost
+        for row in due.nonzero()[0].tolist():
+            self.commanders[row].lose_transponder()
 
     def _watch_takeoff(self, waiting: Mask, climb_m_s: Array) -> None:
         state = self.state

@@ -22,6 +22,7 @@ GEOID_M: Final = 47.5
 PLACE: Final = {"latitude_deg": 47.3977, "longitude_deg": 8.5456, "altitude_amsl_m": 488.0}
 SETTINGS: Final = {"operator": PLACE, "geoid_m": GEOID_M, "operator_id": "CHE-op-12345", "self_id": "Show"}
 REQUIRED: Final = {"COM_ARM_ODID": 2}
+ENFORCED: Final = {"DID_ENABLE": 1, "DID_OPTIONS": 1}
 ODID: Final = range(12900, 12920)
 NEAR_M: Final = 5.0
 
@@ -221,7 +222,27 @@ def test_ardupilot_refuses_by_itself_and_reports_the_loss() -> None:
         texts = [each.text for each in show.service.preflight.flight.newest.telemetry.texts[0]]
         assert "ODID: lost transmitter" in texts
 
-    fly(story, by_ardupilot(), transponders=True)
+    fly(story, by_ardupilot(), transponders=True, parameters=ENFORCED, version="4.5")
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "problem"),
+    [
+        ("DID_ENABLE", 0, "DID_ENABLE is 0, 1 is needed"),
+        ("DID_OPTIONS", 2, "DID_OPTIONS is 2, 1 or 3 or 5 or 7 is needed"),
+    ],
+)
+def test_an_ardupilot_that_would_arm_without_one_is_refused(name: str, value: int, problem: str) -> None:
+    async def story(show: VirtualShow) -> None:
+        await show.standby()
+        await show.wait(3.0)
+        refusal = await refused(show, lambda: show.service.commands.command_show(ShowAction.START))
+        assert f"d1, d2: {problem}" in refusal.text
+        show.befall("d1", "transponder", how="lost")
+        await show.wait(9.0)
+        assert cast("Commander", show.fleet.autopilots[0].commander).reasons() == []
+
+    fly(story, by_ardupilot(), transponders=True, parameters=ENFORCED | {name: value}, version="4.5")
 
 
 def test_an_operator_whose_receiver_is_silent_is_unknown() -> None:

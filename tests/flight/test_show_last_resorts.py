@@ -10,6 +10,7 @@ from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import AIRBORNE, Phase, ShowPhase
 from gcs.model.state import Mode
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
+from gcs.service.alarms import AlarmCause
 from gcs.sim.vehicle.px4 import Mode as PilotMode
 from gcs.testing.views import vehicles_of
 from gcs.testing.virtual_show import HOLDS_WHEN_LOST, VirtualShow, fly, refused, show_config
@@ -73,6 +74,28 @@ def test_autopilot_land_is_the_last_resort_without_offboard() -> None:
     assert flight.verbs == [Verb.OFFBOARD] * 3 + [Verb.LAND]
     assert flight.record.outcome is Outcome.DONE
     assert (flight.show, flight.armed) == (ShowPhase.LANDED, [False] * 3)
+
+
+async def land_refused_for_long(show: VirtualShow) -> tuple[list[tuple[str, ...]], bool, ShowPhase]:
+    """The autopilot of d2 refuses its LAND, until it obeys again."""
+    show.ports.refused.add(("d2", Verb.LAND))
+    show.service.commands.command_show(ShowAction.ABORT)
+    named = list[tuple[str, ...]]()
+    for _ in range(90):
+        await show.wait(1.0)
+        named += [each.vehicles for each in show.view.alarms if each.cause is AlarmCause.NOT_LOWER]
+    show.ports.refused.clear()
+    await show.reach(ShowPhase.LANDED)
+    await show.wait(2.0)
+    lasts = any(each.lasts for each in show.view.alarms if each.cause is AlarmCause.NOT_LOWER)
+    return named, lasts, show.view.show
+
+
+def test_vehicle_that_lands_and_gets_no_lower_is_named() -> None:
+    named, lasts, phase = fly(land_refused_for_long, show_config(3), after=running)
+    assert set(named) == {("d2",)}
+    assert len(named) > 20
+    assert (lasts, phase) == (False, ShowPhase.LANDED)
 
 
 async def offboard_refused_after_the_climb(show: VirtualShow) -> CommandRecord:

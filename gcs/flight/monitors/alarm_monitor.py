@@ -18,6 +18,7 @@ from gcs.failsafe.policy import Action, Cause
 from gcs.failsafe.triggers import OF_THE_SHOW
 from gcs.flight.monitors.accuracy_alarms import BLIND, NO_FIX, AccuracyAlarms
 from gcs.flight.monitors.ground_alarms import GroundAlarms
+from gcs.flight.monitors.landing_alarms import LandingAlarms
 from gcs.flight.monitors.space_alarms import SpaceAlarms, of_routes, of_the_centre
 from gcs.flight.state.flight import FLIES, NOT_CHOSEN, Flight
 from gcs.flight.state.vehicle import Vehicle
@@ -150,6 +151,7 @@ class AlarmMonitor:
         flight = self.flight
         self._space = SpaceAlarms(flight.newest, flight.in_force, flight.vehicles)
         self._ground = GroundAlarms(flight.newest, flight.in_force, flight.vehicles)
+        self._landing = LandingAlarms(flight.newest, flight.vehicles, flight.may_descend)
         self._accuracy = accuracy_alarms_of(flight)
         self._texts: Sequence[Sequence[StatusText]] = ()  # as of the last round, and the urgent ones of these
         self._urgent: list[tuple[int, StatusText]] = []
@@ -170,6 +172,7 @@ class AlarmMonitor:
             *self._space.of_obstacles(),
             *self._space.of_the_target(),
             *self._ground.conditions(),
+            *self._landing.conditions(),
             *of_the_centre(tick),
             *of_routes(tick, self.flight.newest.state.ids + tick.elsewhere),
             *self._accuracy.of_positions(findings.failsafes),

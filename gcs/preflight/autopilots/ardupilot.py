@@ -43,6 +43,7 @@ RADIO_ACTIONS: Final = (1, 2, 3, 4, 5)  # FS_THR_ENABLE
 FENCE_STOPS: Final = 4  # FENCE_ACTION: BRAKE
 FENCE_WALLS: Final = (3, 7)  # FENCE_TYPE: height and circle; polygons besides
 OBEYS_NOTHING_BEYOND, ANY_INCLUSION = 1, 2  # bits of FENCE_OPTIONS
+ENFORCES_ARMING: Final = (1, 3, 5, 7)  # DID_OPTIONS with bit 0, whatever bits 1 and 2 are
 ABOVE_HOME: Final = 1  # FENCE_ALT_MAX_TP
 ARMED_AT_LEAST_S, ARMED_AT_MOST_S = 5, 30
 """Of DISARM_DELAY: the take-off follows the arming at once, but later where the link loses messages."""
@@ -64,6 +65,7 @@ def requirements(
         *_its_own_failsafes(operation),
         *_speeds(control),
         *_last_wall(operation, control, equipment),
+        *_identified(equipment),
     )
 
 
@@ -175,6 +177,22 @@ def _speeds(control: ControlSettings) -> tuple[Requirement, ...]:
         Requirement("PILOT_SPD_DN", max(1.5, down), f"{clipped}; 0 is PILOT_SPEED_UP", least=down, also=(0,)),
         Requirement("ATC_ANGLE_MAX", max(45.0, tilt_deg), tilts, least=tilt_deg, most=80.0),
         Requirement("PSC_ANGLE_MAX", 0.0, f"{tilts}; 0: no further limit", least=tilt_deg, also=(0,)),
+    )
+
+
+def _identified(equipment: Equipment) -> tuple[Requirement, ...]:
+    if not equipment.remote_id:
+        return ()
+    passes = (
+        "it serves the transponder for Remote ID: remote_id.require; its firmware must be built with that"
+    )
+    arms = (
+        "bit 0: it must not be armed without a transponder for Remote ID (remote_id.require);"
+        " listed as soon as DID_ENABLE is 1"
+    )
+    return (
+        Requirement("DID_ENABLE", 1, passes, choices=(1,)),
+        Requirement("DID_OPTIONS", ENFORCES_ARMING[0], arms, choices=ENFORCES_ARMING),
     )
 
 

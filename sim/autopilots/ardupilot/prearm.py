@@ -55,6 +55,13 @@ def _of_parameters(p: Parameters) -> list[str]:
     return problems
 
 
+def _enforces_remote_id(parameters: Parameters) -> bool:
+    """Whether it does not arm without its transponder: bit 0 of DID_OPTIONS, from 4.3."""
+    if not parameters.listed.knows("DID_OPTIONS") or not parameters["DID_ENABLE"]:
+        return False
+    return bool(int(parameters["DID_OPTIONS"]) & 1)
+
+
 def reasons(state: ArduState, row: int, parameters: Parameters, batteries: Batteries) -> list[str]:
     """The texts without "PreArm: ", in the order in which they are sent; empty: it would arm.
 
@@ -73,7 +80,7 @@ def reasons(state: ArduState, row: int, parameters: Parameters, batteries: Batte
         problems += [f"{name} not healthy" for bit, name in SENSOR_NAMES.items() if unhealthy & bit]
         if state.breach[row]:
             problems.append("vehicle outside fence")
-    if state.odid_reasons[row]:
+    if state.odid_reasons[row] and _enforces_remote_id(parameters):
         problems.append(f"OpenDroneID: {state.odid_reasons[row]}")
     if state.radio_failsafe[row] or radio_is_lost(state, row, parameters):
         problems.append("Radio failsafe on")

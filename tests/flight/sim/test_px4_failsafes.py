@@ -112,6 +112,19 @@ def test_from_1_17_lost_setpoints_are_a_lost_transmitter(version: str, mode: tup
     assert HELD not in bench.texts
 
 
+@pytest.mark.parametrize(("action", "mode"), [(2, HOLD), (3, RETURN), (4, LAND), (5, TERMINATION)])
+def test_a_transponder_that_fails_in_flight_acts_from_1_18(action: int, mode: tuple[int, int]) -> None:
+    """COM_ARM_ODID 3 to 5; 2, which preflight demands, and earlier versions only refuse to arm."""
+    for version, then in (("1.18", mode), ("1.17", HOLD)):
+        bench = holding(version=version)
+        bench.fleet.state.transponder_ok[:] = True
+        bench.set_parameter("COM_ARM_ODID", action)
+        assert bench.run(2.0).mode == HOLD
+        bench.fleet.state.transponder_ok[:] = False
+        assert bench.run(7.0).mode == then
+        assert ("Open Drone ID system not ready" in bench.texts) == (then != HOLD)
+
+
 def test_each_flight_resets_the_estimator_once() -> None:
     """Recorded: 13 at first, and 14 at 1.5 m, 4.5 s after "Takeoff detected"; the heading turns."""
     bench = ready()
