@@ -608,6 +608,9 @@ class ReportBody:
             description="Each start with its names, signatures and weather, where the configuration has `go`."
         ),
     ] = ()
+    wind_m_s: Annotated[
+        float | None, Field(description="Greatest wind that was measured, with gusts; null: none was.")
+    ] = None
 
 
 @dataclass(frozen=True, slots=True)
