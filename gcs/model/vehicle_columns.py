@@ -53,23 +53,8 @@ class VehicleNumbers:
     yaw_rad: Annotated[
         Array, Column("rad", AUTOPILOT, "Yaw in the show frame, from its x axis", record="yaw_rad")
     ]
-    roll_rad: Annotated[
-        Array,
-        Column(
-            "rad",
-            AUTOPILOT,
-            "Roll, right side down positive",
-            api="roll_rad",
-            in_frame=False,
-            record="roll_rad",
-        ),
-    ]
-    pitch_rad: Annotated[
-        Array,
-        Column(
-            "rad", AUTOPILOT, "Pitch, nose up positive", api="pitch_rad", in_frame=False, record="pitch_rad"
-        ),
-    ]
+    roll_rad: Annotated[Array, Column("rad", AUTOPILOT, "Roll, right side down positive", record="roll_rad")]
+    pitch_rad: Annotated[Array, Column("rad", AUTOPILOT, "Pitch, nose up positive", record="pitch_rad")]
     latitude_deg: Annotated[
         Array, Column("deg", AUTOPILOT, "Latitude, WGS84", api="latitude_deg", in_frame=False)
     ]

@@ -110,6 +110,7 @@ def test_flight_report_is_shown_once_it_is_made() -> None:
         "site_hash": None,
         "show_hashes": [],
         "starts": [],
+        "wind_m_s": None,
     }
     record.report_state = ReportState(CheckState.DONE, report=TypeAdapter(ReportBody).validate_python(report))
     reported = api("GET", "/api/v1/replay/report").json()

@@ -2841,15 +2841,11 @@ export interface components {
             low_s: number | null;
             mode: components["schemas"]["Mode"];
             phase: components["schemas"]["Phase"];
-            /** @description Pitch, nose up positive. Measured by the autopilot. */
-            pitch_rad: number | null;
             /** @description Time since the newest position arrived. Measured by the station. */
             position_age_s: number | null;
             ready: boolean;
             /** @description Why it is in its phase. */
             reason: string;
-            /** @description Roll, right side down positive. Measured by the autopilot. */
-            roll_rad: number | null;
             /** @description Velocity sent in the last tick, upwards. Measured by the station. */
             setpoint_up_m_s: number | null;
             /** @description Velocity sent in the last tick; null: not commanded. Measured by the station. */
