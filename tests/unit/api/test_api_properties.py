@@ -18,6 +18,8 @@ NAMES = st.sampled_from(
             *requests.GeodeticTarget.model_fields,
             *requests.ObstaclePost.model_fields,
             *requests.StartBody.model_fields,
+            *requests.ChecklistItems.model_fields,
+            *requests.Weather.model_fields,
             "hash",
             "cue",
             "\ud800",
@@ -39,6 +41,9 @@ PROPER = [
     {"x_m": 1.0, "y_m": 2.0, "velocity_x_m_s": 1.0},
     {"latitude_deg": 47.4, "longitude_deg": 8.5},
     {"x_m": 30.0, "y_m": 0.0, "half_length_x_m": 1.0, "half_length_y_m": 1.0, "height_m": 5.0},
+    {"role": "pads", "items": [1]},
+    {"wind_m_s": 4.0, "kp": 2.0},
+    {"hash": "3f2a9c01b4de"},
 ]
 OBJECTS = st.builds(
     lambda base, more: {**base, **more},
@@ -61,6 +66,10 @@ ENDPOINTS = st.sampled_from(
         ("POST", "/shows/lighthouse/select"),
         ("PUT", "/shows/lighthouse"),
         ("DELETE", "/shows/lighthouse"),
+        ("POST", "/go/sign"),
+        ("POST", "/go/reopen"),
+        ("PUT", "/go/weather"),
+        ("POST", "/show/confirm"),
         ("POST", "/kill"),
         ("POST", "/kill/confirm"),
         ("POST", "/vehicles/d1/land"),
@@ -83,7 +92,8 @@ def refuse_constant(name: str) -> Any:
 def everything(api: Api) -> tuple[Any, ...]:
     """All that a request may change."""
     service = api.service
-    return service.plan.current, service.show, dict(service.phases), service.command_log.newest()
+    plan, commands = service.plan.current, service.command_log.newest()
+    return plan, service.show, dict(service.phases), commands, service.checklists.view(), service.weather
 
 
 @settings(max_examples=3 * settings().max_examples)
@@ -104,7 +114,7 @@ def test_no_body_makes_a_5xx_and_nothing_changes_unless_accepted(
         assert set(shown) == {"detail", "problems"}
         assert everything(api) == before
     else:
-        assert everything(api) != before or method in ("PATCH", "PUT") or path == "/kill"
+        assert everything(api) != before or method in ("PATCH", "PUT") or path in {"/kill", "/go/reopen"}
 
 
 SEGMENTS = st.text(st.characters(codec="utf-8", exclude_characters="/?#\\"), max_size=12)
