@@ -124,6 +124,7 @@ def summary(flight_report: FlightReport, source: str) -> str:
     lines += [f"target {each.text}" for each in trajectories.tracking]
     lines += [f"traffic {each.text}" for each in trajectories.traffic]
     lines += [] if flight_report.ground is None else [f"ground {flight_report.ground.text}"]
+    lines += [f"wind {flight_report.wind}"] if flight_report.wind else []
     lines.append(f"verdict: {flight_report.verdict}: {MEANING[flight_report.verdict]}")
     lines += [f"  not judged: {text}" for text in flight_report.missing]
     return "\n".join(lines)

@@ -47,6 +47,7 @@ def page(flight_report: FlightReport, source: str) -> str:
     counts = kinds(Counter(trajectories.autopilots))
     known = escape(f" ({counts})" if counts else "")
     hashes = "".join(f"<br>{what} <code>{digest}</code>" for what, digest in flight_report.hashes)
+    wind = f"<br>Wind {escape(flight_report.wind)}." if flight_report.wind else ""
     reported = (*trajectories.remarks, *(f"Not judged: {text}" for text in flight_report.missing))
     notes = "".join(f"<p class=note>{escape(remark)}</p>" for remark in reported)
     return f"""<!DOCTYPE html>
@@ -56,7 +57,7 @@ def page(flight_report: FlightReport, source: str) -> str:
 <p>Based on <b>{escape(trajectories.based_on)}</b>: {escape(trajectories.uncertainty)}.<br>
 From {escape(source)}; judged {datetime.now(UTC):%Y-%m-%d %H:%M} UTC. Speeds and accelerations are means over
 {SMOOTHED_S:g} s of vehicles that the service flew; a vehicle may pass what was commanded by
-{TOLERATED:.0%} and {TOLERATED_M_S:g} m/s ({TOLERATED_M_S2:g} m/s²).{hashes}</p>
+{TOLERATED:.0%} and {TOLERATED_M_S:g} m/s ({TOLERATED_M_S2:g} m/s²).{hashes}{wind}</p>
 {notes}
 {_checks(flight_report)}
 {_listed("Targets that were followed", flight_report.trajectories.tracking)}

@@ -111,6 +111,12 @@ class FlightReport:
         return [*site, *(("show", digest) for digest in trajectories.show_hashes)]
 
     @property
+    def wind(self) -> str:
+        """The greatest wind that was measured, in words; empty: none was."""
+        wind_m_s = self.trajectories.wind_m_s
+        return "" if wind_m_s is None else f"up to {wind_m_s:g} m/s with gusts, as the vehicles measured it"
+
+    @property
     def duration_s(self) -> float:
         return float(self.trajectories.time_s[-1] - self.trajectories.time_s[0])
 
@@ -144,6 +150,7 @@ class FlightReport:
             self.ground,
             trajectories.site_hash or None,
             trajectories.show_hashes,
+            trajectories.wind_m_s,
         )
 
 

@@ -57,6 +57,7 @@ class FlownTrajectories:
     traffic: tuple[TrackPassed, ...] = ()  # likewise
     site_hash: str = ""  # of the site's areas; empty: there were none
     show_hashes: tuple[str, ...] = ()  # of the written shows that were selected in the air, in order
+    wind_m_s: float | None = None  # greatest that was measured, with gusts; None: none was
 
     def elapsed_s(self, sample: int | np.signedinteger[Any]) -> float:
         """Time of a sample since the first, to hundredths of a second."""
@@ -126,9 +127,16 @@ def estimated(data: FlightData, on_progress: OnProgress | None = None) -> FlownT
             traffic_passed(ticks, data.about.ids, position_m, airborne),
             data.about.site_hash,
             _shows_flown(ticks, airborne),
+            _greatest_wind_m_s(ticks),
         ),
         [at for at, _ in gaps],
     )
+
+
+def _greatest_wind_m_s(ticks: Sequence[RecordedSample]) -> float | None:
+    """The greatest wind of the flight, with gusts, as the vehicles measured it; None: they measured none."""
+    winds = {id(tick.features): tick.features.wind for tick in ticks}.values()
+    return max((each.greatest_m_s for each in winds if each and each.greatest_m_s is not None), default=None)
 
 
 def _shows_flown(ticks: Sequence[RecordedSample], airborne: Mask) -> tuple[str, ...]:

@@ -601,6 +601,9 @@ class ReportBody:
     show_hashes: Annotated[
         tuple[str, ...], Field(description="Of the written shows that were selected in the air, in order.")
     ] = ()
+    wind_m_s: Annotated[
+        float | None, Field(description="Greatest wind that was measured, with gusts; null: none was.")
+    ] = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,14 +1,18 @@
 """The wind that a flight measures of its vehicles: how well, how soon, and what operators learn of it."""
 
+import json
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 import pytest
 
+from gcs.cli.main import main
 from gcs.config.schema import Config
 from gcs.control.area_graphs import prepared_ways
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.plan import Orbit
+from gcs.recording.session import Record
 from gcs.safety.impact import impacts
 from gcs.service import ShowAction
 from gcs.service.alarms import AlarmCause
@@ -184,3 +188,26 @@ def test_more_wind_than_allowed_counts_for_where_vehicles_fall() -> None:
     raw = config("ardupilot", 3).model_dump()
     raw["control"]["safety"]["fence"] |= {"controlled_ground": {"corners_m": FIELD_M}, "height_max_m": 60.0}
     flown(story, "ardupilot", 3, control=raw["control"])
+
+
+def test_the_flight_report_has_the_greatest_wind(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    plan = config("ardupilot", 2)
+
+    async def story(show: VirtualShow) -> float:
+        await show.standby()
+        blow(show, 5.0)
+        await orbit(show)
+        await show.wait(40.0)
+        show.service.commands.command_show(ShowAction.STOP)
+        await show.reach(ShowPhase.LANDED)
+        return measured(show).greatest_m_s or 0.0
+
+    vehicles = {name: (row + 1, "loop") for row, name in enumerate(plan.ids)}
+    with Record(tmp_path, plan.model_dump_json(), vehicles) as record:
+        honest: dict[str, Any] = {"spacing_m": 8.0, "quirks": READY_AT_ONCE, "step_s": FLEET_STEP_S}
+        greatest_m_s = fly(story, plan, record=record, **honest)
+    main(["report", str(tmp_path), "--json"])
+    assert json.loads(capsys.readouterr().out)["wind_m_s"] == greatest_m_s
+    assert 5.0 < greatest_m_s < 8.0
+    main(["report", str(tmp_path)])
+    assert f"wind up to {greatest_m_s:g} m/s with gusts" in capsys.readouterr().out

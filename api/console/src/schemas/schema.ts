@@ -2239,6 +2239,8 @@ export interface components {
              * @enum {string}
              */
             verdict: "kept" | "broken" | "incomplete";
+            /** @description Greatest wind that was measured, with gusts; null: none was. */
+            wind_m_s: number | null;
         };
         /** @description One limit: whether it was kept, and the worst value. */
         ReportCheck: {
