@@ -68,6 +68,7 @@ def flown(story: Any, kinds: str, count: int, **sections: Any) -> Any:
     honest: dict[str, Any] = {
         "noise_scale": 1.0,
         "spacing_m": 8.0,
+        "grid_columns": 5,
         "quirks": READY_AT_ONCE,
         "step_s": FLEET_STEP_S,
     }
@@ -204,7 +205,12 @@ def test_the_flight_report_has_the_greatest_wind(tmp_path: Path, capsys: pytest.
 
     vehicles = {name: (row + 1, "loop") for row, name in enumerate(plan.ids)}
     with Record(tmp_path, plan.model_dump_json(), vehicles) as record:
-        honest: dict[str, Any] = {"spacing_m": 8.0, "quirks": READY_AT_ONCE, "step_s": FLEET_STEP_S}
+        honest: dict[str, Any] = {
+            "spacing_m": 8.0,
+            "grid_columns": 5,
+            "quirks": READY_AT_ONCE,
+            "step_s": FLEET_STEP_S,
+        }
         greatest_m_s = fly(story, plan, record=record, **honest)
     main(["report", str(tmp_path), "--json"])
     assert json.loads(capsys.readouterr().out)["wind_m_s"] == greatest_m_s
