@@ -114,7 +114,7 @@ def _far_rows(
 
 def _standoff_m(now: TickInputs) -> float:
     """What the filter keeps all vehicles from walls in this tick, rounded up."""
-    most_m = now.settings.safety.floor.standoff_m(np.array(now.traits.uncertainty_m)).max(initial=0.0)
+    most_m = now.settings.safety.floor.off_walls_m(np.array(now.traits.uncertainty_m)).max(initial=0.0)
     return STANDOFF_STEP_M * float(np.ceil(most_m / STANDOFF_STEP_M))
 
 

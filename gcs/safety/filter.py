@@ -386,7 +386,7 @@ def _site(
     if fence.is_plain:
         return Constraints.none()
     velocity_m_s = np.nan_to_num(here.velocity_m_s)
-    standoff_m = settings.floor.standoff_m(np.array(here.uncertainty_m))
+    uncertainty_m = np.array(here.uncertainty_m)
     fastest_m_s = settings.limits.fastest_m_s
     walls = area_constraints(
         position_m,
@@ -394,7 +394,7 @@ def _site(
         fence.areas,
         braking,
         velocity_m_s=velocity_m_s,
-        standoff_m=standoff_m,
+        standoff_m=settings.floor.off_walls_m(uncertainty_m),
         response=here.response,
         fastest_m_s=fastest_m_s,
         descending=here.descending,
@@ -410,7 +410,7 @@ def _site(
         settings.impact,
         braking,
         velocity_m_s=velocity_m_s,
-        standoff_m=standoff_m,
+        standoff_m=settings.floor.standoff_m(uncertainty_m),
         response=here.response,
         fastest_m_s=fastest_m_s,
         course_m_s=course_m_s,

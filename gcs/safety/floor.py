@@ -1,11 +1,16 @@
 """The floor between vehicles, an ellipsoid taller than wide because of downwash, and how near they are."""
 
+from typing import Final
+
 import numpy as np
 
 from gcs.model.jit import kernel
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array, Mask
 from gcs.safety.neighbours import Rows, near_pairs
+
+WALL_DEVIATIONS: Final = 3.0
+"""So many standard deviations of its position a vehicle keeps off the walls of areas."""
 
 
 class Floor(Settings):
@@ -48,6 +53,15 @@ class Floor(Settings):
             uncertainty_m: (n,) standard deviations of the positions, sideways.
         """
         kept_m: Array = self.margin_m / 2.0 + uncertainty_m
+        return kept_m
+
+    def off_walls_m(self, uncertainty_m: Array) -> Array:
+        """(n,) how far off the walls of areas vehicles are kept, where they may wait for long.
+
+        Args:
+            uncertainty_m: (n,) standard deviations of the positions, sideways.
+        """
+        kept_m: Array = self.margin_m / 2.0 + WALL_DEVIATIONS * uncertainty_m
         return kept_m
 
     def worst_reserve_m(self, uncertainty_m: Array | None = None) -> float:
