@@ -19,6 +19,7 @@ from gcs.control.memory import AreaWays
 from gcs.control.path_search import BEGUN_SHARE, from_paths_m, sees
 from gcs.model.jit import kernel
 from gcs.model.state import TINY, Array, Mask
+from gcs.safety.fenced_areas import PASSES_M
 
 SPARES_M: Final = (1.0, 0.1)
 """What a way keeps from walls beyond what the filter keeps; the second where the first finds no way."""
@@ -31,6 +32,12 @@ BEYOND_M: Final = 2.0
 
 THERE_M: Final = 3.0
 """A vehicle in formation this near to its slot flies straight."""
+
+TAKEN_SEEN_M, STANDS_M_S = 12.0, 1.0
+"""So near to its corner a vehicle looks whether another one, slower than this, stands there."""
+
+OVER_M, LOW_M = 2.0, 3.0
+"""One that is so much higher passes over it, another one under it, where that leaves so much height."""
 
 SEARCHED_MAX: Final = 4
 """Ways that are looked up in one tick; the others keep their corners, and come next."""
@@ -53,7 +60,7 @@ def lead_within(
     safety = now.settings.safety
     if safety.fence.is_plain or (graphs := prepared_ways(safety)) is None:
         return aim_m, aiming, None
-    place_m, goal_m, aims = np.array(now.position_m), np.array(aim_m), np.zeros(len(aim_m), np.bool_)
+    place_m, goal_m, aims = now.position_m, np.array(aim_m), np.zeros(len(aim_m), np.bool_)
     aims[aiming] = True
     rows = _under_way(now, place_m, goal_m, aims, slot_m)
     standoff_m = _standoff_m(now)
@@ -78,7 +85,12 @@ def lead_within(
     away_m = np.linalg.norm(ahead_m, axis=1)
     beyond = BEYOND_M * (away_m > BEYOND_M) / np.maximum(away_m, TINY)
     aim_m[led, :2] = place_m[led, :2] + (1.0 + beyond[:, None]) * ahead_m
+    kept_m = safety.floor.kept_m(safety.floor.worst_reserve_m(np.array(now.traits.uncertainty_m)))
     aim_m[led, 2] = goal_m[led, 2]
+    goers = led[aims[led]]
+    aim_m[goers, 2] = _past_taken_corners(
+        goers, ways.corner_m, goal_m, place_m, now.velocity_m_s, kept_m, safety.fence.heights_m
+    )
     aims[led] = True
     return aim_m, np.flatnonzero(aims), ways
 
@@ -110,6 +122,41 @@ def _far_rows(
             far[count] = i
             count += 1
     return far[:count]
+
+
+@kernel
+def _past_taken_corners(
+    led: NDArray[np.intp],
+    corner_m: Array,
+    goal_m: Array,
+    place_m: Array,
+    velocity_m_s: Array,
+    kept_m: tuple[float, float],
+    heights_m: tuple[float, float],
+) -> Array:
+    """(k,) z to aim at, of rows `led` (k,): that of the goal, or under, else over, what stands at the corner.
+
+    There is only one way about a corner (n, 2). A vehicle that stands at it gives no way: it is at its goal.
+    `kept_m` are the semi-axes that a pair keeps, `heights_m` those that the fence allows.
+    """
+    z_m, (aside_m, apart_m) = np.empty(len(led)), kept_m
+    for k in range(len(led)):
+        i = led[k]
+        z_m[k] = goal_m[i, 2]
+        x_m, y_m = corner_m[i, 0], corner_m[i, 1]
+        if np.hypot(x_m - place_m[i, 0], y_m - place_m[i, 1]) > TAKEN_SEEN_M:
+            continue
+        for j in range(len(place_m)):
+            if not abs(x_m - place_m[j, 0]) < aside_m or not abs(y_m - place_m[j, 1]) < aside_m or j == i:
+                continue
+            if not (velocity_m_s[j] ** 2).sum() < STANDS_M_S**2:
+                continue
+            over = place_m[i, 2] < place_m[j, 2] - OVER_M or -place_m[j, 2] - apart_m < heights_m[0] + LOW_M
+            if over and -place_m[j, 2] + apart_m < heights_m[1] - PASSES_M:
+                z_m[k] = min(z_m[k], place_m[j, 2] - apart_m)
+            elif not over:
+                z_m[k] = max(z_m[k], place_m[j, 2] + apart_m)
+    return z_m
 
 
 def _standoff_m(now: TickInputs) -> float:
