@@ -160,9 +160,13 @@ def _past_taken_corners(
 
 
 def _standoff_m(now: TickInputs) -> float:
-    """What the filter keeps all vehicles from walls in this tick, rounded up."""
-    most_m = now.settings.safety.floor.off_walls_m(np.array(now.traits.uncertainty_m)).max(initial=0.0)
-    return STANDOFF_STEP_M * float(np.ceil(most_m / STANDOFF_STEP_M))
+    """What the filter keeps all vehicles that are flown from walls in this tick, rounded up.
+
+    No more than graphs keep: one receiver without a fix would else hide the goals of all others.
+    """
+    kept_m = now.settings.safety.floor.off_walls_m(np.array(now.traits.uncertainty_m))
+    most_m = np.fmax.reduce(kept_m, where=now.commanded, initial=0.0)
+    return float(min(STANDOFF_STEP_M * np.ceil(most_m / STANDOFF_STEP_M), KEPT_M[-1]))
 
 
 @kernel

@@ -186,9 +186,37 @@ def test_more_wind_than_allowed_counts_for_where_vehicles_fall() -> None:
         show.service.commands.command_show(ShowAction.STOP)
         await show.reach(ShowPhase.LANDED)
 
-    raw = config("ardupilot", 3).model_dump()
-    raw["control"]["safety"]["fence"] |= {"controlled_ground": {"corners_m": FIELD_M}, "height_max_m": 60.0}
-    flown(story, "ardupilot", 3, control=raw["control"])
+    flown(story, "ardupilot", 3, control=over_a_field(3))
+
+
+def over_a_field(count: int) -> dict[str, Any]:
+    """Section `control` of vehicles that were weighed, over controlled ground."""
+    control: dict[str, Any] = config("ardupilot", count).model_dump()["control"]
+    safety = control["safety"]
+    safety["fence"] |= {"controlled_ground": {"corners_m": FIELD_M}, "height_max_m": 60.0}
+    safety["impact"]["airframe"] = {"mass_kg": 1.5, "drag_area_m2": 0.04, "dimension_m": 0.55}
+    return control
+
+
+def test_a_silent_moment_of_the_only_vehicle_ends_no_flight() -> None:
+    """Its reports come 1.4 s later from then on: where it may fall is no smaller for that."""
+
+    async def story(show: VirtualShow) -> None:
+        service: Any = show.service
+        await show.standby()
+        blow(show, 3.0)
+        await orbit(show)
+        await show.wait(30.0)
+        blow(show, 10.0)
+        await show.wait(40.0)
+        counted = service.flight.limits_now.safety.impact
+        assert counted.wind_max_m_s >= 10.0
+        show.befall(show.config.ids[0], "delay", delay_s=1.4, way="out")
+        for _ in range(10):
+            await show.wait(0.5)
+            assert service.flight.limits_now.safety.impact.wind_max_m_s >= counted.wind_max_m_s
+
+    flown(story, "ardupilot", 1, control=over_a_field(1))
 
 
 def test_the_flight_report_has_the_greatest_wind(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from gcs.config.schema import Config
-from gcs.estimation.wind import EVERY_S, KNOWN_M_S, WindEstimate, WindEstimator
+from gcs.estimation.wind import EVERY_S, KNOWN_M_S, UNKNOWN_AFTER_S, WindEstimate, WindEstimator
 from gcs.flight.state.feature import Feature, Instant
 from gcs.flight.state.newest import Newest
 from gcs.flight.state.vehicle import FlightVehicles
@@ -23,6 +23,9 @@ BACK_M_S: Final = 0.5
 
 LASTS: Final = 15
 """So many looks, of 3 s, a wind must last to count as the greatest, for the rest of the flight."""
+
+REST_S: Final = 60.0
+"""A flight is over when no vehicle has flown for so long; a link that is silent for a moment ends none."""
 
 MORE_M_S: Final = 1.0
 """The wind is surely so much more than was entered before that is contradicted: on the ground it is less."""
@@ -62,7 +65,8 @@ class WindWatch(Feature):
         self._due_s, self._taken = -np.inf, False
         self._landed: tuple[Landed, ...] = ()
         self._airborne = np.zeros(len(vehicles), np.bool_)
-        self._flew = self._over = self._differs = False
+        self._over = self._differs = False
+        self._flew_s = -np.inf  # when a vehicle flew last
         self.greatest_m_s, self._last_m_s = nan, deque[float](maxlen=LASTS)
 
     @property
@@ -90,13 +94,21 @@ class WindWatch(Feature):
         elif now_s >= self._due_s - 1e-6:
             self._due_s, self._taken = now_s + EVERY_S, True
             age_s, flies = now_s - telemetry.attitude_time_s, self._flies()
-            if not self._flew and flies.any():
-                self.greatest_m_s, self._newest.wind_m_s = nan, 0.0
-                self._last_m_s.clear()
-            self._flew = bool(flies.any())
+            if flies.any():
+                if now_s - self._flew_s > REST_S:
+                    self.greatest_m_s, self._newest.wind_m_s = nan, 0.0
+                    self._last_m_s.clear()
+                self._flew_s = now_s
             self._estimator.take(now_s, telemetry.attitude_rad, age_s, telemetry.velocity_ned_m_s, flies)
 
+    @property
+    def _fly(self) -> bool:
+        """Whether vehicles fly, or did a moment ago: as long as an estimate stays."""
+        return self._newest.state.time_s - self._flew_s <= UNKNOWN_AFTER_S
+
     def _note(self, measured: WindEstimate) -> None:
+        if measured.time_s < self._newest.state.time_s:  # an older one: none counted now
+            return
         self._last_m_s.append(self._reached_m_s(measured))
         if len(self._last_m_s) == LASTS and (least_m_s := min(self._last_m_s)) > 0.0:
             self.greatest_m_s = float(np.fmax(self.greatest_m_s, least_m_s))
@@ -109,7 +121,7 @@ class WindWatch(Feature):
     def conditions(self, at: Instant) -> Iterator[Condition]:  # noqa: ARG002
         measured = self.estimate
         back_m_s = BACK_M_S if self._over else 0.0
-        self._over = self._flew and (
+        self._over = self._fly and (
             self._reached_m_s(measured) > self.allowed_m_s - back_m_s
             or measured.at_least_m_s > self._mean_max_m_s - back_m_s
         )
@@ -118,7 +130,7 @@ class WindWatch(Feature):
         entered_m_s, by = self._entered()
         back_m_s = BACK_M_S if self._differs else 0.0
         self._differs = (
-            self._flew
+            self._fly
             and measured.is_known
             and measured.at_least_m_s > entered_m_s + MORE_M_S - back_m_s  # False for NaN
         )
@@ -142,7 +154,7 @@ class WindWatch(Feature):
         measured, now_s = self.estimate, self._newest.state.time_s
         if measured.is_known:
             return ""
-        if not self._flew:
+        if not self._fly:
             return "no vehicle is in the air"
         if not measured.vehicles:
             arrive = (now_s - self._newest.telemetry.attitude_time_s < VELOCITY_OLD_S).any()

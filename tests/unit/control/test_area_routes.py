@@ -62,12 +62,19 @@ def graphs_made() -> Iterator[list[str]]:
         sys.setprofile(before)
 
 
-def ways_of(safety: SafetySettings, memory: Memory, index: int, deviation_m: float) -> Memory:
-    """A tick of vehicles to goals."""
-    zero, n = np.zeros(len(PLACE_M)), len(PLACE_M)
+def ways_of(
+    safety: SafetySettings,
+    memory: Memory,
+    index: int,
+    deviation_m: float,
+    place_m: Array = PLACE_M,
+    goal_m: Array = GOAL_M,
+) -> Memory:
+    """A tick of vehicles (n, 3) to goals; `deviation_m` is that of the last."""
+    zero, n = np.zeros(len(place_m)), len(place_m)
     ids = tuple(f"d{row}" for row in range(n))
-    fleet = FleetState(DT_S * index, ids, PLACE_M, np.zeros((n, 3)), zero, zero.copy())
-    tasks = replace(Tasks.of_formation(n, center_moves=False), goal_m=GOAL_M)
+    fleet = FleetState(DT_S * index, ids, place_m, np.zeros((n, 3)), zero, zero.copy())
+    tasks = replace(Tasks.of_formation(n, center_moves=False), goal_m=goal_m)
     tasks.task[:] = Task.GOAL
     traits = replace(Traits.alike(n), uncertainty_m=np.append(np.full(n - 1, 0.05), deviation_m))
     settings = ControlSettings(safety=safety)
@@ -106,6 +113,22 @@ def test_what_is_far_beyond_all_graphs_takes_the_widest() -> None:
     for one_m, other_m in zip(far_m, far_m[::-1].copy(), strict=True):
         band = band_of(one_m, other_m, ways.step_m, ways.walls.at.shape[1] - 1)
         assert [ways.graph(band, kept_m)[1] for kept_m in (0.1, 1.25, 1.3, 99.0)] == [0.35, 1.25, 2.0, 3.0]
+
+
+CLEAR_M = np.array([[60.0, -60.0, -20.0], [-100.0, 60.0, -20.0], [0.0, 100.0, -20.0], [100.0, 100.0, -20.0]])
+BEFORE_M = np.array([[90.0, -20.0, -20.0], [-60.0, 100.0, -20.0], [60.0, 80.0, -20.0], [100.0, 100.0, -20.0]])
+"""Goals that are seen, a little nearer to walls than the places."""
+
+
+@pytest.mark.parametrize("deviation_m", [9.0, 1e6, np.inf, np.nan])
+def test_a_receiver_without_a_fix_leads_no_other_astray(deviation_m: float) -> None:
+    warm_up()
+    safety = site()
+    prepare(safety)
+    memory = ways_of(safety, Memory.fresh(4, 0.0), 1, deviation_m, CLEAR_M, BEFORE_M)
+    assert np.isnan(corners_m(memory.ways)).all()
+    memory = ways_of(safety, Memory.fresh(4, 0.0), 1, deviation_m)
+    assert np.isfinite(corners_m(memory.ways)[:, 0]).tolist() == HIDDEN
 
 
 def test_a_site_that_was_not_prepared_is_flown_straight() -> None:
