@@ -181,7 +181,8 @@ def _hidden(
 ) -> NDArray[np.intp]:
     """Those of `rows` (k,) that do not see their goals (n, 3), from (n, 3), past the walls of their heights.
 
-    Walls are those of `layer` of `KEPT_M`; a straight way keeps `more_m` more.
+    Walls are those of `layer` of `KEPT_M`; a straight way keeps `more_m` more. It may come as near to a wall
+    as the goal itself is.
     """
     hidden, count = np.empty(len(rows), np.intp), 0
     here_m, there_m = np.zeros(3), np.zeros(3)
@@ -191,7 +192,7 @@ def _hidden(
         low, high = band_of(position_m[i], goal_m[i], step_m, walls.at.shape[1] - 1)
         begin, end = walls.first[walls.at[layer, low, high]], walls.first[walls.at[layer, low, high] + 1]
         here_m[:2], there_m[:2] = position_m[i, :2], goal_m[i, :2]
-        if not sees(here_m, there_m, walls.edge_m[begin:end], walls.kept_m[begin:end], more_m):
+        if not sees(here_m, there_m, walls.edge_m[begin:end], walls.kept_m[begin:end], more_m, True):
             hidden[count] = i
             count += 1
     return hidden[:count]

@@ -42,8 +42,13 @@ def along_m(start_m: Array, corner_m: Array, path_m: Array) -> Array:
 
 
 @kernel
-def sees(one_m: Array, other_m: Array, path_m: Array, kept_m: Array, spare_m: float) -> bool:
-    """Whether the straight way between two places (3,) is clear of all paths; inside it may only lead out."""
+def sees(
+    one_m: Array, other_m: Array, path_m: Array, kept_m: Array, spare_m: float, leads_in: bool = False
+) -> bool:
+    """Whether the straight way between two places (3,) is clear of all paths; inside it may only lead out.
+
+    With `leads_in` it may come as near to a path as it ends.
+    """
     for k in range(len(path_m)):
         least_m, near = kept_m[k] + spare_m, True
         for axis in range(3):
@@ -55,6 +60,10 @@ def sees(one_m: Array, other_m: Array, path_m: Array, kept_m: Array, spare_m: fl
         away_m = lines_apart_m(one_m, other_m, path_m[k, 0], path_m[k, 1])
         if away_m < least_m:
             begun_m = BEGUN_SHARE * lines_apart_m(one_m, one_m, path_m[k, 0], path_m[k, 1])
+            if leads_in:
+                begun_m = min(
+                    begun_m, BEGUN_SHARE * lines_apart_m(other_m, other_m, path_m[k, 0], path_m[k, 1])
+                )
             if away_m < min(least_m, begun_m):
                 return False
     return True
