@@ -75,7 +75,13 @@ class Commander(VehicleCommands):
             go,
         )
         self.outlook = StartOutlook(
-            newest, vehicles, show, self.starting, preflight_gate, lambda: flight.elsewhere, go
+            newest,
+            vehicles,
+            show,
+            self.starting,
+            preflight_gate,
+            lambda: flight.elsewhere,
+            lambda: go.missing,
         )
         self.spares = Spares(newest, vehicles, show, book, places, maneuvers, preflight_gate)
         frame, space = flight.config.show_frame, flight.uncontrolled

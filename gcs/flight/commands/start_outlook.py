@@ -6,7 +6,6 @@ from math import inf
 from typing import Final
 
 from gcs.flight.commands.start import Starting, uncontrolled, uncontrolled_reason
-from gcs.flight.preflight.go import CrewGo
 from gcs.flight.preflight.preflight_gate import PreflightGate
 from gcs.flight.state.elsewhere import Elsewhere
 from gcs.flight.state.newest import Newest
@@ -36,7 +35,7 @@ class StartOutlook:
     starting: Starting
     preflight_gate: PreflightGate
     elsewhere: Callable[[], Elsewhere]
-    go: CrewGo
+    items_missing: Callable[[], tuple[str, ...]]  # what a start needs of people
     why_not: str = NOT_LOOKED  # why a start would be refused now, in short; empty: it would not
     _own: str = NOT_LOOKED  # the same of this flight alone, of the newest look
     _of: object = None  # what decided it
@@ -65,8 +64,7 @@ class StartOutlook:
 
     def _decides(self) -> object:
         """What commands and autopilots change of the answer, as far as it is quickly compared."""
-        run, go = self.show.run, self.go.newest
-        missing = () if go is None else go.missing
+        run, missing = self.show.run, self.items_missing()
         out, phases = self.preflight_gate.left_out, tuple(self.vehicles.phases)
         return run, out, phases, tuple(self.newest.telemetry.ready), missing
 

@@ -214,9 +214,9 @@ class CrewGo(Feature):
         )
 
     @property
-    def newest(self) -> GoView | None:
-        """As of the newest look; None: nothing is asked for."""
-        return self._view
+    def missing(self) -> tuple[str, ...]:
+        """What a start needs of people and has not, as of the newest look."""
+        return () if self._view is None else self._view.missing
 
     @property
     def wind_limits(self) -> tuple[float, float]:
