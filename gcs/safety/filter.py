@@ -301,22 +301,7 @@ def _walls(
     if only is not None:
         confined = replace(here, commanded=here.commanded & only)
         return _site(position_m, confined, settings, braking, course_m_s)
-    fastest_m_s, keepout = settings.limits.fastest_m_s, Constraints.none()
-    if len(here.segments_m):
-        keepout = keepout_constraints(
-            position_m,
-            here.commanded,
-            here.segments_m,
-            floor=settings.floor,
-            braking=braking,
-            uncertainty_m=np.hypot(here.uncertainty_m, here.wander_m),
-            segments_uncertainty_m=None if here.segments_of is None else here.uncertainty_m[here.segments_of],
-            segments_of=here.segments_of,
-            drift=here.drift,
-            passage=here.passage,
-            response=here.response,
-            fastest_m_s=fastest_m_s,
-        )
+    fastest_m_s = settings.limits.fastest_m_s
     fence = fence_constraints(
         position_m,
         here.commanded,
@@ -329,20 +314,6 @@ def _walls(
         fastest_m_s=fastest_m_s,
     )
     site = _site(position_m, here, settings, braking, course_m_s)
-    slow = set() if here.near_traffic is None else {box.id for box in here.near_traffic.boxes}
-    obstacles = Constraints.joined(
-        *(
-            obstacle_constraints(
-                position_m,
-                commanded,
-                {name: here.ellipses[name] for name in here.ellipses if (name in slow) is is_slow},
-                braking,
-                response=here.response,
-                fastest_m_s=fastest_m_s,
-            )
-            for is_slow, commanded in ((False, here.commanded), (True, here.commanded & ~here.descending))
-        )
-    )
     clear_of_targets = (
         clearance_constraints(
             position_m,
@@ -359,7 +330,13 @@ def _walls(
         for target in here.targets
         if target.clearance_m
     )
-    walls = Constraints.joined(keepout, fence, site, obstacles, *clear_of_targets)
+    walls = Constraints.joined(
+        _lost(position_m, here, settings, braking),
+        fence,
+        site,
+        *_obstacles(position_m, here, braking, fastest_m_s),
+        *clear_of_targets,
+    )
     if here.near_traffic is None:
         return walls
     evading = Evading(
@@ -372,6 +349,41 @@ def _walls(
         settings.fence.distance_max_m,
     )
     return Constraints.joined(walls, track_constraints(evading, here.near_traffic))
+
+
+def _lost(position_m: Array, here: Surroundings, settings: SafetySettings, braking: Braking) -> Constraints:
+    """Constraints of the paths that lost vehicles may take."""
+    if not len(here.segments_m):
+        return Constraints.none()
+    return keepout_constraints(
+        position_m,
+        here.commanded,
+        here.segments_m,
+        floor=settings.floor,
+        braking=braking,
+        uncertainty_m=np.hypot(here.uncertainty_m, here.wander_m),
+        segments_uncertainty_m=None if here.segments_of is None else here.uncertainty_m[here.segments_of],
+        segments_of=here.segments_of,
+        drift=here.drift,
+        passage=here.passage,
+        response=here.response,
+        fastest_m_s=settings.limits.fastest_m_s,
+    )
+
+
+def _obstacles(
+    position_m: Array, here: Surroundings, braking: Braking, fastest_m_s: float
+) -> tuple[Constraints, Constraints]:
+    """Constraints of obstacles, and of slow traffic, which holds up no vehicle that lands."""
+    slow = set() if here.near_traffic is None else {box.id for box in here.near_traffic.boxes}
+
+    def around(is_slow: bool, commanded: Mask) -> Constraints:
+        ellipses = {name: here.ellipses[name] for name in here.ellipses if (name in slow) is is_slow}
+        return obstacle_constraints(
+            position_m, commanded, ellipses, braking, response=here.response, fastest_m_s=fastest_m_s
+        )
+
+    return around(False, here.commanded), around(True, here.commanded & ~here.descending)
 
 
 def _site(
