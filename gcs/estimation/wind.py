@@ -75,7 +75,7 @@ INFORMED: Final = 0.2
 """A vehicle's own drag counts for the fleet if it is known better than this share of it."""
 
 FEW: Final = 3
-"""So many vehicles whose drag is known make a median of the fleet."""
+"""With the drag of so many vehicles measured, that of the fleet is their median."""
 
 SPREAD, MEDIAN = 0.85, 1.57
 """Standard deviation along one axis by the median distance in the plane; and the variance of a median by that

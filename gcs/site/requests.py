@@ -34,7 +34,7 @@ class ShowRequest:
     named: Named | None = None  # START of a show: the vehicles of all stations; None: all but those left out
     proposed_by: Text = ""  # START that needs two tokens: their names, checked by the lead
     confirmed_by: Text = ""
-    rules: Annotated[dict[Text, Text], Field(max_length=NAMES_MAX)] | None = None  # START: of who asks
+    rules: Annotated[dict[Text, Text], Field(max_length=NAMES_MAX)] | None = None  # START: of the asker
     parameters: Text = ""  # START that needs two tokens: hash of those of the receiver, as confirmed
     kind: Literal["show"] = "show"
 
