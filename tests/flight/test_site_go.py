@@ -277,6 +277,30 @@ def test_no_station_shows_a_start_as_possible_that_is_not() -> None:
     fly_site(story, site_config(2, 2, **by_two()), **BUS)
 
 
+@pytest.mark.soak
+def test_a_follower_does_not_ask_for_what_the_lead_has() -> None:
+    """Its own empty list keeps no vehicle on the ground, and what it shows is the lead's reason."""
+
+    async def story(show: SiteShow) -> None:
+        north, south = show["north"], show["south"]
+        await asked_until_s(show, 12.0)
+        no_weather = "wind: not known"
+        assert any(no_weather in text for text in go_of(show, "north").missing)
+        assert (go_of(show, "south").missing, go_of(show, "south").decides) == ((), False)
+        assert no_weather in south.view.start_refused
+        with token("alice"):
+            north.service.go.enter_weather(WeatherEntry(wind_m_s=1.0))
+        await show.wait(6.0)
+        assert go_of(show, "north").missing == ()
+        assert south.view.start_refused == ""
+        assert ("checklists and weather count where the show is led, not here",) in (
+            *go_of(show, "south").table(),
+        )
+
+    go = {"weather": {"wind_max_m_s": 8.0}}
+    fly_site(story, site_config(2, 2, go=go), **BUS)
+
+
 def test_parameters_at_another_station_are_confirmed_too() -> None:
     async def story(show: SiteShow) -> None:
         _, shown = await proposed(show)
