@@ -145,6 +145,10 @@ class GoView(FeatureView):
         StartMade | None,
         Described("The newest that was made; null: none since the service began.", moves=False),
     ] = None
+    decides: Annotated[
+        bool,
+        Described("Whether this service decides; false: checklists and weather of another count.", moves=False),
+    ] = True
 
     @staticmethod
     def none() -> "GoView":
@@ -162,6 +166,8 @@ class GoView(FeatureView):
 
     def table(self) -> Iterator[Sequence[str]]:
         yield ("a start needs two tokens" if self.confirmed_by_another else "one person starts",)
+        if not self.decides:
+            yield ("checklists and weather count where the show is led, not here",)
         if self.proposal is not None:
             start = f"{self.proposal.vehicles} vehicles"
             yield (f"proposed by {self.proposal.by}: {start}, hash {self.proposal.hash}",)

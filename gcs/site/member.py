@@ -101,6 +101,7 @@ class SiteMember(Elsewhere):
         self._plan_of: tuple[str, int, int] | None = None  # sender, term and version of the newest that came
         self._others: Others | None = None  # of this tick, as the next; None: not computed yet
         self._landing_m: Array | None = None
+        self._counted: set[str] = set()  # other stations that counted down together with this one
 
     # received
 
@@ -129,6 +130,13 @@ class SiteMember(Elsewhere):
                 site.refused += 1
         self._others = self._landing_m = None
         self._absences.look(self.bus.present, now_s)
+        self._note_countdowns()
+
+    def _note_countdowns(self) -> None:
+        if self.flight.show.phase is not ShowPhase.COUNTDOWN:
+            self._counted.clear()
+        elif counting := [name for name in self.present() if self.show_of(name) is ShowPhase.COUNTDOWN]:
+            self._counted.update(counting)
 
     def _take_plan(self, sender: str, payload: bytes, arrived_s: float) -> None:
         site = self.site
@@ -270,13 +278,19 @@ class SiteMember(Elsewhere):
         return NOT_CHECKED if their is None else why_others(self._rules, their)
 
     def why_apart(self) -> str:
-        """As of `Elsewhere`: stations that are missing, and those that now have other rules."""
+        """As of `Elsewhere`: stations that are missing, that now have other rules, or count down no more."""
         here = self.present()
         for name in self.site.stations:
             why = self._why_unlike(name) if name in here else "it is not received"
-            if why:
+            if why := why or self._why_not_counting(name):
                 return f"a start needs every station: station {name}: {why}"
         return ""
+
+    def _why_not_counting(self, station: str) -> str:
+        """Why a station that counted down with this one will not start with it; empty: it will."""
+        over = self.show_of(station) in ON_THE_GROUND - {ShowPhase.COUNTDOWN}
+        ended = over and station in self._counted and self.flight.show.phase is ShowPhase.COUNTDOWN
+        return "its countdown is over: it was started again, or refused; start all again" if ended else ""
 
     def why_other_request(self, station: str, request: ShowRequest) -> str:
         """Why a start that another station asks for is none of this one's; empty: it is.

@@ -162,19 +162,26 @@ def test_stations_with_other_rules_start_nothing(what: str, asked: tuple[str, ..
 
 
 async def restarted(show: SiteShow, station: str, what: str, folder: Path) -> None:
-    """Start a station again with other rules, until the others receive it again."""
+    """Start a station again, with other rules if `what` names some, until the others receive it again."""
     south = show[station]
     await south.kill()
-    south.config = other(south.config, what)
+    south.config = other(south.config, what) if what else south.config
     rows = {name: (number, "loop") for number, name in enumerate(south.config.ids, 1)}
     with Record(folder, south.config.model_dump_json(), rows, flight=False) as record:
         south.restart(record)
         await show.wait(12.0)
 
 
-def test_other_rules_at_the_time_of_a_start_refuse_it(tmp_path: Path) -> None:
-    """A station is started again with another fence while all count down."""
-    differs = "station south: it differs from this station in control.safety.fence: give both the same"
+@pytest.mark.parametrize(
+    ("what", "differs"),
+    [
+        ("control.safety.fence", "it differs from this station in control.safety.fence: give both the same"),
+        pytest.param("", "its countdown is over: it was started again, or refused", marks=pytest.mark.soak),
+    ],
+)
+def test_a_station_that_starts_again_ends_the_countdown(what: str, differs: str, tmp_path: Path) -> None:
+    """With another fence, or as it was: what it counted down to is gone, and so is the whole start."""
+    differs = f"station south: {differs}"
 
     async def story(show: SiteShow) -> None:
         north = show["north"]
@@ -184,7 +191,7 @@ def test_other_rules_at_the_time_of_a_start_refuse_it(tmp_path: Path) -> None:
         await show.wait(2.0)
         phases = [show[name].view.show for name in show.stations]
         assert phases == [ShowPhase.COUNTDOWN, ShowPhase.COUNTDOWN]
-        await restarted(show, "south", "control.safety.fence", tmp_path)
+        await restarted(show, "south", what, tmp_path)
         assert differs in north.view.start_refused
         assert differs in north.view.reason
         await show.wait(at_s - north.unix() + 2.0)
@@ -268,6 +275,30 @@ def test_no_station_shows_a_start_as_possible_that_is_not() -> None:
         assert "station south is not received" in refusal(show, "north", "start")
 
     fly_site(story, site_config(2, 2, **by_two()), **BUS)
+
+
+@pytest.mark.soak
+def test_a_follower_does_not_ask_for_what_the_lead_has() -> None:
+    """Its own empty list keeps no vehicle on the ground, and what it shows is the lead's reason."""
+
+    async def story(show: SiteShow) -> None:
+        north, south = show["north"], show["south"]
+        await asked_until_s(show, 12.0)
+        no_weather = "wind: not known"
+        assert any(no_weather in text for text in go_of(show, "north").missing)
+        assert (go_of(show, "south").missing, go_of(show, "south").decides) == ((), False)
+        assert no_weather in south.view.start_refused
+        with token("alice"):
+            north.service.go.enter_weather(WeatherEntry(wind_m_s=1.0))
+        await show.wait(6.0)
+        assert go_of(show, "north").missing == ()
+        assert south.view.start_refused == ""
+        assert ("checklists and weather count where the show is led, not here",) in (
+            *go_of(show, "south").table(),
+        )
+
+    go = {"weather": {"wind_max_m_s": 8.0}}
+    fly_site(story, site_config(2, 2, go=go), **BUS)
 
 
 def test_parameters_at_another_station_are_confirmed_too() -> None:

@@ -15,7 +15,7 @@ const PROPOSAL: NonNullable<Go["proposal"]> = {
   command_id: "o1", by: "alice", hash: "3f2a9c01b4de", until_unix_time_s: 1042.4, vehicles: 3, at_unix_time_s: null,
 };
 const GO: Go = {
-  confirmed_by_another: true, within_s: 60, proposal: PROPOSAL, ended: "", hashes: {}, start: null, missing: ["checklist pads: 1 of 2 items are open"],
+  confirmed_by_another: true, within_s: 60, proposal: PROPOSAL, ended: "", hashes: {}, start: null, missing: ["checklist pads: 1 of 2 items are open"], decides: true,
   checklists: [{ role: "pads", items: [{ text: "on its pad", by: "bob", unix_time_s: 1000 }, { text: "no person near", by: "", unix_time_s: null }] }],
   weather: { wind_m_s: 4, gust_m_s: null, visibility_m: 9000, kp: 2, by: "dana", unix_time_s: 990 },
 };

@@ -200,7 +200,8 @@ class CrewGo(Feature):
 
     def _composed(self) -> GoView:
         two, settings = self.two, self._settings or GoSettings()
-        waits = None if two is None else two.proposal
+        waits, decides = None if two is None else two.proposal, self._flight.elsewhere.shows.leads
+        checks = self._checks() if decides else ()
         return GoView(
             confirmed_by_another=settings.confirmed_by_another,
             within_s=settings.within_s,
@@ -209,8 +210,9 @@ class CrewGo(Feature):
             hashes=self._common if waits is None else dict(waits.parts),
             checklists=self.checklists,
             weather=None if self._entered is None else self._entered.entry,
-            missing=tuple(check.problem for check in self._checks() if not check.passes),
+            missing=tuple(check.problem for check in checks if not check.passes),
             start=self._start,
+            decides=decides,
         )
 
     @property

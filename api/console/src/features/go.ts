@@ -23,6 +23,7 @@ export const t = {
   over: "its time is over: propose it again",
   confirmed: "The start is confirmed",
   noGo: "NO GO",
+  elsewhere: "Checklists and weather count where the show is led, not here.",
   ended: (why: string): string => `The proposed start is over: ${why}.`,
   open: (count: number, all: number): string => `${count} of ${all} open`,
   signed: (by: string, at: string): string => `${by}, ${at}`,
@@ -151,6 +152,7 @@ function view(state: State, actions: PanelActions, why: string): TemplateResult 
           <p>${icon("warning")} <strong>${t.noGo}</strong></p>
           <ul>${go.missing.map((each) => html`<li>${each}</li>`)}</ul>
         </section>`}
+    ${go.decides ? nothing : html`<p class="hint" data-testid="go-elsewhere">${t.elsewhere}</p>`}
     ${go.ended === "" ? nothing : html`<p class="hint" data-testid="go-ended">${t.ended(go.ended)}</p>`}
     <ul class="cards">
       ${go.checklists.map((each) => checklist(actions, each, why))}

@@ -465,6 +465,8 @@ export interface components {
             checklists: components["schemas"]["Checklist"][];
             /** @description Whether a start is proposed by one token and confirmed by another. */
             confirmed_by_another: boolean;
+            /** @description Whether this service decides; false: checklists and weather of another count. */
+            decides: boolean;
             /** @description Why the newest proposal is over; empty: none was, or it was confirmed. */
             ended: string;
             /** @description What a start would be confirmed for now, by name. */
