@@ -147,7 +147,7 @@ class GoView(FeatureView):
     ] = None
     decides: Annotated[
         bool,
-        Described("Whether this service decides; false: checklists and weather of another count.", moves=False),
+        Described("Whether this service decides; false: what another was given counts.", moves=False),
     ] = True
 
     @staticmethod

@@ -465,7 +465,7 @@ export interface components {
             checklists: components["schemas"]["Checklist"][];
             /** @description Whether a start is proposed by one token and confirmed by another. */
             confirmed_by_another: boolean;
-            /** @description Whether this service decides; false: checklists and weather of another count. */
+            /** @description Whether this service decides; false: what another was given counts. */
             decides: boolean;
             /** @description Why the newest proposal is over; empty: none was, or it was confirmed. */
             ended: string;
