@@ -73,6 +73,7 @@ def test_the_lead_starts_all_stations_once_confirmed() -> None:
     fly_site(story, site_config(2, 2, **by_two()), **BUS)
 
 
+@pytest.mark.soak
 def test_a_stop_at_any_station_calls_the_proposal_off() -> None:
     async def story(show: SiteShow) -> None:
         record, shown = await proposed(show)
@@ -89,6 +90,7 @@ def test_a_stop_at_any_station_calls_the_proposal_off() -> None:
     fly_site(story, site_config(2, 2, **by_two()), **BUS)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("names", "starts"), [(("", ""), 0), (("alice", ""), 0), (("alice", "alice"), 0), (("alice", "bob"), 2)]
 )
@@ -108,6 +110,7 @@ def test_a_station_starts_nothing_that_two_did_not_confirm(names: tuple[str, str
     fly_site(story, site_config(2, 2, **by_two()), **BUS)
 
 
+@pytest.mark.soak
 def test_an_approved_start_ends_what_waits_elsewhere() -> None:
     """A station that led before starts as another asks; its own proposal is over, and that command failed."""
 
@@ -138,6 +141,7 @@ def other(config: Config, what: str) -> Config:
     return config.model_copy(update=changed[what])
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("what", "asked"), [("go.confirmed_by_another", ("north", "south")), ("control.safety.fence", ("north",))]
 )
@@ -172,6 +176,7 @@ async def restarted(show: SiteShow, station: str, what: str, folder: Path) -> No
         await show.wait(12.0)
 
 
+@pytest.mark.soak
 def test_other_rules_at_the_time_of_a_start_refuse_it(tmp_path: Path) -> None:
     """A station is started again with another fence while all count down."""
     differs = "station south: it differs from this station in control.safety.fence: give both the same"
@@ -197,6 +202,7 @@ def test_other_rules_at_the_time_of_a_start_refuse_it(tmp_path: Path) -> None:
     fly_site(story, site_config(2, 2), **BUS)
 
 
+@pytest.mark.soak
 def test_other_rules_between_proposal_and_confirmation(tmp_path: Path) -> None:
     async def story(show: SiteShow) -> None:
         _, shown = await proposed(show)
@@ -223,6 +229,7 @@ async def answered(show: SiteShow, request: ShowRequest) -> str:
     return ""
 
 
+@pytest.mark.soak
 def test_a_station_compares_the_rules_of_who_asks_for_a_start() -> None:
     """At the moment of the start, whatever was compared before: a request carries them."""
 
@@ -246,6 +253,7 @@ def test_a_station_compares_the_rules_of_who_asks_for_a_start() -> None:
     fly_site(story, site_config(2, 2, **by_two()), **BUS)
 
 
+@pytest.mark.soak
 def test_no_station_shows_a_start_as_possible_that_is_not() -> None:
     """A follower names the station where it is proposed, and the lead the one that is missing."""
 
@@ -270,6 +278,7 @@ def test_no_station_shows_a_start_as_possible_that_is_not() -> None:
     fly_site(story, site_config(2, 2, **by_two()), **BUS)
 
 
+@pytest.mark.soak
 def test_parameters_at_another_station_are_confirmed_too() -> None:
     async def story(show: SiteShow) -> None:
         _, shown = await proposed(show)
