@@ -29,23 +29,23 @@ checked: .venv/ready console
 	@$(NICE) $(MAKE) --no-print-directory check console-test
 
 # Folders without a test that computes are not collected (conftest.py refuses one there), nor is a plugin loaded
-# that only the API's tests need. In the order of the folders, flights first, the short tests fill what is left.
-COMPUTING = -m "not realtime and $(if $(SOAK),,not) soak" -p no:schemathesis --no-loadscope-reorder \
+# that only a soak test needs. In the order of the folders, flights first, the short tests fill what is left.
+COMPUTING = -m "not realtime and $(if $(SOAK),,not) soak" -p no:schemathesis -n 0 --forks 3 \
   $(addprefix --ignore=tests/,browser integration unit/api unit/recording)
 
 computed: .venv/ready console
 	$(NICE) $(BIN)/pytest $(COMPUTING) --timeout 1800  # it may wait long for its turn
 
-# Long files first; the many short ones fill what is left at the end. Three at once: most of the time they wait.
-FLOWN := -o cache_dir=.pytest_cache/flown -m "realtime and not soak" \
+# Long files first; the many short ones fill what is left at the end. Four at once: most of the time they wait.
+FLOWN := -o cache_dir=.pytest_cache/flown -m "realtime and not soak" -p no:schemathesis -n 0 \
   $(addprefix tests/,system browser integration unit/api unit/recording)
 
 # A real-time test fails when it fails twice, the second time alone, with fixtures of its own. A real defect ends
 # the second run at once. docs/testing.md
 flown: .venv/ready console
 	@rm -rf .pytest_cache/flown
-	$(BIN)/pytest $(FLOWN) -n 3 --no-loadscope-reorder || { [ $$? = 1 ] && echo "Again, one by one:" && \
-	  $(BIN)/pytest $(FLOWN) -n 0 --again --exitfirst; }
+	$(BIN)/pytest $(FLOWN) --forks 4 || { [ $$? = 1 ] && echo "Again, one by one:" && \
+	  $(BIN)/pytest $(FLOWN) --again --exitfirst; }
 
 soak: ready compiled  ## what a week needs: all variants, twenty kills, long floods, the whole demo, ten times the examples
 	$(MAKE) --no-print-directory computed SOAK=1

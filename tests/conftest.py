@@ -16,13 +16,14 @@ from gcs.api.schemas import convert
 from gcs.service import check_process
 from tests.support import netns
 from tests.support.browsers import GET_ONE, NOT_RUN, REQUIRED, chromium, is_required
+from tests.support.forks import Forks
 from tests.support.machine import restrict_at_usual_priority
 
 gc.disable()  # until collection ends: a quarter of its time
 
 # The same examples in every run, and no clock that a busy machine would fail.
-# `make soak` takes ten times as many, `make quick` a fifth.
-for profile, examples in (("quick", 20), ("machine", 100), ("soak", 1000)):
+# `make test` takes 30, `make quick` 20, `make soak` 1,000.
+for profile, examples in (("quick", 20), ("machine", 30), ("soak", 1000)):
     settings.register_profile(
         profile,
         max_examples=examples,
@@ -41,14 +42,18 @@ BROWSER = HERE / "browser"
 SEVERAL_HOSTS = (HERE / "system" / "test_site_hosts.py", HERE / "system" / "test_site_standby_hosts.py")
 BY_THE_CLOCK = (HERE / "unit" / "api", HERE / "unit" / "recording")  # a state's age; threads that write soon
 NOT_COMPUTED = (BROWSER, HERE / "integration", *BY_THE_CLOCK)  # `make computed` does not collect them
+ALL_SOAK = "\npytestmark = pytest.mark.soak\n"
 REAL_TIME = (*NOT_COMPUTED, HERE / "system")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--forks", type=int, default=0, help="collect once, run in so many copies")
     parser.addoption("--again", action="store_true", help="only tests that the cache names as failed")
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    if forks := config.getoption("forks"):
+        config.pluginmanager.register(Forks(forks))
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it for `make test &`
     if is_required() and chromium() is None:
         raise pytest.UsageError(f"{REQUIRED} is set, and there is no Chromium: {GET_ONE}")
@@ -73,6 +78,13 @@ def pytest_configure(config: pytest.Config) -> None:
         "markers",
         "realtime: keeps time with the real clock; what computes beside it takes only what it leaves over",
     )
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """What `make soak` alone runs is not even imported by `make test`."""
+    if collection_path.suffix != ".py" or "not soak" not in config.option.markexpr:
+        return None
+    return True if ALL_SOAK in collection_path.read_text(encoding="utf-8") else None
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
@@ -116,12 +128,12 @@ def _move_to_soak(items: list[pytest.Item], *, checks_names: bool) -> None:
     unknown: set[tuple[Path, str]] = set()
     known: set[tuple[Path, str]] = set()
     for item in items:
-        alternates, keeps = item.get_closest_marker("alternates"), item.get_closest_marker("keeps")
+        alternates = item.get_closest_marker("alternates")
         if alternates is not None:
             assert isinstance(item, pytest.Function)
             if (sum(item.callspec.indices.values()) + alternates.args[0]) % 2:
                 item.add_marker(pytest.mark.soak)
-        if keeps is not None:
+        for keeps in item.iter_markers("keeps"):
             assert isinstance(item, pytest.Function)
             names = {item.name, item.originalname, item.name.partition("[")[2].removesuffix("]")}
             unknown |= {(item.path, kept) for kept in keeps.args}

@@ -76,6 +76,7 @@ def test_keyboard_reaches_every_control(chrome: Browser, ground: Station, left: 
         assert ui.wrong == []
 
 
+@pytest.mark.soak
 def test_vehicle_selection_and_kill_by_keyboard(chrome: Browser, ground: Station) -> None:
     with console(chrome, ground.url) as ui:
         ui.says("connection", "Live")
@@ -182,6 +183,7 @@ def test_wrong_token_is_reported_and_a_viewer_sees_all(chrome: Browser, guarded:
         ui.says("who", "the-watch")
 
 
+@pytest.mark.soak
 def test_token_scopes_for_start_landing_and_kill(chrome: Browser, guarded: Guarded) -> None:
     ground, tokens = guarded
     with console(chrome, ground.url) as ui:

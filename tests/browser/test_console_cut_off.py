@@ -11,6 +11,8 @@ from playwright.sync_api import Browser, expect
 from gcs.client import Client
 from tests.support.console_bench import FLIGHT_MS, SOON_MS, Console, Station, console, station
 
+pytestmark = pytest.mark.soak
+
 SHOW: Final = """
 about: Three vehicles stand on their sphere, and turn.
 origin: {latitude_deg: 47.397742, longitude_deg: 8.545594, altitude_amsl_m: 488.0, heading_deg: 0.0}

@@ -22,6 +22,8 @@ from gcs.service.access import Role
 from tests.support.console_bench import SOON_MS, Console, console, station
 from tests.support.mbtiles import mbtiles
 
+pytestmark = pytest.mark.soak
+
 FRAME: Final = configuration.load(configuration.find("demo")).show_frame
 ZOOMS: Final = (13, 14, 15)
 AROUND: Final = 4  # tiles to each side

@@ -1,11 +1,14 @@
 """An obstacle is placed by a click, drawn by a drag, sized by its handles, and saved by a key."""
 
+import pytest
 from playwright.sync_api import Browser, expect
 
 from tests.support.api_background import Ticking, in_background
 from tests.support.api_fake_service import FakeService
 from tests.support.console_bench import Console, console
 from tests.support.processes import SOON_S, wait_until
+
+pytestmark = pytest.mark.soak
 
 HANDLES = """(words) => words.map((word) => [word.textContent, word.getBoundingClientRect()])
   .filter(([, box]) => box.x > 0).map(([text, box]) => [text, box.x - 16, box.y + box.height / 2])"""

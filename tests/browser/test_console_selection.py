@@ -13,6 +13,8 @@ from gcs.client import Client
 from tests.support.console_bench import AGAIN_MS, FLIGHT_MS, LOOK_MS, SOON_MS, Console, console, station
 from tests.support.processes import SOON_S, wait_passes, wait_until
 
+pytestmark = pytest.mark.soak
+
 BOX_PX: Final = 16.0
 """From the outermost vehicles of a box to its sides."""
 

@@ -12,6 +12,8 @@ from tests.support import console_states as states
 from tests.support.console_bench import SOON_MS, Console, console
 from tests.support.console_states import ConsoleState, in_state, served
 
+pytestmark = pytest.mark.soak
+
 WORD_PX = 26.0
 """The word of a chosen corner is so far below it."""
 

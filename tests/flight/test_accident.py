@@ -41,6 +41,7 @@ async def refusal(show: VirtualShow, show_hash: str | None) -> str:
     return call.text
 
 
+@pytest.mark.soak
 def test_point_1_without_the_file_of_the_show_nothing_starts(tmp_path: Path) -> None:
     """Not there; another one than was agreed; changed since; and a vehicle without the parameters sent."""
 
@@ -63,6 +64,7 @@ def test_point_1_without_the_file_of_the_show_nothing_starts(tmp_path: Path) -> 
     fly(story, config(tmp_path, operation=HOLDS_WHEN_LOST))
 
 
+@pytest.mark.soak
 def test_point_2_a_show_turned_by_7_degrees_is_refused(tmp_path: Path) -> None:
     async def story(show: VirtualShow) -> None:
         await show.standby()
@@ -115,6 +117,7 @@ def test_point_3_no_countdown_is_green_while_any_is_not_ready(tmp_path: Path) ->
     fly(story, config(tmp_path, **by_two()))
 
 
+@pytest.mark.soak
 def test_point_3_mended_in_time_the_countdown_is_good_again(tmp_path: Path) -> None:
     async def story(show: VirtualShow) -> None:
         await show.standby()
@@ -135,6 +138,7 @@ def test_point_3_mended_in_time_the_countdown_is_good_again(tmp_path: Path) -> N
     fly(story, config(tmp_path))
 
 
+@pytest.mark.soak
 def test_point_3_a_shows_time_passes_while_it_stands(tmp_path: Path) -> None:
     """The time of its first motion: on the ground, and not started, it is never ready, and nothing moves."""
 
@@ -215,6 +219,7 @@ def test_point_4_one_pause_stops_the_show_at_any_time(tmp_path: Path) -> None:
     fly(story, config(tmp_path, **by_two()))
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("action", [ShowAction.STOP, ShowAction.ABORT])
 def test_point_4_a_pause_is_not_the_only_way_down(tmp_path: Path, action: ShowAction) -> None:
     async def story(show: VirtualShow) -> None:

@@ -9,6 +9,8 @@ from gcs.simulation.flight import prepared
 from gcs.simulation.metrics import report
 from gcs.simulation.scenario import Scenario
 
+pytestmark = pytest.mark.soak
+
 CLOSED_S: Final = 75.0
 """By then the last of the boxes has passed, or closed in."""
 

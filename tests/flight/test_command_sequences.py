@@ -17,6 +17,8 @@ from tests.support.sessions import ALL, BOX, after_interruption, found, four
 from tests.support.show_phases import running
 from tests.support.stalls import stall
 
+pytestmark = pytest.mark.soak
+
 NEW = Obstacle("new", 70.0, 60.0, 1.0, 1.0, 5.0)
 
 
@@ -44,7 +46,7 @@ def test_stop_after_take_control_brings_that_vehicle_down(after_s: float, action
     fly(story, show_config(3, operation=HOLDS_WHEN_LOST), after=running)
 
 
-@pytest.mark.keeps("0.2")
+@pytest.mark.soak
 @pytest.mark.parametrize("after_s", [0.0, 0.2, 1.0])
 def test_pause_during_recovery_ends_paused_with_all_vehicles(after_s: float) -> None:
     async def story(show: VirtualShow) -> None:
@@ -64,6 +66,7 @@ def test_pause_during_recovery_ends_paused_with_all_vehicles(after_s: float) -> 
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=running)
 
 
+@pytest.mark.soak
 def test_a_show_is_resumed_only_with_a_vehicle_in_formation() -> None:
     async def story(show: VirtualShow) -> None:
         stall(show, 4.0)

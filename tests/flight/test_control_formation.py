@@ -59,6 +59,7 @@ def test_no_vehicle_flies_below_the_least_height(noisy: list[Sample]) -> None:
     assert lowest_m > SETTINGS.safety.fence.height_min_m
 
 
+@pytest.mark.soak
 def test_the_same_start_and_the_same_noise_give_the_same_flight() -> None:
     first, second = (
         Flight(4, Formation(8.0, 20.0), noise_scale=1.0, seed=3).run(2.0)[-1].position_m for _ in range(2)

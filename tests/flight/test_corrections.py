@@ -3,6 +3,7 @@
 from collections import defaultdict
 
 import numpy as np
+import pytest
 from pymavlink.dialects.v20 import common
 
 from gcs.flight.state.corrections import Corrections
@@ -35,6 +36,7 @@ def stopped(show: VirtualShow) -> bool:
     return any(alarm.cause is AlarmCause.CORRECTIONS_STOPPED and alarm.lasts for alarm in show.view.alarms)
 
 
+@pytest.mark.soak
 def test_start_needs_recent_corrections_where_required() -> None:
     async def story(show: VirtualShow) -> None:
         await show.standby()
@@ -84,6 +86,7 @@ def test_stopped_corrections_raise_an_alarm_and_margins_grow() -> None:
     fly(story, show_config(4, **RTK))
 
 
+@pytest.mark.soak
 def test_corrections_and_lights_leave_after_the_setpoints() -> None:
     async def story(show: VirtualShow) -> None:
         await show.standby()

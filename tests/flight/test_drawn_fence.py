@@ -87,6 +87,7 @@ def test_a_return_is_planned_round_the_gap_of_a_u(tmp_path: Path) -> None:
     assert f"  warning: {way_home}" in table(verdict)
 
 
+@pytest.mark.soak
 def test_landing_sites_and_ways_keep_within_areas() -> None:
     area = FencedArea(corners_m=tuple((x_m, y_m) for x_m, y_m in U))
     crowd_m = np.array([[-5.5, 30.0 + 0.2 * row] for row in range(4)])
@@ -106,6 +107,7 @@ def test_landing_sites_and_ways_keep_within_areas() -> None:
     assert cross_edges([area], np.array([[20.0, 40.0, -5.0]] * 2), ends_m).tolist() == [True, False]
 
 
+@pytest.mark.soak
 def test_a_way_that_no_vehicle_reaches_in_time_is_refused(tmp_path: Path) -> None:
     """Its home is 300 m from where the drawing begins."""
     settings = {"geofence": {"version": 1, "polygons": []}}

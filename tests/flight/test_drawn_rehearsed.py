@@ -52,6 +52,7 @@ def test_drawing_and_sphere_take_turns(mixed: Rehearsal) -> None:
     assert sphere.radius_m == 10.0
 
 
+@pytest.mark.soak
 def test_the_clock_waits_until_a_part_can_begin(mixed: Rehearsal) -> None:
     show_s = np.array(mixed.show_s)
     waited_s = float(np.count_nonzero(np.abs(show_s - 40.0) < 0.06)) * mixed.world.tick_s
@@ -60,6 +61,7 @@ def test_the_clock_waits_until_a_part_can_begin(mixed: Rehearsal) -> None:
     assert np.nanmax(errors_m[:20]) < 1.0
 
 
+@pytest.mark.soak
 def test_lags_name_every_vehicle_the_farthest_first(mixed: Rehearsal) -> None:
     lags = judge(mixed).lags
     assert sorted(lag.vehicle for lag in lags) == list(range(1, 9))
@@ -78,6 +80,7 @@ def rings(tmp_path_factory: pytest.TempPathFactory) -> LoadedShow:
     return load(folder / "rings.yaml")
 
 
+@pytest.mark.soak
 def test_vehicles_land_on_the_pads_below_where_a_drawing_ends(rings: LoadedShow) -> None:
     flight = Rehearsal(rings, QUIET, 1)
     flight.fly()
@@ -173,6 +176,7 @@ def test_loss_of_the_station_is_predicted_as_it_would_be_flown(rings: LoadedShow
     assert min(lost_at(rings, at_s, 0.87, "hold").record.closest_m) >= flight.record.floor_m
 
 
+@pytest.mark.soak
 def test_an_obstacle_on_a_vehicle_is_reported(rings: LoadedShow) -> None:
     x_m, y_m, _ = rings.show.pads_m[0].tolist()
     wall = ScenarioBox(x_m=x_m, y_m=y_m, half_length_x_m=1.0, half_length_y_m=1.0, height_m=9.0)

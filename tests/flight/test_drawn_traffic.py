@@ -14,6 +14,8 @@ from gcs.simulation.rehearsal import Rehearsal
 from gcs.simulation.scenario import World
 from tests.support.drawn_traffic import traffic_show
 
+pytestmark = pytest.mark.soak
+
 SPACING_M = 3.0
 RMS_M, MOST_M = 0.3, 1.5
 

@@ -32,6 +32,7 @@ async def home(show: VirtualShow) -> None:
     assert show.floor_violations() == 0
 
 
+@pytest.mark.soak
 def test_strong_wind_pauses_the_show_until_an_operator_resumes() -> None:
     async def story(show: VirtualShow) -> None:
         storm(show, STORM_M_S)

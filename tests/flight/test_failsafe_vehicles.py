@@ -103,6 +103,7 @@ def test_low_battery_returns_home_while_the_rest_re_form() -> None:
     fly(story, FIVE, after=running)
 
 
+@pytest.mark.soak
 def test_critical_battery_lands_it_where_it_is_safe() -> None:
     async def story(show: VirtualShow) -> None:
         await show.wait(4.0)
@@ -162,6 +163,7 @@ def test_low_battery_of_many_returns_the_fleet() -> None:
     fly(story, FOUR, after=running)
 
 
+@pytest.mark.soak
 def test_low_battery_under_pilot_control_is_left_to_the_pilot() -> None:
     async def story(show: VirtualShow) -> None:
         show.befall("d2", "pilot", mode="POSITION")
@@ -194,6 +196,7 @@ def test_low_battery_during_the_climb_lands_straight_down() -> None:
     fly(story, show_config(3, failsafes={"low_battery": {"for_s": 0.5}}))
 
 
+@pytest.mark.soak
 def test_bad_position_holds_then_lands() -> None:
     async def story(show: VirtualShow) -> None:
         await show.wait(4.0)

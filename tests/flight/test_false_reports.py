@@ -138,6 +138,7 @@ def test_liar_is_named_and_not_led_on(kind: str, count: int, share: float, seed:
     assert seen.others == {(Phase.FORMATION,)}
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("kind", "count", "share", "seed"), [case for kind in ("jump", "jumps") for case in soaked(kind)]
 )

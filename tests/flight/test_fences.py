@@ -94,6 +94,7 @@ def test_both_autopilots_get_the_fence_and_a_start_needs_it() -> None:
     fly(story, fenced(mixed_config(), WIDE, HOLE))
 
 
+@pytest.mark.soak
 def test_another_fence_is_replaced_and_then_refused_by_name() -> None:
     """A second station sends its own fence again and again, until it is ended."""
 
@@ -123,6 +124,7 @@ def test_another_fence_is_replaced_and_then_refused_by_name() -> None:
     fly(story, fenced(mixed_config(), WIDE, HOLE))
 
 
+@pytest.mark.soak
 def test_px4_reports_a_changed_fence_within_seconds() -> None:
     """By the identity in MISSION_CURRENT; in flight that is an alarm, and nothing is uploaded."""
 
@@ -141,6 +143,7 @@ def test_px4_reports_a_changed_fence_within_seconds() -> None:
     fly(story, fenced(show_config(4), WIDE, HOLE), rates_hz=rates_hz)
 
 
+@pytest.mark.soak
 def test_a_late_identity_of_the_old_fence_is_no_change() -> None:
     """As a vehicle sends it while it is given the site's. Another's fence is a change."""
 
@@ -165,6 +168,7 @@ def test_a_late_identity_of_the_old_fence_is_no_change() -> None:
     fly(story, fenced(show_config(2), WIDE, HOLE), rates_hz=rates_hz)
 
 
+@pytest.mark.soak
 def test_a_vehicle_outside_the_site_gets_no_fence() -> None:
     async def story(show: VirtualShow) -> None:
         await show.standby()
@@ -179,6 +183,7 @@ def test_a_vehicle_outside_the_site_gets_no_fence() -> None:
     fly(story, fenced(show_config(4), square(4.0)))
 
 
+@pytest.mark.soak
 def test_px4_with_home_outside_is_not_believed_to_have_the_fence() -> None:
     """It acknowledges, and sends back, a fence that it does not fly."""
 
@@ -199,6 +204,7 @@ def test_px4_with_home_outside_is_not_believed_to_have_the_fence() -> None:
     fly(story, fenced(show_config(4), WIDE))
 
 
+@pytest.mark.soak
 def test_px4_that_says_it_left_out_an_area_is_refused() -> None:
     """Home moves while the fence is under way."""
 
@@ -217,6 +223,7 @@ def test_px4_that_says_it_left_out_an_area_is_refused() -> None:
     fly(story, fenced(show_config(4), WIDE), quirks=Quirks(late_ready=False, quiet_texts=False))
 
 
+@pytest.mark.keeps("1.16-64")
 @pytest.mark.parametrize(("version", "most"), [("1.14", 63), ("1.16", 64), ("4.1", 83)])
 def test_too_many_corners_are_refused_before_anything_is_sent(version: str, most: int) -> None:
     raw = show_config(2).model_dump()
@@ -235,6 +242,7 @@ def test_too_many_corners_are_refused_before_anything_is_sent(version: str, most
     fly(story, fenced(config, many_cornered(most + 1, 80.0)), **usual)
 
 
+@pytest.mark.alternates(0)
 @pytest.mark.parametrize(
     ("autopilot", "parameter", "mode"),
     [("px4", ("GF_ACTION", 2), "hold"), ("ardupilot", ("FENCE_ACTION", 4), "hold")],
@@ -323,6 +331,7 @@ async def upload_to_many() -> tuple[float, list[float]]:
     return took_s, [each / took_s for each in budgets_bytes]
 
 
+@pytest.mark.soak
 def test_a_hundred_vehicles_of_both_kinds_within_20_s() -> None:
     took_s, bytes_per_s = run_virtual(upload_to_many)
     assert took_s < 20.0

@@ -95,6 +95,7 @@ def shown_of(show: VirtualShow) -> tuple[bool, str]:
     return ShowAction.START in answer.possible, answer.start_refused
 
 
+@pytest.mark.soak
 def test_no_start_is_possible_while_it_would_be_refused(tmp_path: Path) -> None:
     """What displays show agrees with what a start says, at each step to a go and back."""
 
@@ -140,6 +141,7 @@ def test_no_start_is_possible_while_it_would_be_refused(tmp_path: Path) -> None:
     fly(story, show_config(2, **by_two(weather=WEATHER, checklists=str(lists_file(tmp_path)))))
 
 
+@pytest.mark.soak
 def test_the_flight_report_has_who_started_signed_and_entered(tmp_path: Path) -> None:
     """By the names of their tokens and with times, of each start: as JSON, as text and as a page."""
 
@@ -184,6 +186,7 @@ def test_the_flight_report_has_who_started_signed_and_entered(tmp_path: Path) ->
         assert "weather: wind 4 m/s, Kp 2, entered by erin at " in text
 
 
+@pytest.mark.soak
 def test_a_late_confirmation_starts_nothing() -> None:
     async def story(show: VirtualShow) -> None:
         await show.standby()
@@ -231,6 +234,7 @@ def test_what_changes_after_the_proposal_calls_it_off(tmp_path: Path) -> None:
     fly(story, show_config(2, **by_two(weather=WEATHER, checklists=str(lists_file(tmp_path)))))
 
 
+@pytest.mark.soak
 def test_a_parameter_that_changes_calls_the_proposal_off() -> None:
     """One of which preflight demands nothing that it breaks: the hash alone notices it."""
 
@@ -254,7 +258,7 @@ async def standing(show: VirtualShow) -> None:
     await show.standby()
 
 
-@pytest.mark.keeps("1")
+@pytest.mark.soak
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_random_calls_of_three_tokens_start_nothing_alone(seed: int) -> None:
     """Proposals, confirmations, changes and pauses in any order: what starts was confirmed by another."""
@@ -297,6 +301,7 @@ def test_random_calls_of_three_tokens_start_nothing_alone(seed: int) -> None:
     assert fly(story, show_config(2, **by_two()), after=standing)
 
 
+@pytest.mark.soak
 def test_anyone_stops_a_proposal_and_a_flight() -> None:
     async def story(show: VirtualShow) -> None:
         await show.standby()
@@ -316,6 +321,7 @@ def test_anyone_stops_a_proposal_and_a_flight() -> None:
     fly(story, show_config(2, **by_two()))
 
 
+@pytest.mark.soak
 def test_a_confirmed_countdown_is_called_off_by_a_change() -> None:
     async def story(show: VirtualShow) -> None:
         await show.standby()
@@ -337,6 +343,7 @@ def test_a_confirmed_countdown_is_called_off_by_a_change() -> None:
     fly(story, show_config(2, **by_two()))
 
 
+@pytest.mark.soak
 def test_a_countdown_outlasts_what_is_said_anew(tmp_path: Path) -> None:
     """It takes longer than an entry counts: the same wind again, and a second signature, change nothing."""
 
@@ -363,6 +370,7 @@ def test_a_countdown_outlasts_what_is_said_anew(tmp_path: Path) -> None:
     fly(story, show_config(2, **by_two(weather=WEATHER, checklists=str(lists_file(tmp_path)))))
 
 
+@pytest.mark.soak
 def test_open_items_and_unknown_weather_keep_all_down(tmp_path: Path) -> None:
     async def story(show: VirtualShow) -> None:
         service, start = show.service, partial(show.service.commands.command_show, ShowAction.START)
@@ -401,6 +409,7 @@ def test_open_items_and_unknown_weather_keep_all_down(tmp_path: Path) -> None:
     fly(story, show_config(2, go={"weather": WEATHER, "checklists": str(lists_file(tmp_path))}))
 
 
+@pytest.mark.soak
 def test_another_show_opens_what_depends_on_it(tmp_path: Path) -> None:
     async def story(show: VirtualShow) -> None:
         await show.standby()

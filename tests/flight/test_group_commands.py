@@ -9,6 +9,8 @@ from gcs.sim.vehicle.px4 import Mode as PilotMode
 from gcs.testing.virtual_show import HOLDS_WHEN_LOST, VirtualShow, fly, refused, show_config
 from tests.support.show_phases import running
 
+pytestmark = pytest.mark.soak
+
 
 def test_group_command_names_vehicles_it_does_not_reach() -> None:
     async def story(show: VirtualShow) -> None:
@@ -36,6 +38,7 @@ def test_group_command_names_vehicles_it_does_not_reach() -> None:
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=running)
 
 
+@pytest.mark.soak
 def test_take_control_of_all_skips_pilots_unless_named() -> None:
     """Control of all vehicles leaves those under pilot control, unless they are named."""
 

@@ -39,6 +39,7 @@ def assembly(law: str, duration_s: float) -> Scenario:
     return Scenario.load("assembly").with_(law=f"hostile_laws:{law}", duration_s=duration_s)
 
 
+@pytest.mark.keeps("Fails", "NotANumber", "NeverReturns", "EndsItsProcess")
 @pytest.mark.parametrize("law", REASONS)
 def test_all_hold_whatever_a_law_does(law: str) -> None:
     flight = simulate(assembly(law, 6.0), COUNT, 3)
@@ -51,6 +52,7 @@ def test_all_hold_whatever_a_law_does(law: str) -> None:
     assert flight.metrics.separation.violations == 0
 
 
+@pytest.mark.soak
 def test_a_law_that_sleeps_delays_no_tick() -> None:
     """In true time: the tick waits for 10 ms at most, and for no answer after a quarter of a second.
 
@@ -86,6 +88,7 @@ def ticks_with_a_law_that_sleeps_s() -> Array:
     return np.where(any(held[: WELL_TICKS + 4]), np.inf, took_s)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(("pause_s", "fails"), [(0.5, True), (2.0, False)])
 def test_a_law_that_was_not_asked_for_a_second_begins_anew(pause_s: float, fails: bool) -> None:
     """Its state is the number of its ticks: it fails when they are more than `WELL_TICKS`."""
@@ -125,6 +128,7 @@ def ends(group: int) -> bool:
     return not runs
 
 
+@pytest.mark.soak
 def test_no_child_of_a_law_is_left() -> None:
     law = LawProcess("hostile_laws:Forks", {}, COUNT, TICK_S)
     law.begin(BEGINS_S)

@@ -14,7 +14,7 @@ from gcs.testing.views import vehicles_of
 from gcs.testing.virtual_show import VirtualShow, fly, show_config
 from tests.support.hostile_laws import IN_WHOLE_SHOWS, REASONS
 
-pytestmark = pytest.mark.long
+pytestmark = pytest.mark.soak
 
 SUPPORT = Path(__file__).parents[1] / "support"
 COUNT, TICK_S, HOLDS_WITHIN_S, STOPS_S, STANDS_M_S, HELD_M = 20, 0.05, 0.5, 1.5, 0.4, 0.5

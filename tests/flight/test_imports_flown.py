@@ -4,6 +4,8 @@ import pytest
 
 from tests.support.imports_flown import GENERATORS, LENGTHS, PHYSICAL, Drawing, Outcome, flown, made
 
+pytestmark = pytest.mark.soak
+
 CHOSEN = {
     "blender.skyc": "",
     "cf3.csv": "never 3 m or higher",

@@ -10,6 +10,8 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.testing.virtual_show import HOLDS_WHEN_LOST, VirtualShow, alarm_texts, fly, show_config
 from tests.support.show_phases import running
 
+pytestmark = pytest.mark.soak
+
 LATE_SHARE, LATE_S = 0.1, (0.1, 10.0)
 
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from itertools import cycle, islice
 
 import numpy as np
+import pytest
 
 from gcs.links.endpoints.ports import Datagrams, host_number, source_of
 from gcs.links.intake import TURN_S
@@ -12,6 +13,8 @@ from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.service.alarms import AlarmCause
 from gcs.testing.virtual_show import VirtualShow, fly, show_config
 from tests.support.floods import FLOODS
+
+pytestmark = pytest.mark.soak
 
 COUNT, PER_S, FLOOD_S, NAMED_S = 6, 3000, 2.5, 2.0
 KINDS = ("heartbeats", "texts", "beginnings", "cut")

@@ -44,6 +44,7 @@ def alarm(show: VirtualShow) -> Alarm | None:
     return next((each for each in show.view.alarms if each.cause is AlarmCause.MOVED_ON_PAD), None)
 
 
+@pytest.mark.soak
 def test_a_jump_of_30_m_on_the_pad_is_never_green_again() -> None:
     async def story(show: VirtualShow) -> None:
         jump(show, north_m=30.0)
@@ -76,6 +77,7 @@ def test_leaving_out_and_including_confirms_where_it_stands() -> None:
     fly(story, show_config(3), after=stood)
 
 
+@pytest.mark.soak
 def test_a_position_that_is_back_and_steady_is_believed_again() -> None:
     async def story(show: VirtualShow) -> None:
         jump(show, north_m=6.0)
@@ -90,6 +92,7 @@ def test_a_position_that_is_back_and_steady_is_believed_again() -> None:
     fly(story, show_config(3), after=stood)
 
 
+@pytest.mark.soak
 def test_after_a_reboot_it_stands_where_it_is_reported() -> None:
     async def story(show: VirtualShow) -> None:
         jump(show, north_m=30.0)
@@ -132,6 +135,7 @@ def test_what_jumps_while_it_starts_is_held_against_none() -> None:
     fly(story, config_of(("px4", "ardupilot"), 2), quirks=Quirks(), ideal=True)
 
 
+@pytest.mark.soak
 def test_jumps_on_the_pads_are_one_alarm_until_confirmed() -> None:
     async def story(show: VirtualShow) -> None:
         preflight = show.service.preflight
@@ -155,6 +159,7 @@ def test_jumps_on_the_pads_are_one_alarm_until_confirmed() -> None:
     fly(story, show_config(3), after=stood)
 
 
+@pytest.mark.soak
 def test_a_vehicle_that_stays_on_its_pad_moves_without_an_alarm() -> None:
     async def story(show: VirtualShow) -> None:
         show.service.commands.command_show(ShowAction.START, ["d1", "d3"])

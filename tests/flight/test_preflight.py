@@ -97,6 +97,7 @@ def test_fleet_on_its_pads_passes_all_checks_and_starts(tmp_path: Path) -> None:
     fly_show(story, config(tmp_path))
 
 
+@pytest.mark.keeps("7.0")
 @pytest.mark.parametrize("by_deg", [7.0, -7.0])
 def test_a_start_pattern_rotated_by_7_degrees_is_refused_by_name(tmp_path: Path, by_deg: float) -> None:
     found = stands_so(tmp_path, **on_pads(turned_deg=by_deg))
@@ -109,6 +110,7 @@ def test_a_start_pattern_rotated_by_7_degrees_is_refused_by_name(tmp_path: Path,
     assert "check show_frame (heading" in found.text
 
 
+@pytest.mark.soak
 def test_a_start_pattern_shifted_by_5_m_is_refused_by_name(tmp_path: Path) -> None:
     found = stands_so(tmp_path, **on_pads(north_m=3.0, east_m=-4.0))
     assert set(failing(found.report)) == {"shift of the start pattern"}
@@ -118,6 +120,7 @@ def test_a_start_pattern_shifted_by_5_m_is_refused_by_name(tmp_path: Path) -> No
     assert "the start pattern is shifted by" in found.text
 
 
+@pytest.mark.soak
 def test_show_that_was_moved_is_to_be_selected_again(tmp_path: Path) -> None:
     """What the old place asks for is folded under that; selected again it starts."""
     moved = SHOW.replace("spacing_m: 5.0", f"spacing_m: 5.0, x_m: {MOVED_M}").replace("{x_m: 3,", "{x_m: 9,")
@@ -141,6 +144,7 @@ def test_show_that_was_moved_is_to_be_selected_again(tmp_path: Path) -> None:
     assert found.text.startswith(cause.text)
 
 
+@pytest.mark.soak
 def test_show_frame_wrong_by_7_degrees_is_refused(
     tmp_path: Path,
 ) -> None:
@@ -247,6 +251,7 @@ def test_a_refused_start_names_all_that_fails_causes_first(tmp_path: Path) -> No
         assert cause.to_do in line
 
 
+@pytest.mark.soak
 def test_an_empty_fleet_is_no_cause_where_all_vehicles_fail(tmp_path: Path) -> None:
     async def story(show: VirtualShow) -> Refused:
         await show.standby()
@@ -268,7 +273,7 @@ COMPLAINTS: dict[str, tuple[tuple[str, str], str]] = {
 }
 
 
-@pytest.mark.keeps("px4")
+@pytest.mark.soak
 @pytest.mark.parametrize("name", COMPLAINTS)
 def test_complaints_of_an_autopilot_show_until_they_are_over(name: str) -> None:
     kinds, says = COMPLAINTS[name]
@@ -300,6 +305,7 @@ def test_complaints_of_an_autopilot_show_until_they_are_over(name: str) -> None:
     fly(story, config_of(kinds, 2))
 
 
+@pytest.mark.soak
 def test_a_battery_is_measured_against_the_show_that_is_selected(tmp_path: Path) -> None:
     async def story(show: VirtualShow) -> None:
         await show.standby()
@@ -316,6 +322,7 @@ def test_a_battery_is_measured_against_the_show_that_is_selected(tmp_path: Path)
     fly_show(story, config(tmp_path))
 
 
+@pytest.mark.soak
 def test_equal_clock_offsets_show_that_this_clock_is_wrong(tmp_path: Path) -> None:
     async def story(show: VirtualShow) -> None:
         await show.standby()
@@ -344,6 +351,7 @@ def test_show_at_a_clock_time_is_called_off_by_a_failed_check(tmp_path: Path) ->
     fly_show(story, config(tmp_path))
 
 
+@pytest.mark.soak
 def test_excluded_vehicles_stay_grounded_with_operator_named(tmp_path: Path) -> None:
     async def story(show: VirtualShow) -> None:
         service = show.service
@@ -429,6 +437,7 @@ def test_vehicles_that_fail_to_climb_are_listed_as_not_flying() -> None:
     fly(story, show_config(4))
 
 
+@pytest.mark.soak
 def test_a_silent_vehicle_is_an_issue_until_it_is_left_out() -> None:
     async def story(show: VirtualShow) -> None:
         service = show.service
@@ -461,6 +470,7 @@ def test_a_silent_vehicle_is_an_issue_until_it_is_left_out() -> None:
     fly(story, show_config(5))
 
 
+@pytest.mark.soak
 def test_a_vehicle_never_received_has_no_values() -> None:
     async def story(show: VirtualShow) -> None:
         show.ports.silence("d2")
@@ -472,6 +482,7 @@ def test_a_vehicle_never_received_has_no_values() -> None:
     fly(story, show_config(2))
 
 
+@pytest.mark.soak
 def test_no_vehicle_left_is_no_pass() -> None:
     async def story(show: VirtualShow) -> None:
         await show.standby()
@@ -490,6 +501,7 @@ def placed(**places: tuple[float, float]) -> Config:
     return show_config(3, show_frame={"heading_deg": 0.0}, preflight={"start_places": named})
 
 
+@pytest.mark.soak
 def test_without_a_written_show_configured_pads_count() -> None:
     async def story(show: VirtualShow) -> PreflightReport:
         await show.standby()
@@ -507,6 +519,7 @@ def test_without_a_written_show_configured_pads_count() -> None:
     assert any("start pattern" in text for text in none.not_checked)
 
 
+@pytest.mark.soak
 def test_on_the_ground_a_report_is_made_at_most_once_a_second(tmp_path: Path) -> None:
     async def story(show: VirtualShow) -> None:
         await show.standby()
@@ -523,6 +536,7 @@ def test_on_the_ground_a_report_is_made_at_most_once_a_second(tmp_path: Path) ->
     fly_show(story, config(tmp_path))
 
 
+@pytest.mark.soak
 def test_radius_refused_for_one_receiver_names_that_vehicle() -> None:
     async def story(show: VirtualShow) -> str:
         await show.standby()
@@ -557,6 +571,7 @@ def test_a_target_that_moved_out_of_reach_refuses_the_start() -> None:
     fly(story, show_config(2))
 
 
+@pytest.mark.soak
 def test_a_refused_start_names_the_cause_before_its_consequences() -> None:
     async def story(show: VirtualShow) -> str:
         await show.standby()

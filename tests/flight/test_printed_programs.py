@@ -23,12 +23,14 @@ def run(page: str) -> dict[str, Any]:
     return names
 
 
+@pytest.mark.soak
 def test_test_in_virtual_time_passes() -> None:
     tests = [each for name, each in run("how-to/test-in-virtual-time.md").items() if name.startswith("test_")]
     assert len(tests) == 1
     tests[0]()
 
 
+@pytest.mark.soak
 def test_page_about_simulation_runs() -> None:
     names = run("how-to/simulate-from-python.md")
     assert isinstance(names["flight"], FlightResult)
@@ -48,6 +50,7 @@ def test_reference_lists_every_name_and_array() -> None:
     assert types == named
 
 
+@pytest.mark.soak
 def test_environment_is_stepped_as_gymnasium_does(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -14,6 +14,8 @@ from gcs.simulation.formation_run import FormationRun
 from gcs.simulation.scenario import FormationFlight, Judged, Scenario
 from gcs.testing.virtual_show import FLEET_STEP_S, VirtualShow, fly, show_config
 
+pytestmark = pytest.mark.soak
+
 COUNT = 6
 TICK_S, GOAL_M_S = 0.05, 5.0
 FLIGHT = FormationFlight(kind="formation", radius_m=8.0, ending="return", ending_s=20.0)

@@ -116,6 +116,7 @@ def test_each_vehicle_has_the_true_area_each_second(count: int) -> None:
     assert bytes_per_s < EXTRA_BYTES_PER_S / 2.0
 
 
+@pytest.mark.soak
 def test_a_lost_vehicle_widens_the_area() -> None:
     """By all that it may do: it descends where it was, or returns."""
 
@@ -142,6 +143,7 @@ def test_a_lost_vehicle_widens_the_area() -> None:
     fly(story, config(require=False))
 
 
+@pytest.mark.soak
 def test_all_that_transponders_need_is_sent() -> None:
     identity = {"d3": {"kind": "registration", "id": "HB-1234"}}
 
@@ -184,6 +186,7 @@ def test_a_start_needs_each_transponder_and_names_the_vehicle() -> None:
     fly(story, config(), transponders=True, parameters=REQUIRED)
 
 
+@pytest.mark.soak
 def test_vehicles_without_transponders_do_not_start() -> None:
     async def story(show: VirtualShow) -> None:
         await show.wait(12.0)
@@ -193,6 +196,7 @@ def test_vehicles_without_transponders_do_not_start() -> None:
     fly(story, config())
 
 
+@pytest.mark.soak
 def test_a_transponder_that_fails_in_flight_is_an_alarm() -> None:
     async def story(show: VirtualShow) -> None:
         await show.standby()
@@ -210,6 +214,7 @@ def test_a_transponder_that_fails_in_flight_is_an_alarm() -> None:
     fly(story, config(), transponders=True, parameters=REQUIRED)
 
 
+@pytest.mark.soak
 def test_ardupilot_refuses_by_itself_and_reports_the_loss() -> None:
     async def story(show: VirtualShow) -> None:
         await show.standby()
@@ -225,6 +230,7 @@ def test_ardupilot_refuses_by_itself_and_reports_the_loss() -> None:
     fly(story, by_ardupilot(), transponders=True, parameters=ENFORCED, version="4.5")
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("name", "value", "problem"),
     [
@@ -245,6 +251,7 @@ def test_an_ardupilot_that_would_arm_without_one_is_refused(name: str, value: in
     fly(story, by_ardupilot(), transponders=True, parameters=ENFORCED | {name: value}, version="4.5")
 
 
+@pytest.mark.soak
 def test_an_operator_whose_receiver_is_silent_is_unknown() -> None:
     source = {"kind": "gpsd", "at": "tcp://127.0.0.1:2947"}
 

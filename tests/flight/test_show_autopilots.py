@@ -75,6 +75,7 @@ def test_show_of_any_autopilots_keeps_the_floor_and_lands(kinds: tuple[str, str]
     assert (np.array(flown.first_setpoint_s) > np.array(flown.up_s)).all(), "none before it is up"
 
 
+@pytest.mark.soak
 def test_each_autopilot_is_named_in_state_and_preflight() -> None:
     async def story(show: VirtualShow) -> tuple[list[str], list[str]]:
         await show.standby()
@@ -192,6 +193,7 @@ def test_what_a_version_lacks_is_named_before_a_start() -> None:
     assert risk.startswith("d2, d4: no GUID_TIMEOUT: it flies on for 3 s after its last setpoint")
 
 
+@pytest.mark.soak
 def test_fleet_with_different_loss_times_is_refused() -> None:
     """The recorded ArduCopter has no GUID_TIMEOUT, and flies on for 3 s, whatever is configured."""
 
@@ -278,6 +280,7 @@ def test_lost_station_brings_ardupilot_home() -> None:
     assert "data-link-loss" in reason
 
 
+@pytest.mark.soak
 def test_killed_ardupilot_closes_the_air_below_it_until_it_lies() -> None:
     async def story(show: VirtualShow) -> list[tuple[str, float]]:
         await show.start()

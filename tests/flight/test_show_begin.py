@@ -138,6 +138,7 @@ def test_a_time_cancelled_in_the_air_holds_until_the_next(tmp_path: Path) -> Non
     fly(story, config(tmp_path))
 
 
+@pytest.mark.soak
 def test_a_time_cancelled_on_the_ground_is_forgotten(tmp_path: Path) -> None:
     async def story(show: VirtualShow) -> None:
         await show.standby()
@@ -197,6 +198,7 @@ def test_a_time_that_is_past_or_far_is_refused(tmp_path: Path, ahead_s: float) -
     fly(story, config(tmp_path))
 
 
+@pytest.mark.soak
 def test_a_clock_that_is_not_synchronised_is_told(tmp_path: Path) -> None:
     async def story(show: VirtualShow) -> None:
         select(show, MOVING)

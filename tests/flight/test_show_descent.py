@@ -152,6 +152,7 @@ def stopped_early() -> Descent:
     return fly(stop_on_the_way_up, SLOW)
 
 
+@pytest.mark.keeps("stopped_early")
 @pytest.mark.parametrize("how", ["aborted_early", "stopped_early"])
 def test_stop_during_the_climb_lands_each_at_its_start(how: str, request: pytest.FixtureRequest) -> None:
     descent: Descent = request.getfixturevalue(how)
@@ -162,6 +163,7 @@ def test_stop_during_the_climb_lands_each_at_its_start(how: str, request: pytest
     assert descent.floor_violations == 0
 
 
+@pytest.mark.keeps("stopped_early")
 @pytest.mark.parametrize("how", ["aborted_early", "stopped_early"])
 def test_waiting_vehicles_never_take_off_after_stop_or_abort(
     how: str, request: pytest.FixtureRequest
@@ -172,6 +174,7 @@ def test_waiting_vehicles_never_take_off_after_stop_or_abort(
     assert descent.coming_down.phases("d4") == [Phase.STANDBY]
 
 
+@pytest.mark.keeps("stopped_early")
 @pytest.mark.parametrize("how", ["aborted_early", "stopped_early"])
 def test_stop_or_abort_during_the_climb_reaches_all(how: str, request: pytest.FixtureRequest) -> None:
     descent: Descent = request.getfixturevalue(how)
@@ -187,6 +190,7 @@ async def abort_at_once(show: VirtualShow) -> Descent:
     return await ordered(show, ShowAction.ABORT, started)  # before any errand has made its first step
 
 
+@pytest.mark.soak
 def test_abort_at_the_start_leaves_nothing_pending_or_armed() -> None:
     descent = fly(abort_at_once)
     assert descent.started.outcome is Outcome.FAILED

@@ -10,6 +10,8 @@ from gcs.simulation.drawn_flight import drawn
 from gcs.simulation.rehearsal import rehearse
 from tests.support.show_files import loaded
 
+pytestmark = pytest.mark.soak
+
 
 def test_an_exported_rehearsal_is_where_the_vehicles_were(tmp_path: Path) -> None:
     fleet = {"vehicles": 4, "pads": {"columns": 2, "spacing_m": 5.0}, "endurance_s": 900.0}

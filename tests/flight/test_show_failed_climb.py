@@ -136,6 +136,7 @@ async def one_alone(show: VirtualShow) -> tuple[list[ShowPhase], CommandRecord]:
     return show.track.show_phases(), await show.settled(record)
 
 
+@pytest.mark.soak
 def test_show_ends_when_its_only_vehicle_fails_to_climb() -> None:
     phases, record = fly(one_alone, show_config(1), ideal=True)  # else it may hold by itself, and join
     assert phases == [ShowPhase.IDLE, ShowPhase.ARMING, ShowPhase.LANDED]

@@ -11,6 +11,8 @@ from gcs.service.alarms import AlarmCause, AlarmSeverity
 from gcs.testing.virtual_show import HOLDS_WHEN_LOST, VirtualShow, fly, refused, show_config
 from tests.support.show_phases import running
 
+pytestmark = pytest.mark.soak
+
 FOUR = show_config(4, operation=HOLDS_WHEN_LOST)
 
 ABOUT_OTHERS = {

@@ -134,6 +134,7 @@ def test_components_received_first_change_no_vehicle() -> None:
     assert found.violations == 0
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("component", "autopilot", "to_do"),
     [
@@ -169,6 +170,7 @@ def test_vehicle_without_its_autopilot_is_named(component: int, autopilot: int, 
     fly(story, show_config(4))
 
 
+@pytest.mark.soak
 def test_vehicle_whose_landed_state_is_not_known_says_it() -> None:
     async def story(show: VirtualShow) -> None:
         show.ports.silence("d3")

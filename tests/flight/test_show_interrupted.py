@@ -93,6 +93,7 @@ def test_recovered_fleet_stands_and_resumes_on_command(tmp_path: Path) -> None:
     after_interruption(tmp_path, (four(), go_on))
 
 
+@pytest.mark.soak
 def test_recovered_fleet_returns_to_its_pads_after_two_restarts(tmp_path: Path) -> None:
     pads_m = []
 
@@ -187,6 +188,7 @@ def test_a_time_to_begin_that_a_restart_forgets_is_reported_once(tmp_path: Path)
     assert later == []
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("section", "says"),
     [
@@ -280,7 +282,7 @@ FLOWN_THEN = {
 }
 
 
-@pytest.mark.keeps("stop")
+@pytest.mark.soak
 @pytest.mark.parametrize("command", COMMANDS)
 def test_fleet_command_includes_vehicles_received_later(tmp_path: Path, command: str) -> None:
     async def go_on(show: VirtualShow) -> None:

@@ -26,6 +26,7 @@ async def hold_overtaken_by_stop(show: VirtualShow) -> tuple[CommandRecord, Show
     return stopped, show.view.show, [vehicle.armed for vehicle in vehicles_of(show.view)]
 
 
+@pytest.mark.soak
 def test_vehicle_with_hold_overtaken_by_stop_returns_home() -> None:
     stopped, phase, armed = fly(hold_overtaken_by_stop, show_config(3), after=running)
     assert stopped.outcome is Outcome.DONE
@@ -91,6 +92,7 @@ async def land_refused_for_long(show: VirtualShow) -> tuple[list[tuple[str, ...]
     return named, lasts, show.view.show
 
 
+@pytest.mark.soak
 def test_vehicle_that_lands_and_gets_no_lower_is_named() -> None:
     named, lasts, phase = fly(land_refused_for_long, show_config(3), after=running)
     assert set(named) == {("d2",)}
@@ -167,6 +169,7 @@ async def stop_again_and_again(show: VirtualShow) -> list[CommandRecord]:
     return [show.service.command_log.get(record.id) for record in records]
 
 
+@pytest.mark.soak
 def test_return_and_landing_can_be_commanded_whenever_airborne() -> None:
     *replaced, last = fly(stop_again_and_again, show_config(3), after=running)
     assert [record.outcome for record in replaced] == [Outcome.FAILED] * 3

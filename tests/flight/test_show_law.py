@@ -57,6 +57,7 @@ def test_law_is_chosen_also_where_the_radius_has_become_small() -> None:
     fly(story, show_config(8, formation=formation, positioning={"share": 1.0}), ideal=True)
 
 
+@pytest.mark.soak
 def test_law_is_in_the_configuration_and_in_the_record() -> None:
     plan = show_config(4, formation={"law": "neighbours"}).plan
     assert plan.formation.law == "neighbours"
@@ -64,7 +65,7 @@ def test_law_is_in_the_configuration_and_in_the_record() -> None:
     assert Plan(Formation(5.0, 10.0)).formation.law == "slots"
 
 
-@pytest.mark.keeps("law-article-8", "law-neighbours-8")
+@pytest.mark.soak
 @pytest.mark.parametrize(("name", "count"), [("law-article", 8), ("law-neighbours", 8), ("carried", 20)])
 def test_scenario_of_the_law_is_kept(name: str, count: int) -> None:
     record = prepared(Scenario.load(name), count, 3).fly()

@@ -35,6 +35,7 @@ def test_battery_is_shown_as_colour_on_the_ground() -> None:
     fly(story, show_config(4, **LED))
 
 
+@pytest.mark.soak
 def test_found_vehicle_blinks_and_then_stops() -> None:
     async def story(show: VirtualShow) -> None:
         await show.standby()
@@ -49,6 +50,7 @@ def test_found_vehicle_blinks_and_then_stops() -> None:
     fly(story, show_config(4, lights={"driver": "actuator", "find_s": 3.0}))
 
 
+@pytest.mark.soak
 def test_find_is_refused_in_the_air_and_without_lights() -> None:
     async def in_the_air(show: VirtualShow) -> None:
         await show.start()

@@ -196,6 +196,7 @@ async def without_a_heartbeat(show: VirtualShow) -> tuple[float, set[Phase], flo
     return oldest_s, {view.phase for view in seen}, show.track.between(began_s).setpoints_per_s("d2")
 
 
+@pytest.mark.soak
 def test_one_lost_heartbeat_changes_nothing() -> None:
     silence_s = 1.5  # a beat comes every second
     config = show_config(2, operation={"silence_s": silence_s})
@@ -221,7 +222,7 @@ async def lost_on_its_way_home(show: VirtualShow, action: ShowAction) -> tuple[l
     return show.track.phases("d2"), show.floor_violations()
 
 
-@pytest.mark.keeps("stop-return")
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("action", "on_its_way"), [(ShowAction.STOP, Phase.RETURN), (ShowAction.ABORT, Phase.LANDING)]
 )
@@ -312,6 +313,7 @@ async def confirmed_down_while_silent(show: VirtualShow) -> tuple[list[Phase], C
     return show.track.between(began_s).phases("d2"), confirmed
 
 
+@pytest.mark.soak
 def test_lost_vehicle_confirmed_down_is_offline_until_seen() -> None:
     phases, confirmed = fly(confirmed_down_while_silent, after=running)
     assert phases == [Phase.LOST, Phase.OFFLINE, Phase.STANDBY]

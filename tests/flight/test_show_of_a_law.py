@@ -99,6 +99,7 @@ def test_settings_that_do_not_fit_a_law_are_named_by_line() -> None:
         rehearse(parse(text, NAME))
 
 
+@pytest.mark.soak
 def test_a_show_whose_law_fails_is_not_good_to_fly() -> None:
     text = show_of("hostile_laws:Fails")
     verdict = judge(rehearse(parse(text, NAME)))
@@ -109,6 +110,7 @@ def test_a_show_whose_law_fails_is_not_good_to_fly() -> None:
     assert verdict.home_s is not None
 
 
+@pytest.mark.soak
 def test_a_law_without_a_goal_is_judged_by_no_sphere(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -12,6 +12,8 @@ from gcs.sim.vehicle.px4 import Quirks
 from gcs.testing.virtual_show import HOLDS_WHEN_LOST, VirtualShow, fly, show_config
 from tests.support.show_phases import running
 
+pytestmark = pytest.mark.soak
+
 
 def config(count: int = 4, **sections: Any) -> Any:
     return show_config(count, operation=HOLDS_WHEN_LOST, **sections)
@@ -106,6 +108,7 @@ async def pilot_after_deaf(show: VirtualShow) -> tuple[list[Phase], str]:
     return show.track.between(began_s).phases("d2"), show.vehicle("d2").reason
 
 
+@pytest.mark.soak
 def test_failsafe_ended_by_a_pilot_stays_with_the_pilot() -> None:
     phases, reason = fly(pilot_after_deaf, config(), after=running)
     assert phases == [Phase.FORMATION, Phase.PILOT]

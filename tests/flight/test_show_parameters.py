@@ -71,6 +71,7 @@ def test_px4_defaults_are_refused() -> None:
         assert text.count(f"d1, d2: {name} is") == 1, "what is true of all is said once"
 
 
+@pytest.mark.soak
 def test_vehicle_with_unreadable_parameters_is_not_flown() -> None:
     async def story(show: VirtualShow) -> tuple[RefusedCall, bool, bool]:
         async def no_answer(vehicle_id: str, names: object, may_lack: object = ()) -> dict[str, float]:
@@ -89,6 +90,7 @@ def test_vehicle_with_unreadable_parameters_is_not_flown() -> None:
     assert (before, after) == (False, True)
 
 
+@pytest.mark.soak
 def test_slow_reading_ends_while_readiness_is_asked_for() -> None:
     """An autopilot without some of the parameters takes 2 s for each of them."""
 
@@ -111,6 +113,7 @@ def test_slow_reading_ends_while_readiness_is_asked_for() -> None:
     assert fly(story, show_config(1))
 
 
+@pytest.mark.soak
 def test_parameters_are_read_on_discovery_reboot_and_landing() -> None:
     async def story(show: VirtualShow) -> list[int]:
         counts = []
@@ -131,6 +134,7 @@ def test_parameters_are_read_on_discovery_reboot_and_landing() -> None:
     assert fly(story, show_config(2)) == [2, 2, 4, 5]
 
 
+@pytest.mark.soak
 def test_without_required_parameters_none_is_read_and_all_fly() -> None:
     async def story(show: VirtualShow) -> int:
         await show.standby()
@@ -153,6 +157,7 @@ def test_start_is_refused_when_setpoint_loss_would_collide() -> None:
     assert "'hold' would keep them apart" in refusal.text
 
 
+@pytest.mark.soak
 def test_vehicles_holding_after_control_ends_stay_apart() -> None:
     """What was predicted is what happens: the service stops, and no vehicle comes inside the floor."""
 
@@ -195,6 +200,7 @@ def test_params_check_reports_and_apply_sets_and_reads_back() -> None:
     assert held == 5
 
 
+@pytest.mark.soak
 def test_params_apply_never_touches_an_armed_vehicle() -> None:
     async def story(show: VirtualShow) -> tuple[ParameterRow, float]:
         show.autopilot("d1").parameters.set("COM_OBL_RC_ACT", 3)
@@ -207,6 +213,7 @@ def test_params_apply_never_touches_an_armed_vehicle() -> None:
     assert held == 3
 
 
+@pytest.mark.soak
 def test_params_of_a_named_vehicle_that_is_not_received() -> None:
     async def story(
         show: VirtualShow,
@@ -253,6 +260,7 @@ def test_jumping_position_lists_first_and_widens_the_margin() -> None:
     assert small.startswith("its position jumped: it stands for 3 s"), "the estimator reported the jump"
 
 
+@pytest.mark.soak
 def test_reported_accuracy_widens_the_margin_within_bounds() -> None:
     """A vehicle that reports a poor accuracy stays on the ground."""
 

@@ -175,7 +175,7 @@ async def silent_while_a_pilot_has_it(show: VirtualShow, action: ShowAction | No
     return SilentPilot(track, sent, hold, reason, control_taken, show.track.between(given_s).phases("d2"))
 
 
-@pytest.mark.keeps("None")
+@pytest.mark.soak
 @pytest.mark.parametrize("action", [None, ShowAction.PAUSE, ShowAction.STOP, ShowAction.ABORT])
 def test_piloted_vehicle_received_again_in_hold_stays_piloted(
     action: ShowAction | None,

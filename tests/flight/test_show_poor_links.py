@@ -154,6 +154,7 @@ def test_long_without_heartbeats_it_is_lost_and_recovers(beatless: Beatless) -> 
     assert any(text.startswith("Vehicle d2 lost: ") for text in beatless.texts)
 
 
+@pytest.mark.soak
 def test_the_failsafe_sees_a_loss_in_the_tick_of_the_phase(beatless: Beatless) -> None:
     """Before: up to a second later where only heartbeats were missing."""
     limit_s = show_config(4).operation.silence_s + BEATS_LACK_MAX_S

@@ -28,6 +28,7 @@ def test_item_3_acknowledgement_needs_a_matching_heartbeat() -> None:
     )
 
 
+@pytest.mark.soak
 def test_item_4_offboard_not_commanded_without_setpoints() -> None:
     async def story(show: VirtualShow) -> str:
         await show.standby()
@@ -38,6 +39,7 @@ def test_item_4_offboard_not_commanded_without_setpoints() -> None:
     assert fly(story, show_config(2)) == "d1: offboard refused: no setpoints are flowing to it"
 
 
+@pytest.mark.soak
 def test_item_6_failsafe_vehicle_flies_on_only_through_hold() -> None:
     """Setpoints that resumed would take it back to OFFBOARD unseen: it gets none before it holds on command.
 
@@ -122,6 +124,7 @@ def test_item_13_a_gap_of_less_than_half_a_second_is_no_loss() -> None:
     assert fly(story, show_config(2), after=running) == [Phase.FORMATION]
 
 
+@pytest.mark.soak
 def test_item_2_early_start_says_the_autopilot_is_not_ready() -> None:
     async def story(show: VirtualShow) -> RefusedCall:
         await show.until(lambda: all(seen.phase is Phase.STANDBY for seen in vehicles_of(show.view)))

@@ -136,6 +136,7 @@ async def chosen_only(show: VirtualShow) -> Start:
     return Start(show.track, show.service.command_log.get(record.id), running=True)
 
 
+@pytest.mark.soak
 def test_only_chosen_vehicles_take_off_and_others_are_named() -> None:
     start = fly(chosen_only, show_config(3))
     outcomes = start.started.outcomes
@@ -160,7 +161,7 @@ def falls_silent(show: VirtualShow) -> None:
     show.ports.silence("d2")
 
 
-@pytest.mark.keeps("falls_silent-d2: no position for 2.")
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("fault", "says"),
     [
@@ -197,6 +198,7 @@ async def holds_below(show: VirtualShow) -> Start:
     return Start(show.track, show.service.command_log.get(record.id), running=True)
 
 
+@pytest.mark.soak
 def test_vehicle_holding_slightly_below_its_height_is_up() -> None:
     start = fly(holds_below, show_config(3), ideal=True)  # it is lower by centimetres
     assert start.started.outcome is Outcome.DONE
@@ -212,6 +214,7 @@ async def none_takes_off(show: VirtualShow) -> Start:
     return Start(show.track, show.service.command_log.get(record.id), running=False)
 
 
+@pytest.mark.soak
 def test_show_in_which_no_vehicle_climbs_is_over() -> None:
     start = fly(none_takes_off, show_config(2))
     assert start.started.outcome is Outcome.FAILED
@@ -239,6 +242,7 @@ def arming() -> Arming:
     return fly(changes_on_the_way_up, show_config(4, operation={"takeoff_stagger_s": 4.0}))
 
 
+@pytest.mark.soak
 def test_waiting_vehicles_count_for_the_smallest_radius(arming: Arming) -> None:
     assert arming.too_small.kind is InvalidError
     assert "for 4 vehicles" in arming.too_small.text
@@ -282,6 +286,7 @@ async def above_each_other(show: VirtualShow) -> tuple[str, int, list[str]]:
     return notice, len(overlapping(show.true_m, width_m)[0]), alarm_texts(show)
 
 
+@pytest.mark.soak
 def test_vertical_overlap_is_known_before_takeoff() -> None:
     notice, pairs, notices = fly(above_each_other, show_config(8, formation={"radius_m": 7.0}))
     reported = int(notice.split("up to ")[1].split(" ")[0])

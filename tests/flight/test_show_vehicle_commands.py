@@ -158,6 +158,7 @@ def test_command_in_the_wrong_phase_names_the_right_phases(flight: Flight, name:
     assert refusal.plan_kept
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("name", ["unknown: hold"])
 def test_command_to_an_unknown_vehicle_names_the_known_ones(flight: Flight, name: str) -> None:
     refusal = flight.refusals[name]

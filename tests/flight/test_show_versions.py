@@ -37,6 +37,7 @@ def test_version_is_received_and_shown_before_a_start() -> None:
     assert not [text for text in report.not_checked if "version" in text]
 
 
+@pytest.mark.soak
 def test_changed_version_is_noticed_and_parameters_read_again(caplog: pytest.LogCaptureFixture) -> None:
     async def story(show: VirtualShow) -> tuple[int, PreflightReport]:
         await show.standby()
@@ -62,6 +63,7 @@ def test_too_old_a_version_is_refused_in_words() -> None:
     assert refusal.text == "d1: it has PX4 1.13.3, PX4 1.14 to 1.18 can be flown; d1: update its firmware"
 
 
+@pytest.mark.soak
 def test_newer_version_flies_and_is_listed_as_not_checked() -> None:
     """The fake has no MAN_OVERRIDE_SPD, which counts in the newest version: the sticks are not asked for."""
 
@@ -76,6 +78,7 @@ def test_newer_version_flies_and_is_listed_as_not_checked() -> None:
     assert polygons.startswith("d1: its RTL flies round polygon fences")
 
 
+@pytest.mark.soak
 def test_what_a_newer_version_lacks_is_refused_by_name() -> None:
     async def story(show: VirtualShow) -> RefusedCall:
         await show.standby()

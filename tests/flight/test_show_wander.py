@@ -28,6 +28,7 @@ def test_pads_too_close_for_wandering_are_refused_with_spacing() -> None:
     assert "set the pads at least 3.7 m apart" in text
 
 
+@pytest.mark.soak
 def test_pads_planned_too_close_are_refused_despite_reports() -> None:
     places = {"d1": {"x_m": 0.0, "y_m": 0.0}, "d2": {"x_m": 0.0, "y_m": 3.6}}
     text = fly(refusal, config(2, start_places=places), spacing_m=4.0, ideal=True)
@@ -46,7 +47,7 @@ async def ups(show: VirtualShow) -> tuple[float, int]:
     return float(apart_m.min()), show.floor_violations()
 
 
-@pytest.mark.keeps("4.0-True")
+@pytest.mark.soak
 @pytest.mark.parametrize(("spacing_m", "ideal"), [(4.0, True), (5.0, False)])  # pads of 4 m need RTK
 def test_drifting_estimates_on_accepted_pads_keep_the_floor(spacing_m: float, *, ideal: bool) -> None:
     least_m, violations = fly(ups, config(6), spacing_m=spacing_m, grid_columns=3, ideal=ideal)

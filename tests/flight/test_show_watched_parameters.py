@@ -62,6 +62,7 @@ async def changed_on_the_ground(show: VirtualShow) -> tuple[tuple[Alarm, ...], s
     return of_parameters(show), refusal.text, show.ports.reads() - reads
 
 
+@pytest.mark.soak
 def test_parameter_changed_on_the_ground_fails_preflight() -> None:
     alarms, refusal, reads = fly(changed_on_the_ground, show_config(3, operation=HOLDS_WHEN_LOST))
     assert "COM_OBL_RC_ACT was changed from 5 to 0 on the ground, 5 is needed" in alarms[0].text
@@ -88,6 +89,7 @@ async def changed_while_read(show: VirtualShow) -> tuple[tuple[Alarm, ...], str]
     return of_parameters(show), refusal.text
 
 
+@pytest.mark.soak
 def test_parameter_set_while_others_are_read_is_kept() -> None:
     alarms, refusal = fly(changed_while_read, show_config(3, operation=HOLDS_WHEN_LOST))
     assert "d2: COM_OBL_RC_ACT is 0, 5 is needed" in refusal

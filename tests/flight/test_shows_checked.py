@@ -72,6 +72,7 @@ def test_a_shipped_show_is_good_to_fly(path: Path, capsys: pytest.CaptureFixture
     assert all(pair["upper"] != pair["lower"] and pair["cue"] in cues for pair in verdict["columns"])
 
 
+@pytest.mark.soak
 def test_check_progress_covers_the_whole_flight() -> None:
     shares: list[float] = []
     flight = rehearse(load(BROKEN / "orbit-never-reached.yaml"), 1, shares.append)
@@ -82,7 +83,7 @@ def test_check_progress_covers_the_whole_flight() -> None:
     assert max(np.diff(shares)) < 0.2
 
 
-@pytest.mark.keeps("tower-in-the-sphere")
+@pytest.mark.soak
 @pytest.mark.parametrize("name", FLOWN)
 def test_problem_found_in_flight_is_reported_with_line_and_cue(
     name: str, capsys: pytest.CaptureFixture[str]

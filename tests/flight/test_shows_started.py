@@ -139,6 +139,7 @@ def test_rest_check_reports_all_that_select_would_refuse(
     fly(story, config(tmp_path))
 
 
+@pytest.mark.soak
 def test_obstacles_of_show_and_operator_are_kept_apart(tmp_path: Path) -> None:
     async def story(show: VirtualShow) -> None:
         service = show.service
@@ -164,6 +165,7 @@ def test_obstacles_of_show_and_operator_are_kept_apart(tmp_path: Path) -> None:
     fly(story, config(tmp_path))
 
 
+@pytest.mark.soak
 def test_deselected_show_restores_the_earlier_plan(tmp_path: Path) -> None:
     async def story(show: VirtualShow) -> None:
         service = show.service
@@ -200,6 +202,7 @@ def test_vertical_overlaps_of_the_check_are_named_before_takeoff(tmp_path: Path)
     fly(story, config(tmp_path))
 
 
+@pytest.mark.soak
 def test_a_start_at_a_clock_time_counts_down_and_takes_off_then(tmp_path: Path) -> None:
     async def story(show: VirtualShow) -> None:
         service = show.service
@@ -224,6 +227,7 @@ def test_a_start_at_a_clock_time_counts_down_and_takes_off_then(tmp_path: Path) 
     fly(story, config(tmp_path))
 
 
+@pytest.mark.soak
 def test_called_off_countdown_fails_its_command_no_takeoff(tmp_path: Path) -> None:
     async def story(show: VirtualShow) -> None:
         service = show.service
@@ -282,6 +286,7 @@ def test_a_clock_time_that_is_past_or_far_is_refused(tmp_path: Path, ahead_s: fl
     fly(story, config(tmp_path))
 
 
+@pytest.mark.soak
 def test_on_the_ground_a_show_is_set_to_a_cue_and_begins_there(tmp_path: Path) -> None:
     async def story(show: VirtualShow) -> None:
         service = show.service

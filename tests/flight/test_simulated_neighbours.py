@@ -80,7 +80,7 @@ def test_beliefs_agree_on_what_all_see_together() -> None:
     assert np.abs(belief.center_m.mean(axis=0) - (1.0, 2.0, -30.0)).max() < 1.0
 
 
-@pytest.mark.keeps("consensus")
+@pytest.mark.soak
 @pytest.mark.parametrize("name", ["neighbours-only", "consensus"])
 def test_twenty_with_a_dozen_neighbours_become_an_even_sphere(name: str) -> None:
     record = prepared(Scenario.load(name), 20, 7).fly()

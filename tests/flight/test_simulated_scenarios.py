@@ -43,6 +43,7 @@ def untimed(figures: dict[str, Any]) -> dict[str, Any]:
     return {key: value for key, value in figures.items() if key not in TIMINGS}
 
 
+@pytest.mark.soak
 def test_same_seed_same_figures_another_seed_others(trial: Path, capsys: pytest.CaptureFixture[str]) -> None:
     _, (first,) = flown(capsys, trial, "--seed", "5")
     _, (again,) = flown(capsys, trial, "--seed", "5")
@@ -101,6 +102,7 @@ def test_a_plot_is_drawn(trial: Path, tmp_path: Path, capsys: pytest.CaptureFixt
     assert "closest" in capsys.readouterr().out
 
 
+@pytest.mark.soak
 def test_a_plot_shows_what_its_law_is(trial: Path, tmp_path: Path) -> None:
     file = tmp_path / "flight.svg"
     assert main(["simulate", str(trial), "--law", "flocking", "--plot", str(file)]) == 0
@@ -110,6 +112,7 @@ def test_a_plot_shows_what_its_law_is(trial: Path, tmp_path: Path) -> None:
     assert "best known" not in drawn
 
 
+@pytest.mark.soak
 def test_a_flight_is_drawn_as_it_moves(tmp_path: Path) -> None:
     file = tmp_path / "flight.gif"
     assert main(["simulate", str(written(tmp_path, "assembly", 1, 3, UNGATED)), "--plot", str(file)]) == 0

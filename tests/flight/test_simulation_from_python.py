@@ -33,6 +33,7 @@ def untimed(figures: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in figures.items() if name not in TIMED}
 
 
+@pytest.mark.keeps("assembly-4")
 @pytest.mark.parametrize(
     ("name", "count"),
     [("assembly", 4), ("swap-212", 8), pytest.param("article-assembly", 4, marks=pytest.mark.soak)],
@@ -94,6 +95,7 @@ def test_numbers_of_numpy_are_whole_numbers(short: Scenario, flight: FlightResul
     assert np.array_equal(again.position_m, flight.position_m)
 
 
+@pytest.mark.soak
 def test_vehicles_with_goals_fly_round_boxes() -> None:
     """Without the boxes one of them flies through each."""
     wall = {"x_m": 0.0, "y_m": 4.0, "half_length_x_m": 3.0, "half_length_y_m": 6.0, "height_m": 80.0}
@@ -133,6 +135,7 @@ def test_scenario_is_built_without_a_file() -> None:
     assert (fly(goals, 3).task == Task.GOAL).all()
 
 
+@pytest.mark.soak
 def test_vehicles_of_several_stations_are_flown_as_rows() -> None:
     scenario = Scenario.load("stations").with_(duration_s=2.0, divided={"count": 2})
     apart = fly(scenario, 8, divide=SimulatedStations)

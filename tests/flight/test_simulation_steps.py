@@ -68,6 +68,7 @@ def test_velocities_that_would_collide_pass_the_filter(scenario: Scenario) -> No
     assert limited > 400
 
 
+@pytest.mark.soak
 def test_velocities_do_not_keep_vehicles_from_their_return() -> None:
     away_m_s, done = np.tile([0.0, 0.0, -1.0], (COUNT, 1)), False
     with Stepper(Scenario.build(90.0, ending="return", ending_s=5.0), COUNT) as sim:
@@ -80,6 +81,7 @@ def test_velocities_do_not_keep_vehicles_from_their_return() -> None:
     assert np.abs(state.position_m - pads_m).max() < 0.5
 
 
+@pytest.mark.keeps("formation")
 @pytest.mark.parametrize("kind", ["formation", "goals"])
 def test_velocities_do_not_undo_a_failsafe(kind: str) -> None:
     """A storm carries vehicles to the fence, and the service brings them home."""

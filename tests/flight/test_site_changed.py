@@ -60,6 +60,7 @@ def test_no_start_is_possible_until_it_is_in_force(path: Path) -> None:
     assert config(path).flight_site == SITE
 
 
+@pytest.mark.soak
 def test_the_next_start_flies_the_new_site(path: Path) -> None:
     async def change(show: VirtualShow) -> None:
         version = (await show.service.site.read()).version
@@ -78,6 +79,7 @@ def test_the_next_start_flies_the_new_site(path: Path) -> None:
     fly(again, flies)
 
 
+@pytest.mark.soak
 def test_nothing_is_changed_in_the_air(path: Path) -> None:
     async def change(show: VirtualShow) -> None:
         version = (await show.service.site.read()).version

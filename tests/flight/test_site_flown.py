@@ -63,6 +63,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Config, Flown
     return root, flies, track
 
 
+@pytest.mark.soak
 def test_vehicles_that_were_not_weighed_do_not_start(tmp_path: Path) -> None:
     """Over a controlled ground; with their own figures they do, and where no ground is drawn."""
     ground = field(CONTINGENCY, GROUND_RISK)

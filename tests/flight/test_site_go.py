@@ -73,6 +73,7 @@ def test_the_lead_starts_all_stations_once_confirmed() -> None:
     fly_site(story, site_config(2, 2, **by_two()), **BUS)
 
 
+@pytest.mark.soak
 def test_a_stop_at_any_station_calls_the_proposal_off() -> None:
     async def story(show: SiteShow) -> None:
         record, shown = await proposed(show)
@@ -89,6 +90,7 @@ def test_a_stop_at_any_station_calls_the_proposal_off() -> None:
     fly_site(story, site_config(2, 2, **by_two()), **BUS)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("names", "starts"), [(("", ""), 0), (("alice", ""), 0), (("alice", "alice"), 0), (("alice", "bob"), 2)]
 )
@@ -108,6 +110,7 @@ def test_a_station_starts_nothing_that_two_did_not_confirm(names: tuple[str, str
     fly_site(story, site_config(2, 2, **by_two()), **BUS)
 
 
+@pytest.mark.soak
 def test_an_approved_start_ends_what_waits_elsewhere() -> None:
     """A station that led before starts as another asks; its own proposal is over, and that command failed."""
 
@@ -138,6 +141,7 @@ def other(config: Config, what: str) -> Config:
     return config.model_copy(update=changed[what])
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("what", "asked"), [("go.confirmed_by_another", ("north", "south")), ("control.safety.fence", ("north",))]
 )
@@ -172,11 +176,12 @@ async def restarted(show: SiteShow, station: str, what: str, folder: Path) -> No
         await show.wait(12.0)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     ("what", "differs"),
     [
         ("control.safety.fence", "it differs from this station in control.safety.fence: give both the same"),
-        pytest.param("", "its countdown is over: it was started again, or refused", marks=pytest.mark.soak),
+        ("", "its countdown is over: it was started again, or refused"),
     ],
 )
 def test_a_station_that_starts_again_ends_the_countdown(what: str, differs: str, tmp_path: Path) -> None:
@@ -204,6 +209,7 @@ def test_a_station_that_starts_again_ends_the_countdown(what: str, differs: str,
     fly_site(story, site_config(2, 2), **BUS)
 
 
+@pytest.mark.soak
 def test_other_rules_between_proposal_and_confirmation(tmp_path: Path) -> None:
     async def story(show: SiteShow) -> None:
         _, shown = await proposed(show)
@@ -230,6 +236,7 @@ async def answered(show: SiteShow, request: ShowRequest) -> str:
     return ""
 
 
+@pytest.mark.soak
 def test_a_station_compares_the_rules_of_who_asks_for_a_start() -> None:
     """At the moment of the start, whatever was compared before: a request carries them."""
 
@@ -253,6 +260,7 @@ def test_a_station_compares_the_rules_of_who_asks_for_a_start() -> None:
     fly_site(story, site_config(2, 2, **by_two()), **BUS)
 
 
+@pytest.mark.soak
 def test_no_station_shows_a_start_as_possible_that_is_not() -> None:
     """A follower names the station where it is proposed, and the lead the one that is missing."""
 
@@ -301,6 +309,7 @@ def test_a_follower_does_not_ask_for_what_the_lead_has() -> None:
     fly_site(story, site_config(2, 2, go=go), **BUS)
 
 
+@pytest.mark.soak
 def test_parameters_at_another_station_are_confirmed_too() -> None:
     async def story(show: SiteShow) -> None:
         _, shown = await proposed(show)

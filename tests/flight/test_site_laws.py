@@ -18,7 +18,7 @@ from gcs.site.simulated import SimulatedStations
 from gcs.testing.virtual_site import SiteShow, fly_on_pads, fly_site, site_config
 from tests.support.hostile_laws import WELL_TICKS
 
-pytestmark = pytest.mark.long
+pytestmark = pytest.mark.soak
 
 SUPPORT = Path(__file__).parents[1] / "support"
 BUS = {"delay_s": 0.02, "spread_s": 0.01, "loss": 0.01}

@@ -11,6 +11,7 @@ from gcs.testing.virtual_site import SiteShow, fly_site, site_config
 from tests.flight.test_site_api import BUS, call
 
 
+@pytest.mark.soak
 def test_change_of_some_fields_keeps_the_newer_others() -> None:
     async def story(show: SiteShow) -> None:
         await show.wait(3.0)
@@ -31,6 +32,7 @@ def test_change_of_some_fields_keeps_the_newer_others() -> None:
     fly_site(story, site_config(2, 2), **BUS)
 
 
+@pytest.mark.soak
 def test_refusal_of_the_lead_is_reported_where_it_was_asked() -> None:
     async def story(show: SiteShow) -> None:
         await show.wait(3.0)

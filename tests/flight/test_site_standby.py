@@ -176,6 +176,7 @@ def test_owner_that_stood_still_sends_nothing_once_taken_over(cut_s: float) -> N
     fly_assembled(story, two_hosts(4, rejoins=True), **QUIET)
 
 
+@pytest.mark.soak
 def test_owner_that_stood_still_briefly_goes_on_once_answered() -> None:
     """Too briefly for its standby to take over, which it cannot know."""
 

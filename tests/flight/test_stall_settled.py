@@ -35,6 +35,7 @@ async def cut_off(show: VirtualShow, stalled_s: float = 4.0) -> None:
     await show.wait(1.0)
 
 
+@pytest.mark.soak
 def test_stall_reports_uncontrolled_vehicles_and_does_nothing() -> None:
     async def story(show: VirtualShow) -> None:
         await cut_off(show, 4.4)
@@ -72,6 +73,7 @@ def test_recovered_vehicles_re_form_and_resume() -> None:
     fly(story, show_config(4, operation=HOLDS_WHEN_LOST), after=cut_off)
 
 
+@pytest.mark.soak
 def test_take_over_waits_for_a_heartbeat_after_the_stall() -> None:
     """Of what the vehicles sent meanwhile the oldest was kept: their modes are not known yet."""
 

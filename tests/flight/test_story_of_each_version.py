@@ -14,6 +14,8 @@ from gcs.testing.views import vehicles_of
 from gcs.testing.virtual_show import VirtualShow, fly
 from tests.flight.test_shipped_pads import shipped
 
+pytestmark = pytest.mark.soak
+
 READY_MAX_S = 20.0
 """From when all vehicles can be armed until a start would be accepted."""
 

@@ -56,6 +56,7 @@ def test_each_vehicle_and_the_centre_are_sent_once_a_second() -> None:
     fly(story, FOUR, after=running)
 
 
+@pytest.mark.soak
 def test_vehicle_that_is_silent_or_without_a_fix_is_not_sent() -> None:
     async def story(show: VirtualShow) -> None:
         listener = Listening.to(show.service).listener
@@ -77,6 +78,7 @@ def test_vehicle_that_is_silent_or_without_a_fix_is_not_sent() -> None:
     fly(story, FOUR, after=running)
 
 
+@pytest.mark.soak
 def test_no_centre_on_the_ground_and_no_height_without_a_geoid() -> None:
     async def story(show: VirtualShow) -> None:
         listener = Listening.to(show.service).listener
@@ -105,6 +107,7 @@ def test_without_a_clock_tracks_are_sent_only_if_allowed(required: bool) -> None
     fly(story, show_config(4, tak={**TAK, "require_clock": required}), after=running)
 
 
+@pytest.mark.soak
 def test_fleet_beyond_the_share_of_a_tick_is_spread_over_several() -> None:
     async def story(show: VirtualShow) -> None:
         tak = Listening.to(show.service).tak

@@ -67,6 +67,7 @@ def test_person_under_a_low_fence_is_kept_clear_of_and_said() -> None:
     assert nearest_m > 12.0
 
 
+@pytest.mark.soak
 def test_vehicle_that_a_person_walks_under_is_an_alarm() -> None:
     async def story(show: VirtualShow) -> set[AlarmCause]:
         await show.wait(5.0)
@@ -146,6 +147,7 @@ def test_all_land_clear_of_a_person(action: ShowAction) -> None:
     assert nearest_m > 12.0
 
 
+@pytest.mark.soak
 def test_person_counts_beside_as_many_obstacles_as_there_may_be() -> None:
     async def story(show: VirtualShow) -> None:
         await show.standby()

@@ -112,6 +112,7 @@ async def across_the_corner(show: VirtualShow) -> list[float]:
     return off
 
 
+@pytest.mark.soak
 def test_target_that_cuts_a_concave_corner_is_met_behind_it() -> None:
     assert max(fly(across_the_corner, config_with(AREA), after=running)) < FOLLOWED_M
 
@@ -154,6 +155,7 @@ def test_target_that_walks_into_closed_space_is_met_after() -> None:
     assert fly(into_the_audience, config_with(AREA, AUDIENCE), after=running) < FOLLOWED_M
 
 
+@pytest.mark.soak
 def test_start_is_refused_while_the_target_is_outside() -> None:
     async def story(show: VirtualShow) -> None:
         await show.standby()
@@ -169,6 +171,7 @@ def test_start_is_refused_while_the_target_is_outside() -> None:
     fly(story, config_with(AREA))
 
 
+@pytest.mark.soak
 def test_show_with_a_guest_near_a_concave_corner(tmp_path: Path) -> None:
     """The guest leaves the site at its inner corner during the cue that follows the live target."""
     text = TEXT.replace("duration_s: 42.0", "duration_s: 110.0").replace("at_s: 34", "at_s: 100")

@@ -27,7 +27,7 @@ def test_centre_is_back_after_drop_outs(name: str) -> None:
     assert flown.violations == 0
 
 
-@pytest.mark.keeps("freezes")
+@pytest.mark.soak
 @pytest.mark.parametrize("fault", ["freezes", "jumps", "replays", "clock", "doubles", "unknown", "swapped"])
 def test_source_that_fails_hardly_moves_the_centre(fault: str) -> None:
     """Round a roundabout, where what is not known is soon wrong."""

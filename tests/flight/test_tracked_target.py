@@ -150,6 +150,7 @@ def test_record_has_the_target_and_the_report_how_near(tmp_path: Path) -> None:
     assert asyncio.run(first_shown()).targets is not None
 
 
+@pytest.mark.soak
 def test_operator_holds_and_takes_the_target_back() -> None:
     async def story(show: VirtualShow) -> float:
         show.service.plan.set_orbit(Orbit(0.0, 4.0))
@@ -268,6 +269,7 @@ def test_fast_formation_brakes_where_an_obstacle_becomes_known() -> None:
     assert violations == 0
 
 
+@pytest.mark.soak
 def test_formation_comes_home_when_its_target_stays_lost() -> None:
     async def story(show: VirtualShow) -> list[str]:
         await report(show, 2.0)
@@ -283,7 +285,7 @@ def test_formation_comes_home_when_its_target_stays_lost() -> None:
     assert fly(story, show_config(4, **TARGETS, **lost), after=running) == ["running", "running", "returning"]
 
 
-@pytest.mark.keeps("configured")
+@pytest.mark.soak
 @pytest.mark.parametrize("is_configured", [True, False], ids=["configured", "configured no more"])
 def test_restarted_service_follows_the_target_again(tmp_path: Path, *, is_configured: bool) -> None:
     """On its last motion until it is reported; one that is not configured any more is not followed."""
@@ -317,6 +319,7 @@ def test_restarted_service_follows_the_target_again(tmp_path: Path, *, is_config
     sessions(tmp_path, (four(**TARGETS), begin), (four(targets=targets), go_on))
 
 
+@pytest.mark.soak
 def test_target_that_is_too_fast_is_said_before_it_is_lost() -> None:
     """On the ground it refuses the start."""
 

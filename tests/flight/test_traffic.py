@@ -93,6 +93,7 @@ def test_drone_that_crosses_is_announced_and_evaded() -> None:
     fly(story, FOUR, after=running)
 
 
+@pytest.mark.soak
 def test_report_has_how_near_a_track_came(tmp_path: Path) -> None:
     """Of that which came near only."""
     vehicles = {name: (row + 1, "loop") for row, name in enumerate(FOUR.ids)}
@@ -173,6 +174,7 @@ def test_manned_aircraft_that_has_passed_is_near_no_more() -> None:
     assert AlarmCause.TRAFFIC_MANNED in back
 
 
+@pytest.mark.soak
 def test_paused_show_stays_paused_near_a_manned_aircraft() -> None:
     async def story(show: VirtualShow) -> None:
         await show.reach(ShowPhase.PAUSED)
@@ -187,6 +189,7 @@ def test_paused_show_stays_paused_near_a_manned_aircraft() -> None:
     fly(story, FOUR, after=paused)
 
 
+@pytest.mark.soak
 def test_manned_aircraft_brings_a_written_show_home(tmp_path: Path) -> None:
     async def story(show: VirtualShow) -> None:
         show_hash = written_show.select(show)
@@ -222,7 +225,7 @@ def test_vehicles_of_a_written_show_evade_a_drone(tmp_path: Path) -> None:
     written_show.fly(story, written_show.config(tmp_path, **TRAFFIC))
 
 
-@pytest.mark.keeps("abort")
+@pytest.mark.soak
 @pytest.mark.parametrize("action", [ShowAction.ABORT, ShowAction.STOP])
 def test_slow_track_does_not_stop_a_landing(action: ShowAction) -> None:
     """It is at the pads: vehicles land beside them."""
@@ -240,6 +243,7 @@ def test_slow_track_does_not_stop_a_landing(action: ShowAction) -> None:
     fly(story, FOUR, after=running)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(("over_m", "manned"), [(500.0, 1), (11_000.0, 0)])
 def test_pressure_tells_only_what_is_far_above(over_m: float, manned: int) -> None:
     async def story(show: VirtualShow) -> None:
@@ -252,6 +256,7 @@ def test_pressure_tells_only_what_is_far_above(over_m: float, manned: int) -> No
     fly(story, FOUR)
 
 
+@pytest.mark.soak
 def test_only_vehicles_that_fly_count_as_the_formation() -> None:
     async def story(show: VirtualShow) -> None:
         traffic, (row, *_) = traffic_of(show), range(4)
@@ -263,6 +268,7 @@ def test_only_vehicles_that_fly_count_as_the_formation() -> None:
     fly(story, FOUR)
 
 
+@pytest.mark.soak
 def test_vehicle_under_a_pilot_is_none_of_the_formation() -> None:
     async def story(show: VirtualShow) -> None:
         near_m = traffic_of(show)._sphere().radius_m
@@ -276,6 +282,7 @@ def test_vehicle_under_a_pilot_is_none_of_the_formation() -> None:
     fly(story, FOUR, after=running)
 
 
+@pytest.mark.soak
 def test_alarms_do_not_flicker_in_a_flood() -> None:
     """The nearest tracks are others each second; each alarm stays for 10 s at least."""
 
@@ -293,6 +300,7 @@ def test_alarms_do_not_flicker_in_a_flood() -> None:
     assert len(fly(story, FOUR, after=running)) == ALARMS_MAX
 
 
+@pytest.mark.soak
 def test_alarms_of_many_tracks_are_few() -> None:
     async def story(show: VirtualShow) -> None:
         for number in range(20):
@@ -327,6 +335,7 @@ def test_no_report_ends_control() -> None:
     fly(story, FOUR, after=running)
 
 
+@pytest.mark.soak
 def test_velocity_counts_without_a_climb() -> None:
     async def story(show: VirtualShow) -> None:
         report(show, 300.0, speed_m_s=-12.0, down_m_s=nan)
@@ -338,6 +347,7 @@ def test_velocity_counts_without_a_climb() -> None:
     fly(story, FOUR)
 
 
+@pytest.mark.soak
 def test_own_vehicle_is_no_traffic() -> None:
     async def story(show: VirtualShow) -> None:
         report(show, 100.0, kind="manned", name="0000aa")
@@ -371,6 +381,7 @@ def test_start_waits_until_traffic_is_gone() -> None:
     fly(story, FOUR)
 
 
+@pytest.mark.soak
 def test_what_is_not_received_is_not_known() -> None:
     async def story(show: VirtualShow) -> None:
         traffic_of(show).failed(0, "nothing arrives at udp://127.0.0.1:14999")

@@ -27,6 +27,8 @@ from gcs.testing.virtual_link import VirtualLink
 from gcs.testing.virtual_show import show_config
 from tests.support.api_fake_service import FakeService
 
+pytestmark = pytest.mark.soak
+
 EXAMPLES = max(1, settings().max_examples // 33 - 2)
 """At random of each operation, beside those at the bounds of each value: 1, in `make soak` 28."""
 

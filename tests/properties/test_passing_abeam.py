@@ -92,7 +92,7 @@ def through_one_middle(seed: int, count: int, stops_s: Sequence[float]) -> float
     return flown(begin_m, goal_m, LIMITS.horizontal_m_s, stops_s, random, drawn=False)
 
 
-@settings(CALM, max_examples=50)
+@settings(CALM, max_examples=settings().max_examples // 2)
 @given(st.integers(0, 10_000), st.integers(2, 8), STOPS_S, st.booleans())
 def test_floor_is_kept_whichever_vehicles_brake(
     seed: int, count: int, stops_s: list[float], together: bool
@@ -112,7 +112,7 @@ def test_vehicle_that_stops_beside_another_is_passed(second_s: float) -> None:
     assert through_one_middle(3094, 8, stops_s) >= SAFETY.floor.horizontal_m
 
 
-@settings(CALM, max_examples=50)
+@settings(CALM, max_examples=settings().max_examples // 2)
 @given(st.integers(0, 10_000), st.integers(2, 8), STOPS_S, st.booleans(), within(1.0, 4.0))
 def test_floor_is_kept_between_lanes_that_are_drawn(
     seed: int, count: int, stops_s: list[float], together: bool, fastest_m_s: float

@@ -17,7 +17,6 @@ def lines_run(work: Callable[[], object]) -> int:
         return trace
 
     before = sys.gettrace()
-    gc.collect()
     gc.disable()  # what other tests left is not this work's
     sys.settrace(trace)
     try:

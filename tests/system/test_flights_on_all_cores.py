@@ -55,6 +55,7 @@ def _session_of(pid: int) -> int:
         return -1
 
 
+@pytest.mark.keeps("looks")
 @pytest.mark.parametrize("how", ["flies", "looks"])
 def test_ctrl_c_ends_all_flights_at_once(tmp_path: Path, how: str) -> None:
     """While the next flight is awaited, and while the program looks at one."""
@@ -68,6 +69,7 @@ def test_ctrl_c_ends_all_flights_at_once(tmp_path: Path, how: str) -> None:
     soon(lambda: left(program.pid) == [])
 
 
+@pytest.mark.soak
 def test_flights_end_with_a_program_that_fails(tmp_path: Path) -> None:
     program = started(tmp_path, "fails")
     _, errors = program.communicate(timeout=180.0)
@@ -75,6 +77,7 @@ def test_flights_end_with_a_program_that_fails(tmp_path: Path) -> None:
     soon(lambda: left(program.pid) == [])
 
 
+@pytest.mark.soak
 def test_a_script_that_each_process_runs_is_named(tmp_path: Path) -> None:
     program = started(tmp_path, "bare")
     _, errors = program.communicate(timeout=180.0)

@@ -178,7 +178,7 @@ def on_a_terminal(words: Sequence[str], between: Callable[[], None], look: Calla
     return shown.decode()
 
 
-@pytest.mark.keeps("both stopped-1", "record damaged-1", "control stopped between the steps-1")
+@pytest.mark.keeps("both stopped-1")
 @pytest.mark.parametrize("times", [TIMES[0], pytest.param(TIMES[1], marks=pytest.mark.soak)])
 @pytest.mark.parametrize("state", STATES)
 def test_confirmed_kill_stops_the_named_motors(tmp_path: Path, state: str, times: int) -> None:

@@ -16,6 +16,8 @@ from gcs.testing.views import vehicles_of
 from tests.support.machine import Pauses, free_ports
 from tests.support.processes import SOON_S, flying_config, last_truths, proper, until, vehicles, wait_until
 
+pytestmark = pytest.mark.soak
+
 SETPOINT_TIMEOUT_S = 0.2
 STOPPED_S = 3.0
 BEAT_S = 1.5

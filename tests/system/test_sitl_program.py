@@ -209,6 +209,7 @@ def test_a_program_is_found_by_the_environment(tmp_path: Path, monkeypatch: pyte
     assert find(PX4) == tree / "build/px4_sitl_default/bin/px4"
 
 
+@pytest.mark.soak
 def test_a_simulator_that_ends_at_once_is_named(tmp_path: Path) -> None:
     """As PX4 does where a file stands in the place of its folder."""
     given: dict[str, str] = {}
@@ -358,6 +359,7 @@ def _sets(fleet: Px4Build, link: GroundTruthRecorder) -> bool:
     return True
 
 
+@pytest.mark.soak
 def test_the_how_tos_line_starts_a_vehicle(tmp_path: Path) -> None:
     """The line by hand, as it is written, with the stand-in in the place of ArduPilot's tree."""
     document = (REPOSITORY / "docs/how-to/ardupilot.md").read_text(encoding="utf-8")

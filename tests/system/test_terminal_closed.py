@@ -19,6 +19,8 @@ from tests.support.audit_rows import commands
 from tests.support.machine import free_ports
 from tests.support.processes import SOON_S, flying_config, last_truths, proper, vehicles, wait_until
 
+pytestmark = pytest.mark.soak
+
 COUNT = 2
 
 

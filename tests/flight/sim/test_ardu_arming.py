@@ -62,6 +62,7 @@ def test_reasons_are_sent_at_arming_and_every_30_s() -> None:
     assert bench.last("STATUSTEXT").severity == 2
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("mode", [Mode.LAND, Mode.RTL, Mode.SMART_RTL, Mode.BRAKE, Mode.AUTO, Mode.CIRCLE])
 def test_modes_that_do_not_arm_leave_the_prearm_bit(mode: Mode) -> None:
     bench = grounded()
@@ -71,6 +72,7 @@ def test_modes_that_do_not_arm_leave_the_prearm_bit(mode: Mode) -> None:
     assert bench.texts[-1] == "PreArm: Mode not armable"
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(
     "mode", [Mode.GUIDED, Mode.STABILIZE, Mode.LOITER, Mode.ALT_HOLD, Mode.THROW, Mode.GUIDED_NOGPS]
 )
@@ -178,7 +180,7 @@ def test_it_disarms_disarm_delay_after_arming(delay_s: int, disarms: bool) -> No
     assert ("Disarming motors" in bench.texts) == disarms
 
 
-@pytest.mark.keeps("10.0-7.0")
+@pytest.mark.soak
 @pytest.mark.parametrize(("height_m", "after_s"), [(10.0, 7.0), (15.0, 9.1), (20.0, 11.1)])
 def test_takeoff_reaches_its_height_in_the_recorded_time(height_m: float, after_s: float) -> None:
     bench = grounded()
@@ -197,6 +199,7 @@ def test_landed_state_is_3_at_once_and_2_five_seconds_later() -> None:
     assert bench.until(lambda: bench.landed_state == IN_AIR, 10.0) == pytest.approx(5.0, abs=0.8)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("case", ["disarmed", "in the air", "in STABILIZE", "below"])
 def test_a_takeoff_is_refused(case: str) -> None:
     bench = hovering() if case == "in the air" else grounded()
@@ -207,6 +210,7 @@ def test_a_takeoff_is_refused(case: str) -> None:
     assert bench.command(22, 0, 0, 0, 0, 0, 0, -2.0 if case == "below" else 10.0) == [FAILED]
 
 
+@pytest.mark.soak
 def test_a_velocity_setpoint_cancels_the_takeoff_on_the_ground() -> None:
     bench = grounded()
     bench.arm()
@@ -244,6 +248,7 @@ def test_yaw_is_aligned_3_5_s_after_the_takeoff_command() -> None:
     assert bench.until(lambda: text in bench.texts, 8.0) == pytest.approx(3.5, abs=0.2)
 
 
+@pytest.mark.soak
 def test_pushed_into_the_ground_it_lands_and_disarms_later() -> None:
     bench = hovering(3.0)
     bench.stream(0.0, 0.0, 1.0)

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
 CRITICAL, ACTIVE = 5, 4
 pytestmark = pytest.mark.keeps(
-    "test_heartbeat_loss_of_sysid_mygcs_acts_despite_setpoints[1-6]",
-    "test_a_critical_battery_lands_and_blocks_arming_until_reboot",
     "test_lost_gps_holds_8_2_s_on_inertia_then_lands",
     "test_kill_stops_the_motors_and_landed_state_lies[how0]",
 )

@@ -9,15 +9,7 @@ from gcs.sim.autopilots.ardupilot.modes import Mode
 from tests.support.ardu_bench import ArduBench, cruising, grounded, hovering
 from tests.support.sim_bench import ACCEPTED, POSITION_ONLY
 
-pytestmark = pytest.mark.keeps(
-    "test_home_moves_with_every_arming_and_the_origin_stays",
-    "test_local_position_ned_counts_from_home_in_flight_too",
-    "test_home_is_at_its_own_zero_and_level",
-    "test_relative_alt_is_above_home",
-    "test_an_origin_from_outside_is_ignored_silently",
-    "test_each_vehicle_has_a_home_and_an_origin_of_its_own",
-)
-"""The other habits are for `make soak`."""
+pytestmark = pytest.mark.soak
 
 METRES_PER_UNIT = 0.0111194  # of latitude in GLOBAL_POSITION_INT
 

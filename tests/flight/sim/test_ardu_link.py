@@ -79,6 +79,7 @@ def test_mavlink_1_frames_hold_no_extensions_and_no_cut_zeros() -> None:
     assert bench.last("HOME_POSITION").latitude == pytest.approx(473977420, abs=20)
 
 
+@pytest.mark.soak
 def test_unasked_it_sends_heartbeats_timesync_and_little_else() -> None:
     bench = ArduBench(asked=False, late=True).run(45.0)
     kinds = {message.get_type() for _, message in bench.received}
@@ -98,6 +99,7 @@ def test_a_stream_comes_at_exactly_the_rate_asked() -> None:
     assert rate_hz(bench, "EKF_STATUS_REPORT") == pytest.approx(2.0, abs=0.3)
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("message_id", UNKNOWN)
 def test_an_unknown_message_is_refused_with_a_text(message_id: int) -> None:
     bench = grounded()
@@ -128,6 +130,7 @@ def test_the_target_is_reported_in_guided_only() -> None:
     assert bench.run(2.0).count("POSITION_TARGET_LOCAL_NED") == before
 
 
+@pytest.mark.soak
 def test_interval_minus_one_stops_and_zero_is_the_default_off() -> None:
     bench = hovering()
     for off in (-1, 0):
@@ -224,6 +227,7 @@ def test_any_component_obeys_and_another_system_is_silent(system: int, component
     assert (bench.run(3.0).velocity[0] > 1.0) == obeyed
 
 
+@pytest.mark.soak
 def test_three_vehicles_obey_their_own_commands_only() -> None:
     bench = hovering(count=3, grid_columns=3)
     assert sorted({beat.get_srcSystem() for beat in bench.all("HEARTBEAT")}) == [1, 2, 3]
@@ -266,6 +270,7 @@ def test_commands_full_of_nonsense_change_nothing_bad(number: int, value: float)
     assert not bench.run(0.1).fleet.state.armed[0]
 
 
+@pytest.mark.soak
 def test_setpoints_prove_that_they_arrive_by_message_85() -> None:
     bench = cruising(4.0)
     target = bench.last("POSITION_TARGET_LOCAL_NED")

@@ -18,6 +18,8 @@ from gcs.sim.vehicle.px4 import Quirks
 from tests.support.ardu_bench import ArduBench, command, cruising, grounded, hovering
 from tests.support.sim_bench import ACCEPTED, FAILED, UNSUPPORTED
 
+pytestmark = pytest.mark.soak
+
 PX4, ARDUPILOT = 12, 3
 
 

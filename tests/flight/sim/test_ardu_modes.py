@@ -11,20 +11,7 @@ from gcs.sim.autopilots.ardupilot.modes import Mode
 from tests.support.ardu_bench import LANDING, ArduBench, cruising, grounded, hovering, stop_m
 from tests.support.sim_bench import ACCEPTED, FAILED, UNSUPPORTED
 
-pytestmark = pytest.mark.keeps(
-    "test_the_mode_is_the_plain_number",
-    "test_a_mode_change_has_one_ack_and_a_heartbeat_at_once",
-    "test_a_refused_mode_is_result_3_with_a_text_and_flies_on",
-    "test_disarmed_any_mode_is_accepted_without_a_position",
-    "test_guided_is_refused_armed_without_a_position",
-    "test_set_mode_is_acknowledged_as_command_11",
-    "test_brake_stops_in_the_recorded_distance[5.0-5.3-6.0]",
-    "test_setpoints_are_ignored_outside_guided",
-    "test_each_mode_goes_on_so_far_and_takes_no_setpoints[9-2.4-3.2]",
-    "test_land_from_ten_metres_takes_20_s_and_disarms",
-    "test_unknown_commands_are_unsupported",
-)
-"""The other habits are for `make soak`."""
+pytestmark = pytest.mark.soak
 
 
 @pytest.mark.parametrize(

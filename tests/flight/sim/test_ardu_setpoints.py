@@ -12,18 +12,7 @@ from gcs.sim.autopilots.ardupilot.modes import Mode
 from tests.support.ardu_bench import IN_AIR, ArduBench, command, cruising, grounded, hovering, stop_m
 from tests.support.sim_bench import ACCEPTED, POSITION_ONLY, VELOCITY_ONLY, setpoint
 
-pytestmark = pytest.mark.keeps(
-    "test_masks_that_are_flown[3527]",
-    "test_masks_that_are_not_followed_let_the_last_one_run_out[3559]",
-    "test_frames_and_what_they_turn[8-0.0-2.9]",
-    "test_one_setpoint_in_2_5_s_is_enough[2.0]",
-    "test_nan_in_the_air_ends_the_process[vector0]",
-    "test_nan_on_the_ground_is_ignored",
-    "test_setpoint_loss_flies_on_3_s_then_hovers_for_ever",
-    "test_a_kill_of_any_station_counts_unless_sysid_enforce",
-    "test_yaw_turns_90_degrees_in_the_recorded_time",
-)
-"""The other habits are for `make soak`."""
+pytestmark = pytest.mark.soak
 
 NAN = math.nan
 YAW_AND_VELOCITY, RATE_AND_VELOCITY = 0x9C7, 0x5C7

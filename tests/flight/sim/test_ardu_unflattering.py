@@ -9,13 +9,7 @@ from gcs.sim.autopilots.ardupilot.texts import breach_text, refusal_text
 from tests.support.ardu_bench import ArduBench, cruising, hovering
 from tests.support.sim_bench import UNSUPPORTED
 
-pytestmark = pytest.mark.keeps(
-    "test_console_text_comes_before_and_between_frames_at_boot",
-    "test_heights_are_reported_5_percent_too_large",
-    "test_clocks_are_the_simulators_and_may_be_slow",
-    "test_a_critical_battery_acts_only_with_a_threshold[parameters1-True]",
-)
-"""The other habits are for `make soak`."""
+pytestmark = pytest.mark.soak
 
 
 def test_console_text_comes_before_and_between_frames_at_boot() -> None:

@@ -11,14 +11,7 @@ from gcs.sim.vehicle import versions
 from tests.support.ardu_bench import ArduBench, cruising
 from tests.support.sim_bench import ACCEPTED, UNSUPPORTED, Bench
 
-pytestmark = pytest.mark.keeps(
-    "test_px4_reports_its_version[1.18]",
-    "test_copter_reports_its_version[4.7]",
-    "test_names_of_other_versions_have_no_answer",
-    "test_copter_stops_its_climb_as_its_release_does[4.7-parameters3-3.4]",
-    "test_a_mixed_fleet_has_a_version_of_each_kind",
-)
-"""The other habits are for `make soak`."""
+pytestmark = pytest.mark.soak
 
 VERSION = 148
 

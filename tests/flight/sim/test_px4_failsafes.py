@@ -28,10 +28,7 @@ from tests.support.sim_bench import (
 ON_GROUND, IN_AIR, LANDING = 1, 2, 4
 ACTIVE, CRITICAL, TERMINATED = 4, 5, 8
 pytestmark = pytest.mark.keeps(
-    "test_a_battery_failsafe_holds_before_it_acts",
     "test_from_1_17_lost_setpoints_are_a_lost_transmitter[1.17-mode1]",
-    "test_each_flight_resets_the_estimator_once",
-    "test_without_gps_it_descends_and_positions_go_on",
     "test_flight_termination_stops_the_motors_for_good",
 )
 """The other habits are for `make soak`."""

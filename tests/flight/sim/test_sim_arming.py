@@ -52,6 +52,7 @@ def test_each_vehicle_has_a_local_origin_of_its_own() -> None:
     assert max(offsets) < 2.5
 
 
+@pytest.mark.soak
 def test_mode_change_acknowledged_twice_accepted_then_result() -> None:
     bench = holding(step_s=STEP_S)
     before = len(bench.received)
@@ -61,6 +62,7 @@ def test_mode_change_acknowledged_twice_accepted_then_result() -> None:
     assert "Switching to Offboard is currently not available" in bench.texts
 
 
+@pytest.mark.soak
 def test_mode_change_shows_in_next_heartbeat_within_a_second() -> None:
     bench = holding()
     assert bench.set_mode(LAND) == [ACCEPTED, ACCEPTED]
@@ -92,6 +94,7 @@ def test_manual_modes_are_refused_in_the_air_without_a_pilot() -> None:
     assert bench.run(1.1).mode == HOLD
 
 
+@pytest.mark.soak
 def test_takeoff_while_disarmed_happens_at_the_next_arming() -> None:
     bench = ready()
     assert bench.command(22, 0, 0, 0, math.nan, math.nan, math.nan, math.nan) == [ACCEPTED]
@@ -140,6 +143,7 @@ def test_arming_without_taking_off_ends_after_com_disarm_prflt() -> None:
     assert "Disarmed by auto preflight disarming" in bench.texts
 
 
+@pytest.mark.soak
 def test_a_negative_com_disarm_prflt_leaves_it_armed() -> None:
     bench = ready()
     bench.set_parameter("COM_DISARM_PRFLT", -1.0)
@@ -147,6 +151,7 @@ def test_a_negative_com_disarm_prflt_leaves_it_armed() -> None:
     assert bench.run(15.0).armed
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("wait_s", [2.0, 5.0])
 def test_it_disarms_com_disarm_land_after_landing(wait_s: float) -> None:
     bench = holding(height_m=3.0)
@@ -156,6 +161,7 @@ def test_it_disarms_com_disarm_land_after_landing(wait_s: float) -> None:
     assert bench.until(lambda: "Disarmed by landing" in bench.texts, 10.0) == pytest.approx(wait_s, abs=0.35)
 
 
+@pytest.mark.soak
 def test_mode_after_landing_from_offboard() -> None:
     """After landing from OFFBOARD the mode reverts; arming waits for HOLD or setpoints."""
     bench = offboard(height_m=3.0)
@@ -168,6 +174,7 @@ def test_mode_after_landing_from_offboard() -> None:
     assert bench.arm() == [ACCEPTED]
 
 
+@pytest.mark.soak
 def test_after_landing_from_hold_it_can_arm_again() -> None:
     bench = holding(height_m=3.0)
     bench.set_mode(LAND)
@@ -194,6 +201,7 @@ def test_unknown_commands_unsupported_unknown_modes_denied() -> None:
     assert bench.command(400, 0.5) == [DENIED]
 
 
+@pytest.mark.soak
 def test_battery_drains_in_the_air_only_and_messages_agree() -> None:
     bench = ready(endurance_s=100.0)
     bench.run(20.0)
@@ -208,6 +216,7 @@ def test_battery_drains_in_the_air_only_and_messages_agree() -> None:
     )
 
 
+@pytest.mark.soak
 def test_a_critical_battery_returns_and_an_empty_one_lands() -> None:
     bench = holding(height_m=15.0, endurance_s=40.0, parameters={"COM_FAIL_ACT_T": 0.0})
     bench.until(lambda: bench.mode == (4, 5), 40.0)

@@ -23,16 +23,7 @@ from tests.support.sim_bench import (
 TAKING_OFF, IN_AIR, LANDING, ON_GROUND = 3, 2, 4, 1
 
 
-pytestmark = pytest.mark.keeps(
-    "test_takeoff_climbs_at_mpc_tko_speed_to_its_altitude",
-    "test_hold_stops_and_stays",
-    "test_land_slows_down_near_the_ground",
-    "test_return_climbs_flies_home_descends_waits_and_lands",
-    "test_the_same_seed_flies_the_same_flight",
-    "test_vehicle_i_starts_at_row_i_over_c_and_column_i_modulo_c",
-    "test_wind_from_the_side_is_held_against",
-)
-"""The other habits are for `make soak`."""
+pytestmark = pytest.mark.soak
 
 
 def test_takeoff_climbs_at_mpc_tko_speed_to_its_altitude() -> None:

@@ -25,19 +25,12 @@ from tests.support.sim_bench import (
 )
 
 pytestmark = pytest.mark.keeps(
-    "test_velocity_setpoints_are_clipped_per_axis[command0-settles_at0]",
-    "test_yaw_turns_to_the_setpoint_at_a_limited_rate",
-    "test_position_setpoints_are_flown_to",
     "test_velocity_with_one_axis_missing_is_not_followed[vector0-3527]",
     "test_setpoints_without_axes_are_invalid_and_fail_safe",
-    "test_setpoint_loss_in_position_mode_descends_and_lands",
     "test_com_obl_rc_act_decides_what_setpoint_loss_does[5-mode0]",
-    "test_com_obl_rc_act_can_stop_the_motors[6]",
-    "test_com_of_loss_t_is_the_time_until_the_failsafe[0.6]",
     "test_resumed_setpoints_restore_offboard",
     "test_setpoints_for_another_vehicle_do_not_count",
     "test_five_metre_step_response_of_the_vehicle_as_recorded",
-    "test_data_link_loss_on_the_ground_station_timeout[2-mode2]",
 )
 """The other habits are for `make soak`."""
 

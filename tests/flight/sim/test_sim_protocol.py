@@ -28,6 +28,7 @@ def rate_hz(bench: Bench, kind: str, over_s: float = 4.0) -> float:
     return (bench.run(over_s).count(kind) - before) / over_s
 
 
+@pytest.mark.soak
 def test_set_message_interval_changes_stops_and_restores() -> None:
     bench = Bench(STEP_S, rates_hz=RECORDED_HZ).ready()
     assert bench.command(SET_INTERVAL, ATTITUDE_ID, 100_000) == [ACCEPTED]
@@ -63,6 +64,7 @@ def test_the_version_is_px4_1_16_1() -> None:
     assert version.capabilities & common.MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_BYTEWISE
 
 
+@pytest.mark.soak
 def test_home_is_where_it_was_armed() -> None:
     bench = offboard()
     bench.stream(4.0, 0.0, 0.0)

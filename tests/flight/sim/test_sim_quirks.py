@@ -21,15 +21,7 @@ from tests.support.sim_bench import (
     Bench,
 )
 
-pytestmark = pytest.mark.keeps(
-    "test_an_unknown_quirk_is_refused_with_those_there_are",
-    "test_without_own_origin_all_vehicles_count_from_the_fleets",
-    "test_without_late_ready_it_arms_at_once",
-    "test_without_double_ack_a_mode_change_has_one_answer",
-    "test_without_resume_offboard_needs_a_command",
-    "test_without_slow_clock_the_boot_clock_is_exact",
-)
-"""The other habits are for `make soak`."""
+pytestmark = pytest.mark.soak
 
 
 def without(quirk: str, **settings: Any) -> Bench:

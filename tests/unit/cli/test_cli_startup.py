@@ -129,6 +129,7 @@ def test_a_shell_completes_every_command(shell: str, capsys: pytest.CaptureFixtu
     assert all(name in script for name in names())
 
 
+@pytest.mark.soak
 def test_bash_completes_a_command_and_its_options(tmp_path: Path) -> None:
     script = tmp_path / "gcs.bash"
     with script.open("w") as file:
@@ -208,6 +209,7 @@ def test_progress_in_percent_never_decreases() -> None:
     assert shown(is_terminal=True, desired=False) == shown(is_terminal=False, desired=True) == ""
 
 
+@pytest.mark.soak
 def test_simulate_says_that_it_compiles(tmp_path: Path) -> None:
     words, environment = (
         ["-m", "gcs", "simulate", "assembly"],

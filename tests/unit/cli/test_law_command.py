@@ -55,6 +55,7 @@ def test_a_law_that_does_not_conform_is_named_with_a_reason() -> None:
     assert not list(problems(Toggles())), "within all bounds of one answer; the flight sees it"
 
 
+@pytest.mark.soak
 @pytest.mark.long
 def test_a_new_law_runs_at_once(
     ring: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
@@ -171,6 +172,7 @@ def test_what_a_law_says_of_itself_is_checked(
         law_at("tests.support.hostile_laws:Hostile")
 
 
+@pytest.mark.soak
 def test_a_limit_that_a_law_cannot_meet_is_named(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["simulate", "assembly", "--law", "flocking"]) == 0
     shown = capsys.readouterr().out

@@ -246,6 +246,7 @@ def test_an_unknown_station_is_refused_with_the_known_ones() -> None:
         station_config(load(find("demo")), "north")
 
 
+@pytest.mark.soak
 @pytest.mark.long
 def test_without_stations_zenoh_is_never_imported() -> None:
     code = (

@@ -132,6 +132,7 @@ def test_removed_obstacle_ends_its_detour_at_once() -> None:
     assert not run.fly(TICK_S).active
 
 
+@pytest.mark.soak
 @pytest.mark.long
 def test_formation_leaves_before_boxes_meet_and_returns() -> None:
     drive = (("west", -40.0, 1.0), ("east", 40.0, -1.0))
@@ -173,6 +174,7 @@ def turning_ring(turned_rad: float) -> tuple[Obstacle, ...]:
 RING_M, RING_M_S, RING_STEP_RAD = 26.0, 1.2, np.pi / 12.0
 
 
+@pytest.mark.soak
 @pytest.mark.long
 def test_centre_waits_before_obstacles_that_turn() -> None:
     """Each gap seems open until it has turned away: the centre does not follow it round and round."""

@@ -82,6 +82,7 @@ def test_vehicle_leaves_a_u_of_columns_and_arrives() -> None:
     assert least_m.min() > min(least_m[0], KEPT_M) - 0.3
 
 
+@pytest.mark.soak
 @pytest.mark.long
 def test_vehicle_climbs_out_of_a_ring_of_columns() -> None:
     ring = np.array([column(9.0 * np.cos(turn), 9.0 * np.sin(turn)) for turn in np.arange(0.0, 6.28, 0.4)])
@@ -111,6 +112,7 @@ def test_route_that_narrows_inside_a_margin_is_a_passage(goal_y_m: float, narrow
     assert routes.passage.tolist() == [narrows]
 
 
+@pytest.mark.soak
 def test_vehicle_in_formation_leaves_a_passage_of_columns() -> None:
     """Walls have closed on both sides, nearer than the distance to be kept; its slot lies beyond one."""
     beside_m, along_m = KEPT_M - 0.1, np.arange(-8.0, 9.0, 2.0)

@@ -71,6 +71,7 @@ def test_no_velocity_exceeds_a_limit(
     assert -up_m_s <= found[2] <= down_m_s
 
 
+@pytest.mark.soak
 @pytest.mark.long
 @given(places, st.tuples(st.floats(-2.0, 2.0), st.floats(-2.0, 2.0), st.floats(-1.0, 0.4)))
 def test_the_error_decays(away: tuple[float, float, float], moves: tuple[float, float, float]) -> None:

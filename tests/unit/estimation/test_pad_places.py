@@ -41,6 +41,7 @@ class Stood:
         return bool(np.isfinite(self.places.found.since_s[0]))
 
 
+@pytest.mark.keeps("1.0-30.0")
 @pytest.mark.parametrize(("deviation_m", "north_m"), [(RTK_M, 1.2), (SINGLE_M, 4.4), (SINGLE_M, 30.0)])
 def test_a_jump_beyond_the_accuracy_stays_for_an_hour(deviation_m: float, north_m: float) -> None:
     stood = Stood(deviation_m)
@@ -51,6 +52,7 @@ def test_a_jump_beyond_the_accuracy_stays_for_an_hour(deviation_m: float, north_
     assert stood.places.found.since_s[0] == pytest.approx(20.0 + PERIOD_S)
 
 
+@pytest.mark.keeps("1.0-4.0")
 @pytest.mark.parametrize(("deviation_m", "north_m"), [(RTK_M, 0.8), (SINGLE_M, 4.0)])
 def test_what_the_accuracy_explains_is_no_jump(deviation_m: float, north_m: float) -> None:
     stood = Stood(deviation_m)

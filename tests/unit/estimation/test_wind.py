@@ -137,6 +137,7 @@ def test_a_step_of_wind_is_noticed_within_15_s(count: int) -> None:
     assert off_m_s(flight.fly(15.0, (9.0, 0.0)), (9.0, 0.0)) <= 1.5
 
 
+@pytest.mark.soak
 def test_calm_seems_to_have_no_wind_for_an_hour() -> None:
     flight = Flight(3, drag_per_s=0.25)
     flight.fly(30.0, (0.0, 0.0))

@@ -26,6 +26,7 @@ def all_pairs(direction: Array, charge: Array) -> Array:
     return push
 
 
+@pytest.mark.keeps("2400")
 @pytest.mark.long
 @pytest.mark.parametrize("count", [COUNT, 5000])
 def test_pushes_by_cells_are_those_of_all_pairs(count: int) -> None:

@@ -114,6 +114,7 @@ def test_what_was_cut_off_or_is_hostile_spoils_no_event_after_it() -> None:
         assert len(fixes) == 1, before[:40]
 
 
+@pytest.mark.soak
 def test_a_million_tracks_keep_no_memory() -> None:
     stream = CotStream("BOAT")
     event = cot("U0000000", "C0000000")
