@@ -57,14 +57,20 @@ def desired_velocity(
         away_m = np.linalg.norm(aim_m[aiming] - now.position_m[aiming], axis=1)
         fastest_m_s = now.approach_max_m_s(aiming, away_m)
         to_aim_m_s = goal_velocity(
-            now.position_m[aiming], aim_m[aiming], settings=law, speed_max_m_s=fastest_m_s
+            now.position_m[aiming],
+            aim_m[aiming],
+            settings=law,
+            limits_m_s=limits.each_m_s,
+            speed_max_m_s=fastest_m_s,
         )
-        half_m_s = 0.5 * np.hypot(to_aim_m_s[:, 0], to_aim_m_s[:, 1])
-        round_m_s = _avoiding(now, aiming, to_aim_m_s, {}, half_m_s, {})
-        desired_m_s[aiming] = np.where(straight[aiming, None], to_aim_m_s, round_m_s)
+        desired_m_s[aiming] = to_aim_m_s
+        if now.ellipses:
+            half_m_s = 0.5 * np.hypot(to_aim_m_s[:, 0], to_aim_m_s[:, 1])
+            round_m_s = _avoiding(now, aiming, to_aim_m_s, {}, half_m_s, {})
+            desired_m_s[aiming] = np.where(straight[aiming, None], to_aim_m_s, round_m_s)
     if len(drawn):
         desired_m_s[drawn] = _as_drawn(now, drawn, columns)
-    scaled_m_s = scale_to_limits(desired_m_s, limits.horizontal_m_s, limits.up_m_s, limits.down_m_s)
+    scaled_m_s = scale_to_limits(desired_m_s, *limits.each_m_s)
     return _stopping_inside(now, scaled_m_s)
 
 
@@ -114,7 +120,7 @@ def _as_drawn(now: TickInputs, rows: NDArray[np.intp], columns: Mapping[str, Ell
         goals.velocity_m_s[rows],
         rate_per_s=law.slot_rate_per_s,
         correction_max_m_s=np.minimum(law.speed_m_s, now.approach_max_m_s(rows, off_m)),
-        limits_m_s=(limits.horizontal_m_s, limits.up_m_s, limits.down_m_s),
+        limits_m_s=limits.each_m_s,
     )
     half_m_s = 0.5 * np.hypot(along_m_s[:, 0], along_m_s[:, 1])
     return _avoiding(now, rows, along_m_s, {}, half_m_s, columns)

@@ -45,7 +45,13 @@ class Held:
         """(m, 3) to these places."""
         here_m, there_m = now.of_formed(now.position_m), now.of_formed(self.place_m)
         fastest_m_s = now.approach_max_m_s(now.rows, np.linalg.norm(there_m - here_m, axis=1))
-        return goal_velocity(here_m, there_m, settings=now.settings.law, speed_max_m_s=fastest_m_s)
+        return goal_velocity(
+            here_m,
+            there_m,
+            settings=now.settings.law,
+            limits_m_s=now.settings.safety.limits.each_m_s,
+            speed_max_m_s=fastest_m_s,
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -33,7 +33,7 @@ class LawSettings(Settings):
     """Rates and limits of the law; docs/decisions/law.md says how they were found."""
 
     speed_m_s: Positive = 4.0
-    """Limit of the velocity towards the slot, in m/s."""
+    """Limit of the velocity towards the slot, and sideways of that towards a goal, in m/s."""
     slot_rate_per_s: Positive = 1.0
     """Rate at which a vehicle's distance from its slot decays, in 1/s."""
     sweeps: Annotated[int, Field(ge=1, le=100)] = 4
@@ -211,17 +211,54 @@ def slot_velocity(
 
 
 def goal_velocity(
-    position_m: Array, goal_m: Array, *, settings: LawSettings, speed_max_m_s: Array | float = np.inf
+    position_m: Array,
+    goal_m: Array,
+    *,
+    settings: LawSettings,
+    limits_m_s: tuple[float, float, float],
+    speed_max_m_s: Array | float = np.inf,
 ) -> Array:
-    """Straight to the goal, (n, 3) each: proportional near it, at the law's speed far from it.
+    """Straight to the goal, (n, 3) each: proportional near it, far from it as fast as the limits allow.
 
-    `speed_max_m_s` (n,) limits each vehicle besides.
+    Up and down the vehicle's own limits count, and the law's speed sideways only: as for a planned path, and
+    in the times to which flights are compared. A bound of the speed alone is below both on a slope.
+
+    Args:
+        position_m: (n, 3), show frame.
+        goal_m: (n, 3), show frame.
+        settings: the law's speed, and the rate near the goal.
+        limits_m_s: sideways, of climbing, of descending.
+        speed_max_m_s: (n,) limits each vehicle besides, in any direction.
     """
-    fastest_m_s = np.minimum(settings.speed_m_s, np.broadcast_to(speed_max_m_s, len(position_m)))[:, None]
-    desired_m_s = settings.goal_rate_per_s * (goal_m - position_m)
-    size_m_s = np.linalg.norm(desired_m_s, axis=1, keepdims=True)
-    velocity: Array = desired_m_s * np.minimum(1.0, fastest_m_s / np.maximum(size_m_s, TINY))
-    return velocity
+    fastest_m_s = np.full(len(position_m), speed_max_m_s) if np.ndim(speed_max_m_s) == 0 else speed_max_m_s
+    level_m_s, up_m_s, down_m_s = limits_m_s
+    limits_m_s = min(settings.speed_m_s, level_m_s), up_m_s, down_m_s
+    return _straight(
+        np.array(position_m), np.array(goal_m), settings.goal_rate_per_s, limits_m_s, np.array(fastest_m_s)
+    )
+
+
+@kernel
+def _straight(
+    position_m: Array,
+    goal_m: Array,
+    rate_per_s: float,
+    limits_m_s: tuple[float, float, float],
+    own_m_s: Array,
+) -> Array:
+    """As `goal_velocity`, with each vehicle's own limit (n,)."""
+    level_m_s, up_m_s, down_m_s = limits_m_s
+    velocity_m_s = np.empty_like(position_m)
+    for i in range(len(position_m)):
+        for axis in range(3):
+            velocity_m_s[i, axis] = rate_per_s * (goal_m[i, axis] - position_m[i, axis])
+        x, y, z = velocity_m_s[i, 0], velocity_m_s[i, 1], velocity_m_s[i, 2]
+        share = min(1.0, own_m_s[i] / max(sqrt(x * x + y * y + z * z), TINY))
+        share = min(share, level_m_s / max(sqrt(x * x + y * y), TINY))
+        share = min(share, (up_m_s if z < 0.0 else down_m_s) / max(abs(z), TINY))
+        for axis in range(3):
+            velocity_m_s[i, axis] *= share
+    return velocity_m_s
 
 
 def turned(vectors: Array, angle_rad: float) -> Array:

@@ -63,6 +63,11 @@ class Limits(Settings):
     """Fastest setpoint downwards, in m/s."""
 
     @property
+    def each_m_s(self) -> tuple[float, float, float]:
+        """Sideways, of climbing, of descending."""
+        return self.horizontal_m_s, self.up_m_s, self.down_m_s
+
+    @property
     def fastest_m_s(self) -> float:
         """In any direction."""
         return hypot(self.horizontal_m_s, max(self.up_m_s, self.down_m_s))

@@ -236,7 +236,8 @@ def flat_filter(count: int) -> tuple[Callable[[], object], Callable[[], object]]
     position_m[:, 2] = -20.0
     goal_m = position_m * (-1.0, -1.0, 1.0)
     settings = ControlSettings()
-    desired_m_s = goal_velocity(position_m, goal_m, settings=settings.law)
+    limits_m_s = settings.safety.limits.each_m_s
+    desired_m_s = goal_velocity(position_m, goal_m, settings=settings.law, limits_m_s=limits_m_s)
     everyone = np.ones(count, dtype=bool)
     names = [f"d{i}" for i in range(count)]
     here = Surroundings(

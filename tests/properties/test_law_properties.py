@@ -197,7 +197,9 @@ def test_each_term_keeps_its_bound_and_its_direction(drawn: tuple[Array, Array],
     led = slot_velocity(
         direction, distance_m, direction[::-1].copy(), radius_m, 0.8, np.full(len(position), 4.0)
     )
-    for term in (pull, led, goal_velocity(position, np.tile(center, (len(position), 1)), settings=LAW)):
+    goal, anywhere = np.tile(center, (len(position), 1)), (np.inf, np.inf, np.inf)
+    straight = goal_velocity(position, goal, settings=LAW, limits_m_s=anywhere, speed_max_m_s=4.0)
+    for term in (pull, led, straight):
         assert np.isfinite(term).all()
         assert (np.linalg.norm(term, axis=1) <= 4.0 + 1e-9).all()
     offset = position - center

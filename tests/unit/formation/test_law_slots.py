@@ -85,9 +85,46 @@ def test_above_the_centre_there_is_a_symmetry_offset() -> None:
     )
 
 
+LIMITS_M_S = (3.0, 2.5, 1.5)
+"""Sideways, of climbing, of descending."""
+
+
 def test_far_goal_at_the_law_speed_and_near_goal_slowly() -> None:
     place = np.zeros((2, 3))
     goal = np.array([[300.0, 400.0, 0.0], [0.0, 0.0, -0.5]])
-    assert goal_velocity(place, goal, settings=LAW) == pytest.approx(
+    assert goal_velocity(place, goal, settings=LAW, limits_m_s=(8.0, 2.5, 1.5)) == pytest.approx(
         np.array([[0.6 * LAW.speed_m_s, 0.8 * LAW.speed_m_s, 0.0], [0.0, 0.0, -0.5 * LAW.goal_rate_per_s]])
     )
+
+
+@pytest.mark.parametrize(
+    ("way", "expected"),
+    [
+        ((200.0, 0.0, -250.0), (2.0, 0.0, -2.5)),  # both at their limits: a slope of 51 degrees
+        ((200.0, 0.0, -125.0), (2.0, 0.0, -1.25)),
+        ((0.0, 100.0, -250.0), (0.0, 1.0, -2.5)),
+        ((0.0, 0.0, -250.0), (0.0, 0.0, -2.5)),
+        ((-200.0, 0.0, 150.0), (-2.0, 0.0, 1.5)),
+        ((120.0, 160.0, 300.0), (0.6, 0.8, 1.5)),
+    ],
+)
+def test_on_a_slope_each_limit_counts_by_itself(
+    way: tuple[float, float, float], expected: tuple[float, float, float]
+) -> None:
+    law, goal = LAW.model_copy(update={"speed_m_s": 2.0}), np.array([way])
+    flown = goal_velocity(np.zeros((1, 3)), goal, settings=law, limits_m_s=LIMITS_M_S)
+    assert flown[0] == pytest.approx(expected)
+
+
+def test_sideways_no_faster_to_a_goal_than_the_vehicle_may() -> None:
+    flown = goal_velocity(np.zeros((1, 3)), np.array([[90.0, 0.0, 0.0]]), settings=LAW, limits_m_s=LIMITS_M_S)
+    assert flown[0] == pytest.approx((3.0, 0.0, 0.0))
+
+
+def test_a_slow_vehicle_keeps_its_own_speed_on_a_slope() -> None:
+    place, goal = np.zeros((2, 3)), np.array([[200.0, 0.0, -250.0], [200.0, 0.0, -250.0]])
+    own_m_s = np.array([1.5, np.inf])
+    flown = goal_velocity(place, goal, settings=LAW, limits_m_s=LIMITS_M_S, speed_max_m_s=own_m_s)
+    assert np.linalg.norm(flown[0]) == pytest.approx(1.5)
+    assert flown[0] / 1.5 == pytest.approx(flown[1] / np.hypot(2.0, 2.5))
+    assert flown[1] == pytest.approx((2.0, 0.0, -2.5))
