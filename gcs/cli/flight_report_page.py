@@ -1,4 +1,4 @@
-"""The flight report as one self-contained HTML page with its plots."""
+"""`gcs report --html`: the report on a flight as one self-contained HTML page with its plots."""
 
 from collections import Counter
 from collections.abc import Sequence

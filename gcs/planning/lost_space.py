@@ -1,4 +1,4 @@
-"""The space that vehicles without a link can reach by themselves. Pure; decision 0041."""
+"""Where vehicles without a link are expected, and the space that they can reach. Pure; decision 0041."""
 
 from collections import deque
 from math import ceil

@@ -1,4 +1,4 @@
-"""Per-vehicle state of one snapshot, as columns."""
+"""Per-vehicle state of one snapshot, as columns; the numbers among them are `gcs.model.vehicle_columns`."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields

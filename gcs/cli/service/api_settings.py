@@ -1,4 +1,4 @@
-"""What control's process starts the API's process with."""
+"""What `gcs serve` starts the API's process with: settings that go down its line at the start."""
 
 from dataclasses import dataclass
 from pathlib import Path

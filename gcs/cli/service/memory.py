@@ -1,4 +1,4 @@
-"""Memory that numba and pymavlink keep and a flight does not need.
+"""Memory that numba and pymavlink keep and `gcs serve` and `gcs demo` do not need in flight.
 
 It changes these libraries for the whole process, so no import does it: a program calls `save_memory` first.
 """

@@ -1,4 +1,4 @@
-"""Whether this machine's clock is synchronised, as the kernel knows it."""
+"""Whether this machine's clock is synchronised, as the kernel knows it: `gcs serve` says so."""
 
 import ctypes
 import sys

@@ -1,4 +1,4 @@
-"""A recorded flight as a drawn show: estimated positions, and the lights that were set."""
+"""`gcs show export` of a recorded flight: estimated positions as a drawn show, with the lights set."""
 
 from pathlib import Path
 from typing import Final

@@ -1,4 +1,4 @@
-"""A site as a drawing: its areas from above, with north, a scale and the origin; SVG. Pure."""
+"""A drawing of a site for `gcs site report`: areas from above, north, a scale, the origin; SVG. Pure."""
 
 from collections.abc import Sequence
 from html import escape

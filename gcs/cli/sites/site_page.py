@@ -1,4 +1,4 @@
-"""The report on a site as one page without any other host: it prints, and needs no script."""
+"""`gcs site report`'s page: one file without any other host, that prints, and needs no script."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
