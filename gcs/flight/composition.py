@@ -21,6 +21,7 @@ from gcs.flight.maneuvers.landings import Landings
 from gcs.flight.maneuvers.maneuver_steps import Steps
 from gcs.flight.maneuvers.maneuvers import Maneuvers
 from gcs.flight.monitors.failsafe_monitor import FailsafeMonitor
+from gcs.flight.monitors.in_place import InPlaceLandings
 from gcs.flight.monitors.telemetry_monitor import TelemetryMonitor
 from gcs.flight.preflight.go import CrewGo
 from gcs.flight.preflight.parameter_reader import ParameterReader
@@ -117,7 +118,10 @@ class FlightParts:
         guard.pause = partial(commands.execute_show_failsafe, ShowAction.PAUSE)
         self.telemetry_monitor = telemetry_monitor_of(flight, maneuvers, commands)
         self.failsafe_monitor = failsafe_monitor_of(flight, player, clock, commands, maneuvers, targets)
-        self.progress = show_progress_of(flight, maneuvers, commands, reader, self.failsafe_monitor, player)
+        self.in_place = InPlaceLandings(flight, maneuvers, commands)
+        self.progress = show_progress_of(
+            flight, maneuvers, commands, reader, self.failsafe_monitor, player, self.in_place
+        )
 
 
 def targets_of(flight: Flight, unix_minus_loop_s: Callable[[], float]) -> Targets:
@@ -288,6 +292,7 @@ def show_progress_of(
     reader: ParameterReader,
     failsafes: FailsafeMonitor,
     player: ShowPlayer,
+    in_place: InPlaceLandings,
 ) -> ShowProgress:
     return ShowProgress(
         flight.newest,
@@ -300,4 +305,5 @@ def show_progress_of(
         reader,
         failsafes,
         player.begin,
+        in_place,
     )

@@ -124,6 +124,7 @@ class Orchestrator:
         self.commands, self.recovery = parts.commands, parts.commands.recovery
         self._telemetry_monitor = parts.telemetry_monitor
         self._failsafe_monitor, self._progress = parts.failsafe_monitor, parts.progress
+        self._in_place = parts.in_place
         first = self._decide()
         self.view = Latest(self._promised_view(first)())
 
@@ -216,6 +217,7 @@ class Orchestrator:
         recorded = () if self._record is None else self._record.problems
         return Findings(
             failsafes=self._failsafe_monitor.active,
+            landings=tuple(self._in_place.conditions()),
             obstacles_wait=self.player.waits,
             not_recorded=(*recorded, *(problem for link in links for problem in link.problems)),
             failed_links=self._failed_links,

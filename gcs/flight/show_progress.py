@@ -9,6 +9,7 @@ from gcs.flight.commands.commander import Commander
 from gcs.flight.commands.start import uncontrolled, uncontrolled_reason
 from gcs.flight.maneuvers.maneuvers import Maneuvers
 from gcs.flight.monitors.failsafe_monitor import FailsafeMonitor
+from gcs.flight.monitors.in_place import InPlaceLandings
 from gcs.flight.preflight.parameter_reader import ParameterReader
 from gcs.flight.shows.show_begin import ShowBegin
 from gcs.flight.state.elsewhere import Elsewhere
@@ -89,6 +90,7 @@ class ShowProgress:
     parameter_reader: ParameterReader
     failsafe_monitor: FailsafeMonitor
     begin: ShowBegin
+    in_place: InPlaceLandings
     _reached: str = REACHED  # as the show has it: which vehicles are in the formation may change
 
     def advance(self) -> None:
@@ -98,6 +100,7 @@ class ShowProgress:
         self.commander.spares.replace_lost()
         if self.commander.collective_return is not None:
             self.commander.collective_return.advance()
+        self.in_place.look()
         self.commander.recovery.advance()
         busy: list[Vehicle] = []
         if self.maneuvers.any_running:

@@ -47,6 +47,7 @@ class AlarmCause(StrEnum):
     BAD_POSITION = "bad-position"
     GROUND_NEAR = "ground-near"
     LAND_NOW = "land-now"
+    LANDS_IN_PLACE = "lands-in-place"
     NOT_LOWER = "not-lower"
     WIND = "wind"
     WIND_MEASURED = "wind-measured"
@@ -225,13 +226,20 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
         "Land [it|them].",
         action=X.LAND,
     ),
+    AlarmCause.LANDS_IN_PLACE: CauseRow(
+        W,
+        "{vehicles} [lands where it is|land where they are]",
+        "Keep people away from where [it comes|they come] down.",
+        off_after_s=0.0,
+        past="{vehicles} landed where [it was|they were]",
+    ),
     AlarmCause.NOT_LOWER: CauseRow(
         W,
-        "{vehicles} [lands and gets|land and get] no lower",
+        "{vehicles} [is to come down and gets|are to come down and get] no lower",
         "Look for what keeps [it|them] up, and watch [its battery|their batteries]. Hold [it|them], then land"
         " [it|them] again; or have a pilot land [it|them] by hand.",
         action=X.LAND,
-        past="{vehicles} had got no lower while landing",
+        past="{vehicles} had got no lower while coming down",
     ),
     AlarmCause.WIND: CauseRow(
         W, "Too much wind", "Bring the show home if the wind does not drop.",

@@ -135,6 +135,28 @@ def test_vehicle_stopped_during_planning_is_not_waited_for() -> None:
     assert fly(story, after=running) == 0
 
 
+class Never(AtOnce):
+    """An executor whose work does not end."""
+
+    def submit(self, work: Callable[..., T], /, *given: Any, **named: Any) -> Future[T]:
+        return Future[T]()
+
+
+@pytest.mark.soak
+def test_a_plan_that_does_not_come_is_not_waited_for() -> None:
+    async def story(show: VirtualShow) -> str:
+        show.planning.instead = Never()
+        record = show.service.commands.command_show(ShowAction.STOP)
+        await show.until(lambda: bool(show.view.alarms), 75.0)
+        (alarm,) = show.view.alarms
+        await show.reach(ShowPhase.LANDED, 120.0)
+        assert (await show.settled(record)).outcome is Outcome.DONE
+        assert show.floor_violations() == 0
+        return alarm.text
+
+    assert "no plan within 60 s" in fly(story, after=running)
+
+
 class Fails(AtOnce):
     """An executor whose work fails: the error is in the future, as of a thread."""
 

@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import Executor, Future
+from typing import Final
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from gcs.flight.state.vehicle import FlightVehicles, Vehicle
 from gcs.model.errors import cut
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Array, Mask, VehicleId
-from gcs.planning.return_paths.paths import PathProgress, ReturnPaths
+from gcs.planning.return_paths.paths import LATE_S, PATIENCE_S, PathProgress, ReturnPaths
 from gcs.planning.return_paths.planner import Planner, plan_return_paths, return_planner
 from gcs.shows.following import assigned
 
@@ -26,6 +27,12 @@ STOPPED_WITHIN_S = 5.0
 
 PLANNED_WITHIN_S = 10.0
 """The best plan at that time is flown; the first is always completed. 50 vehicles take less than a second."""
+
+LONGEST_S: Final = 60.0
+"""The first plan is not waited for any longer: the vehicles return one by one."""
+
+OVERDUE_S: Final = 30.0
+"""A plan by which a vehicle waits for so much longer than it may is not followed any more."""
 
 LEAD_FOLLOWS_S = 2.0
 """A lead that does not return as well by then plans nothing for this flight."""
@@ -75,6 +82,7 @@ class CollectiveReturn:
         self._planned: Future[tuple[ReturnPaths, Array]] | None = None  # with (n, 3) landing positions
         self._enough = False  # read by the planning thread
         self._progress: PathProgress | None = None
+        self._followed_s = np.inf  # when the plan began to be followed
         self._led: set[VehicleId] = set()  # vehicles that took their goal since the last tick
         self._since_s = self._newest.state.time_s  # time of the command, the planning, or the last tick
 
@@ -122,6 +130,9 @@ class CollectiveReturn:
                 self._begin_following(*self._planned.result())
             else:
                 self._fail(error)
+        elif since_s > LONGEST_S:
+            self.give_up()
+            self._fail(TimeoutError(f"no plan within {LONGEST_S:g} s"))
         elif since_s > PLANNED_WITHIN_S:
             self.give_up()
 
@@ -144,7 +155,7 @@ class CollectiveReturn:
         return True
 
     def _begin_following(self, paths: ReturnPaths, home_m: Array) -> None:
-        self._home_m = home_m
+        self._home_m, self._followed_s = home_m, self._newest.state.time_s
         self._progress = PathProgress(paths, self._home_m)
         if len(self._elsewhere):
             self._others.publish_paths(paths, self._elsewhere, self._home_m[len(self._places) :])
@@ -193,6 +204,17 @@ class CollectiveReturn:
     def place_m(self, vehicle: Vehicle) -> Array:
         """(3,) Where a vehicle of the plan lands: its pad, or beside it."""
         return np.asarray(self._home_m[self._rows[vehicle.id]])
+
+    def leads(self, vehicle: Vehicle) -> bool:
+        """Whether it stands where the plan has it wait, or waits for the plan: for a bounded time only."""
+        if not self.takes_part(vehicle):
+            return False
+        if self._progress is None:
+            return True
+        row = self._rows[vehicle.id]
+        over_s = float(self._progress.return_paths.over_s[row]) + PATIENCE_S + LATE_S
+        late = self._newest.state.time_s - self._followed_s > over_s + OVERDUE_S
+        return not (late or self._progress.late[row] or self._progress.arrived[row])
 
     def follows_path(self, vehicle: Vehicle) -> bool:
         """Whether it has a path without conflicts, and is not late at its end."""

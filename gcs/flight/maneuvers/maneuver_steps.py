@@ -13,7 +13,7 @@ from gcs.flight.state.vehicle import Vehicle
 from gcs.links import Command, Verb
 from gcs.model.errors import CommandError, RefusedError
 from gcs.model.lifecycle import FLOWN, Event, Phase
-from gcs.model.state import Mode
+from gcs.model.state import Mode, VehicleId
 
 log = logging.getLogger(__name__)
 
@@ -36,6 +36,7 @@ class Steps:
         execute: Callable[[Command], Awaitable[None]],
     ) -> None:
         self._newest, self.ticked, self._execute = newest, ticked, execute
+        self.touching: dict[VehicleId, str] = {}  # being handed over, or landed: why LAND was refused last
 
     async def until(
         self,
@@ -110,16 +111,29 @@ class Steps:
         await self.touch_down(vehicle)
 
     async def touch_down(self, vehicle: Vehicle) -> None:
+        """Command LAND until the autopilot obeys, then wait until the vehicle stands.
+
+        There is no other way down: so this has no end but that, and the alarm names the vehicle meanwhile.
+        """
+        self.touching[vehicle.id] = ""
+        try:
+            await self._hand_over(vehicle)
+            while vehicle.phase is Phase.LANDING:
+                await self.ticked()
+        finally:
+            self.touching.pop(vehicle.id, None)
+        if vehicle.phase is not Phase.STANDBY:
+            raise RefusedError(f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}")
+
+    async def _hand_over(self, vehicle: Vehicle) -> None:
         while vehicle.phase is Phase.LANDING:
             try:
                 await self.command(vehicle, Verb.LAND)
             except CommandError as error:
+                self.touching[vehicle.id] = str(error)
                 log.warning("land_refused", extra={"vehicle": vehicle.id, "reason": str(error)})
                 await asyncio.sleep(RETRY_S)
-                continue
-            vehicle.set_flags(handed_over=True)
-            break
-        while vehicle.phase is Phase.LANDING:
-            await self.ticked()
-        if vehicle.phase is not Phase.STANDBY:
-            raise RefusedError(f"{vehicle.id} is {vehicle.phase} now: {vehicle.reason}")
+            else:
+                self.touching[vehicle.id] = ""
+                vehicle.set_flags(handed_over=True)
+                return

@@ -90,6 +90,36 @@ class Maneuvers:
         self._running[vehicle.id] = task, done
         task.add_done_callback(lambda ended: self._forget(vehicle, ended))
 
+    def task(self, vehicle: Vehicle) -> object:
+        """What the vehicle executes, the same object until it ends or is replaced; None: nothing."""
+        running = self._running.get(vehicle.id)
+        return None if running is None else running[0]
+
+    def instead(self, vehicle: Vehicle, maneuver: Maneuver) -> None:
+        """Start `maneuver` as a part of the command that the vehicle executes, if any: it ends with this."""
+        running = self._running.pop(vehicle.id, None)
+        if running is None or running[0].done():
+            self.start(vehicle, maneuver, lambda _outcome, _reason: None)
+            return
+        running[0].cancel()
+        self.start(vehicle, maneuver, running[1])
+
+    def touches_down(self, vehicle: Vehicle) -> bool:
+        """Whether it is being handed over to its autopilot's own LAND, or was."""
+        return vehicle.id in self._steps.touching
+
+    def refused(self, vehicle: Vehicle) -> str:
+        """Why its autopilot refused the LAND that is being commanded; empty: it did not."""
+        return self._steps.touching.get(vehicle.id, "")
+
+    async def land_in_place(self, vehicle: Vehicle, reason: str) -> None:
+        """Have the autopilot land it where it is. Until it obeys, the vehicle is led as before."""
+        if vehicle.phase is Phase.LANDING:
+            vehicle.reason = reason
+        else:
+            vehicle.apply(Event.DESCEND, reason)
+        await self._steps.touch_down(vehicle)
+
     def _forget(self, vehicle: Vehicle, ended: asyncio.Task[None]) -> None:
         running = self._running.get(vehicle.id)
         if running is not None and running[0] is ended:

@@ -18,7 +18,6 @@ from gcs.failsafe.policy import Action, Cause
 from gcs.failsafe.triggers import OF_THE_SHOW
 from gcs.flight.monitors.accuracy_alarms import BLIND, NO_FIX, AccuracyAlarms
 from gcs.flight.monitors.ground_alarms import GroundAlarms
-from gcs.flight.monitors.landing_alarms import LandingAlarms
 from gcs.flight.monitors.space_alarms import SpaceAlarms, of_routes, of_the_centre
 from gcs.flight.state.flight import FLIES, NOT_CHOSEN, Flight
 from gcs.flight.state.vehicle import Vehicle
@@ -112,6 +111,7 @@ class Findings:
     """Conditions at one tick that are found outside the flight state."""
 
     failsafes: Sequence[ActiveFailsafe] = ()
+    landings: Sequence[Condition] = ()  # vehicles that come down and get no lower
     obstacles_wait: Sequence[str] = ()  # why obstacles of the show have not appeared yet
     not_recorded: Sequence[str] = ()
     failed_links: Mapping[str, str] = field(default_factory=dict)  # reason by name of the link
@@ -151,7 +151,6 @@ class AlarmMonitor:
         flight = self.flight
         self._space = SpaceAlarms(flight.newest, flight.in_force, flight.vehicles)
         self._ground = GroundAlarms(flight.newest, flight.in_force, flight.vehicles)
-        self._landing = LandingAlarms(flight.newest, flight.vehicles, flight.may_descend)
         self._accuracy = accuracy_alarms_of(flight)
         self._texts: Sequence[Sequence[StatusText]] = ()  # as of the last round, and the urgent ones of these
         self._urgent: list[tuple[int, StatusText]] = []
@@ -172,7 +171,7 @@ class AlarmMonitor:
             *self._space.of_obstacles(),
             *self._space.of_the_target(),
             *self._ground.conditions(),
-            *self._landing.conditions(),
+            *findings.landings,
             *of_the_centre(tick),
             *of_routes(tick, self.flight.newest.state.ids + tick.elsewhere),
             *self._accuracy.of_positions(findings.failsafes),
@@ -338,6 +337,8 @@ def _of_failsafes(failsafes: Sequence[ActiveFailsafe]) -> Iterator[Condition]:
     for each in failsafes:
         cause, action = Cause(each.cause), Action(each.action)
         follows = (SHOW_FOLLOWS if cause in OF_THE_SHOW else VEHICLES_FOLLOW).get(action, "")
+        if each.command_id is None:  # what goes on already is as severe
+            follows = ""
         if (shown := OF_FAILSAFE.get(cause)) is not None:
             yield Condition(shown, each.reason, each.vehicles, follows, command_id=each.command_id)
 

@@ -495,7 +495,11 @@ class Flight:
         return not self.once("lowest beside", self._lowest_beside_m) > self.newest.position_m(vehicle)[2]
 
     def _lowest_beside_m(self) -> float:
-        landing = [vehicle for vehicle in self.vehicles.in_phase(Phase.LANDING) if vehicle.goal_m is not None]
+        landing = [
+            vehicle
+            for vehicle in self.vehicles.in_phase(Phase.LANDING)
+            if vehicle.goal_m is not None and not vehicle.flags.handed_over  # else it goes nowhere but down
+        ]
         here_m = self.newest.state.position_m[[vehicle.row for vehicle in landing]]
         goal_m = np.array([vehicle.goal_m for vehicle in landing], dtype=float).reshape(-1, 3)
         return lowest_beside_m(here_m, goal_m)
