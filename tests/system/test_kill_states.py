@@ -213,6 +213,7 @@ def test_confirmed_kill_stops_the_named_motors(tmp_path: Path, state: str, times
         assert max(took_s) <= STOPPED_S, took_s
 
 
+@pytest.mark.soak
 def test_api_kills_while_control_hangs(tmp_path: Path) -> None:
     with flying(tmp_path, 2) as station:
         station.reach("control stopped")
