@@ -30,6 +30,8 @@ from tests.support.processes import (
 )
 from tests.support.started import DEVNULL, Started
 
+pytestmark = pytest.mark.soak
+
 STOPPED_S = 3.0
 TIMES = (1, 20)
 """In each state, without a terminal and on one. More, and the bound of the time, are for `make soak`."""
