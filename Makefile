@@ -28,10 +28,12 @@ test: ready  ## lint, types, import contracts, every test: what computes beside 
 checked: .venv/ready console
 	@$(NICE) $(MAKE) --no-print-directory check console-test
 
+IN_CHECK := $(addprefix unit/test_,project_files.py packages.py decisions.py)
+
 # Folders without a test that computes are not collected (conftest.py refuses one there), nor is a plugin loaded
 # that only a soak test needs. In the order of the folders, flights first, the short tests fill what is left.
 COMPUTING = -m "not realtime and $(if $(SOAK),,not) soak" -p no:schemathesis -n 0 --forks 3 \
-  $(addprefix --ignore=tests/,browser integration unit/api unit/recording)
+  $(addprefix --ignore=tests/,browser integration unit/api unit/recording $(IN_CHECK))
 
 computed: .venv/ready console
 	$(NICE) $(BIN)/pytest $(COMPUTING) --timeout 1800  # it may wait long for its turn
@@ -85,7 +87,7 @@ check: .venv/ready  ## vocabulary, ruff, mypy, import contracts, the project's o
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/pytest -n 0 $(addprefix tests/unit/test_,project_files.py packages.py decisions.py)
+	$(BIN)/pytest -n 0 $(addprefix tests/,$(IN_CHECK))
 
 bench: .venv/ready  ## speed, as ratios against a named alternative in the same run
 	$(BIN)/python -m tests.bench.run

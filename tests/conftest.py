@@ -3,6 +3,7 @@
 import gc
 import logging
 import signal
+from collections import Counter
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -127,11 +128,14 @@ def _move_to_soak(items: list[pytest.Item], *, checks_names: bool) -> None:
     """
     unknown: set[tuple[Path, str]] = set()
     known: set[tuple[Path, str]] = set()
+    combinations: Counter[tuple[Path, str]] = Counter()
     for item in items:
         alternates = item.get_closest_marker("alternates")
         if alternates is not None:
             assert isinstance(item, pytest.Function)
-            if (sum(item.callspec.indices.values()) + alternates.args[0]) % 2:
+            turn = combinations[item.path, item.originalname]
+            combinations[item.path, item.originalname] += 1
+            if (turn + alternates.args[0]) % 2:
                 item.add_marker(pytest.mark.soak)
         for keeps in item.iter_markers("keeps"):
             assert isinstance(item, pytest.Function)

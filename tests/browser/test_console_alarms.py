@@ -25,6 +25,8 @@ from tests.support.console_bench import (
 from tests.support.machine import free_ports
 from tests.support.processes import SOON_S, wait_passes, wait_until
 
+pytestmark = pytest.mark.soak
+
 COUNT: Final = 12
 ON_SCREEN_MS: Final = 500.0
 """From the message to the picture; the service sends what has changed within 0.5 s."""

@@ -15,6 +15,8 @@ from tests.support.console_bench import FLIGHT_MS, SOON_MS, Console, Station, co
 from tests.support.machine import free_ports
 from tests.support.processes import SOON_S, wait_passes, wait_until
 
+pytestmark = pytest.mark.soak
+
 COMMANDS: Final = ("start", "pause", "resume", "stop", "abort", "kill")
 PHASES: Final = (
     "running",

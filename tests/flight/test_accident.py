@@ -181,6 +181,7 @@ async def stands(show: VirtualShow) -> None:
     assert show.view.show is ShowPhase.PAUSED
 
 
+@pytest.mark.soak
 def test_point_4_one_pause_stops_the_show_at_any_time(tmp_path: Path) -> None:
     """While it takes off, assembles, moves and comes home: one command, and all stand, and stay apart."""
     assert needed("POST", "/api/v1/show/pause") is Right.EMERGENCY

@@ -4,6 +4,8 @@ import pytest
 
 from tests.support.braking_worlds import flown
 
+pytestmark = pytest.mark.soak
+
 USUAL, WORLDS = 4, 200
 
 

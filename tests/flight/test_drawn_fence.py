@@ -51,6 +51,7 @@ def most_beyond_m(flown: Rehearsal) -> float:
     return float(np.max([beyond_m(flown.timeline.areas, one[:, :2]).max() for one in flown.record.path_m]))
 
 
+@pytest.mark.soak
 def test_a_show_that_goes_out_and_back_within_its_fence_is_good(tmp_path: Path) -> None:
     """Round the corner of an L and back, 3 m from its edges."""
     there = [(0, [0, 0, 0]), (8, [0, 0, 12]), (18, [20, 0, 12]), (28, [20, 20, 12])]

@@ -264,7 +264,7 @@ def test_bad_position_kilometres_away_is_held_then_landed() -> None:
     fly(story, FOUR, after=running)
 
 
-@pytest.mark.keeps("return")
+@pytest.mark.soak
 @pytest.mark.parametrize("action", ["return", "hold"])
 def test_fence_about_to_be_crossed_brings_it_back(action: str) -> None:
     async def story(show: VirtualShow) -> None:

@@ -15,6 +15,8 @@ from gcs.service.alarms import AlarmCause
 from gcs.testing.virtual_show import TARGET_M, VirtualShow, alarm_texts, fly, show_config
 from tests.support.show_phases import running
 
+pytestmark = pytest.mark.soak
+
 AROUND_M, CALLS, APART_S = 30.0, 1000, 0.05
 
 

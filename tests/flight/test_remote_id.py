@@ -76,6 +76,7 @@ def errors_m(show: VirtualShow, rows: list[int]) -> list[float]:
     return wrong
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("count", [12, pytest.param(200, marks=pytest.mark.soak)])
 def test_each_vehicle_has_the_true_area_each_second(count: int) -> None:
     wide = {"radius_m": 10.0 if count < 100 else 45.0, "height_m": 50.0}

@@ -16,6 +16,8 @@ from gcs.testing.virtual_show import HOLDS_WHEN_LOST, TARGET_M, VirtualShow, fly
 from tests.support.show_phases import running
 from tests.support.stalls import stall
 
+pytestmark = pytest.mark.soak
+
 COUNT: Final = 8
 RADIUS_M, HEIGHT_M = 4.2, 14.0
 """The least for eight vehicles with RTK is 4.0 m."""

@@ -44,7 +44,7 @@ class WholeShow(NamedTuple):
     outcome: Outcome
 
 
-@pytest.mark.keeps("mixed")
+@pytest.mark.soak
 @FLEETS
 def test_show_of_any_autopilots_keeps_the_floor_and_lands(kinds: tuple[str, str]) -> None:
     async def story(show: VirtualShow) -> WholeShow:

@@ -70,7 +70,7 @@ def first_motion_s(show: VirtualShow, begins_s: float) -> list[float]:
     return found
 
 
-@pytest.mark.keeps("0.0123")
+@pytest.mark.soak
 @pytest.mark.parametrize("phase_s", [0.0, 0.0123, 0.0249, 0.041])
 def test_the_fleet_begins_within_20_ms_of_the_time(tmp_path: Path, phase_s: float) -> None:
     """Ticks are 50 ms apart: their phase is shifted, so that one falls on the time, whatever that is."""

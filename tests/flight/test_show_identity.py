@@ -36,7 +36,7 @@ def seen(show: VirtualShow, begin_s: float) -> Seen:
     return Seen(phases, alarms, max(age_s for age_s in ages_s if age_s is not None), show.floor_violations())
 
 
-@pytest.mark.keeps("lossy-px4")
+@pytest.mark.soak
 @pytest.mark.parametrize("autopilot", ["px4", "ardupilot"])
 @pytest.mark.parametrize("fault", [{}, {"loss": 0.1}], ids=["sound", "lossy"])
 def test_a_port_that_changes_in_flight_ends_no_flight(autopilot: str, fault: dict[str, float]) -> None:

@@ -44,6 +44,7 @@ def ahead_rad(place_m: Array, center_m: Array) -> Array:
     return angle_rad
 
 
+@pytest.mark.soak
 def test_a_show_is_checked_and_flown_with_its_laws_settings(tmp_path: Path) -> None:
     text = show_of("ring_laws:RingById", ahead_rad=AHEAD_RAD)
     flight = rehearse(parse(text, NAME))

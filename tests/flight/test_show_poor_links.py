@@ -14,6 +14,8 @@ from gcs.sim.vehicle.px4 import Mode as PilotMode
 from gcs.testing.virtual_show import FLEET_STEP_S, HOLDS_WHEN_LOST, VirtualShow, fly, show_config
 from tests.support.show_phases import running
 
+pytestmark = pytest.mark.soak
+
 COUNT = 20
 
 

@@ -80,6 +80,7 @@ def test_item_7_show_restarts_after_landing_from_offboard() -> None:
     assert fly(story, show_config(2), spacing_m=8.0) is ShowPhase.RUNNING
 
 
+@pytest.mark.soak
 def test_item_11_no_takeoff_disarmed_no_disarming_airborne() -> None:
     async def story(show: VirtualShow) -> tuple[str, str]:
         await show.standby()

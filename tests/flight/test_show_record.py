@@ -17,6 +17,8 @@ from gcs.testing.views import vehicles_of
 from gcs.testing.virtual_show import FlownTrack, VirtualShow, fly, show_config
 from tests.support.audit_rows import commands, events
 
+pytestmark = pytest.mark.soak
+
 CONFIG = show_config(4)
 
 

@@ -49,6 +49,7 @@ def flight() -> Return:
     return fly(whole_return, config, grid_columns=4)
 
 
+@pytest.mark.soak
 def test_all_return_home_and_keep_the_floor(flight: Return) -> None:
     assert flight.command.outcome is Outcome.DONE
     off_m = np.linalg.norm((flight.track.samples[-1].true_m - flight.start_m)[:, :2], axis=1)
@@ -56,6 +57,7 @@ def test_all_return_home_and_keep_the_floor(flight: Return) -> None:
     assert flight.floor_violations == 0
 
 
+@pytest.mark.soak
 def test_return_takes_little_longer_than_the_longest_line(flight: Return) -> None:
     begin_m = flight.track.between(flight.stop_s).samples[0].true_m
     way_m = flight.start_m - begin_m
@@ -63,6 +65,7 @@ def test_return_takes_little_longer_than_the_longest_line(flight: Return) -> Non
     assert flight.landed_s - flight.stop_s < 1.5 * straight_s + 10.0 + STOPPING_S
 
 
+@pytest.mark.soak
 def test_vehicles_stop_before_they_return(flight: Return) -> None:
     stopping = flight.track.between(flight.stop_s)
     first = next(m for m in stopping.samples if vehicles_of(m.view)[0].reason == "on its way home")

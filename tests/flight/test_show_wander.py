@@ -67,5 +67,6 @@ async def around_the_limit(show: VirtualShow) -> set[State]:
     return found
 
 
+@pytest.mark.soak
 def test_pad_check_does_not_flicker_with_noisy_positions() -> None:
     assert fly(around_the_limit, config(2), spacing_m=4.0, ideal=True) == {State.PASS}

@@ -12,6 +12,8 @@ from gcs.model.lifecycle import ShowPhase
 from gcs.testing.virtual_show import VirtualShow, fly, show_config
 from tests.support.fields import field
 
+pytestmark = pytest.mark.soak
+
 SITE, HIGHER = field(top_m=60.0), field(top_m=55.0)
 
 

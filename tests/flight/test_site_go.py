@@ -17,6 +17,8 @@ from gcs.testing.virtual_site import SiteShow, fly_site, site_config
 from tests.flight.test_site_start import asked_until_s
 from tests.support.tokens_flown import by_two, token
 
+pytestmark = pytest.mark.soak
+
 BUS = {"delay_s": 0.02, "spread_s": 0.01}
 
 

@@ -56,6 +56,7 @@ def test_refusal_of_the_lead_is_reported_where_it_was_asked() -> None:
     fly_site(story, site_config(2, 2), **BUS)
 
 
+@pytest.mark.soak
 def test_exclusion_reaches_the_station_that_flies_the_vehicle() -> None:
     async def story(show: SiteShow) -> None:
         await show.wait(3.0)

@@ -13,6 +13,8 @@ from gcs.model.state import Array
 from gcs.service import Outcome, ShowAction
 from gcs.testing.virtual_site import SiteShow, fly_assembled, fly_site, two_hosts
 
+pytestmark = pytest.mark.soak
+
 BUS = {"delay_s": 0.01, "spread_s": 0.005, "loss": 0.01}
 QUIET: dict[str, Any] = {"delay_s": 0.01, "tells_arrival": False}
 """As Zenoh is over a good network: it loses nothing, and does not tell when a message arrived."""

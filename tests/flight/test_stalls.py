@@ -239,6 +239,7 @@ def test_vehicle_nearly_landed_by_its_failsafe_may_touch_down() -> None:
     fly(story, show_config(COUNT), after=running, parameters=SLOWLY_DISARMED)
 
 
+@pytest.mark.soak
 def test_stall_alarm_names_the_commands_for_recovery() -> None:
     async def story(show: VirtualShow) -> None:
         stall(show, 4.0)

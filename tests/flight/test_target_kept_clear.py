@@ -121,7 +121,7 @@ async def walks_with(show: VirtualShow, seconds: float, place_m: Array) -> tuple
     return nearest_m, phases
 
 
-@pytest.mark.keeps("abort")
+@pytest.mark.soak
 @pytest.mark.parametrize("action", [ShowAction.ABORT, ShowAction.STOP])
 def test_all_land_clear_of_a_person(action: ShowAction) -> None:
     """An abort over the person who is followed, and a return to pads at which the person stands by now."""

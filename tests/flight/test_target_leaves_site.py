@@ -22,6 +22,8 @@ from tests.support.show_phases import running
 from tests.support.written_show import TEXT, select
 from tests.support.written_show import fly as fly_on_pads
 
+pytestmark = pytest.mark.soak
+
 Place = tuple[float, float]
 ELL: Final = ((-40.0, -40.0), (90.0, -40.0), (90.0, 25.0), (25.0, 25.0), (25.0, 90.0), (-40.0, 90.0))
 AREA: Final = FencedArea(corners_m=ELL)

@@ -4,6 +4,8 @@ import pytest
 
 from tests.support.target_flights import MOVING, TIMES, drop_outs, failed, switched
 
+pytestmark = pytest.mark.soak
+
 BACK_WITHIN_S, CAUGHT_UP_WITHIN_S = 5.0, 15.0
 CENTER_STEPS_MAX = 1.5
 """Greatest step of the centre in a tick, as a share of what its speed limit allows."""

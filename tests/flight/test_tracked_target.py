@@ -90,6 +90,7 @@ def test_boat_is_followed_lost_and_found_again() -> None:
     assert off["violations"] == 0.0
 
 
+@pytest.mark.soak
 def test_target_that_jumps_is_not_followed_there() -> None:
     """Selected again it is believed, wherever it is."""
 

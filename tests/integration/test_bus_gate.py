@@ -56,6 +56,7 @@ def open_files() -> int:
     return len(list(Path("/proc/self/fd").iterdir()))
 
 
+@pytest.mark.keeps("junk-127.0.0.9-during-3", "hello-127.0.0.1-after-3")
 @pytest.mark.parametrize(("kind", "source", "goes_on", "seconds"), list(cases()))
 def test_station_is_back_soon_after_bad_handshakes(
     tmp_path: Path, kind: str, source: str, goes_on: bool, seconds: float

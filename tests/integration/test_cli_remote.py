@@ -262,6 +262,7 @@ def test_there_is_a_command_for_every_operation_and_it_does_it(
     assert {each.name for each in (*CALLS, *ACTIONS)} <= begun
 
 
+@pytest.mark.soak
 def test_with_json_every_command_prints_exactly_one_document(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

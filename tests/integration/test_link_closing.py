@@ -75,6 +75,7 @@ def open_side_by_side_often(times: int) -> None:
             thread.join()
 
 
+@pytest.mark.keeps("open_and_close_often-6")
 @pytest.mark.parametrize(
     ("what", "times"),
     [

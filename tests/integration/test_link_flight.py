@@ -28,6 +28,7 @@ def simulator(first_port: int, count: int, *parameters: str) -> Iterator[None]:
         process.wait(60)
 
 
+@pytest.mark.keeps("native")
 @pytest.mark.usefixtures("transport")
 def test_two_vehicles_fly_and_fail_safe_when_the_tick_ends() -> None:
     async def main(link: AnyLink) -> None:
@@ -54,6 +55,7 @@ def test_two_vehicles_fly_and_fail_safe_when_the_tick_ends() -> None:
         asyncio.run(main(a_link(port, [1, 2], port_count=2)))
 
 
+@pytest.mark.soak
 def test_data_link_failsafe_acts_only_when_control_is_dead() -> None:
     """A vehicle that holds gets no setpoints: only our heartbeats tell it that somebody is there.
 

@@ -21,6 +21,7 @@ FLOOD_S, PER_S = 3.0, 3000.0
 LONGEST_GAP_S = 0.5
 
 
+@pytest.mark.alternates(0)
 @pytest.mark.usefixtures("transport")
 @pytest.mark.parametrize("kind", ["heartbeats", "texts", "parameters"])
 def test_a_vehicle_that_floods_costs_no_other_its_setpoints(kind: str) -> None:

@@ -44,6 +44,7 @@ async def shine(link: AnyLink, driver: LightDriver) -> tuple[int, list[int]]:
     return sender.sent, [int.from_bytes(bytes(each), "big") for each in colour]
 
 
+@pytest.mark.keeps("NativeLink-led-control", "MavsdkLink-actuator")
 @pytest.mark.parametrize("driver", [each for each in LightDriver if each is not LightDriver.NONE])
 @pytest.mark.parametrize("kind", [NativeLink, MavsdkLink])
 def test_fake_vehicles_show_the_colours_sent(

@@ -48,6 +48,7 @@ def assert_all_fresh(peer: Peer, machine: Pauses) -> None:
         assert machine.awake_s(since_s, arrived_s) <= SETPOINT_TIMEOUT_S
 
 
+@pytest.mark.keeps("native")
 @TRANSPORTS
 def test_process_stopped_and_continued(transport: str) -> None:
     with Peer(port := free_ports(), 1) as peer, a_station(port, transport) as process, Pauses() as machine:
@@ -63,6 +64,7 @@ def test_process_stopped_and_continued(transport: str) -> None:
         assert_all_fresh(peer, machine)
 
 
+@pytest.mark.keeps("native")
 @TRANSPORTS
 def test_process_killed(transport: str) -> None:
     with Peer(port := free_ports(), 1) as peer, a_station(port, transport) as process, Pauses() as machine:
@@ -136,6 +138,7 @@ def test_mavsdk_thread_stuck() -> None:
         assert_all_fresh(peer, machine)
 
 
+@pytest.mark.keeps("native")
 @TRANSPORTS
 def test_disk_full(tmp_path: Path, transport: str) -> None:
     with (

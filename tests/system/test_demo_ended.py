@@ -27,6 +27,7 @@ def test_impossible_demo_is_refused_with_a_message(arguments: list[str], says: s
     assert says in done.stderr
 
 
+@pytest.mark.soak
 def test_ctrl_c_brings_the_fleet_home(tmp_path: Path) -> None:
     command = [sys.executable, "-m", "gcs", "demo", "--vehicles", "2", "--truth", str(tmp_path)]
     command += ["--api-port", "0", "--port-base", str(free_ports(2))]

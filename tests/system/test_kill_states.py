@@ -30,6 +30,8 @@ from tests.support.processes import (
 )
 from tests.support.started import DEVNULL, Started
 
+pytestmark = pytest.mark.soak
+
 STOPPED_S = 3.0
 TIMES = (1, 20)
 """In each state, without a terminal and on one. More, and the bound of the time, are for `make soak`."""
@@ -213,6 +215,7 @@ def test_confirmed_kill_stops_the_named_motors(tmp_path: Path, state: str, times
         assert max(took_s) <= STOPPED_S, took_s
 
 
+@pytest.mark.soak
 def test_api_kills_while_control_hangs(tmp_path: Path) -> None:
     with flying(tmp_path, 2) as station:
         station.reach("control stopped")

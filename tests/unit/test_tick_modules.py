@@ -22,6 +22,7 @@ def rows(head: str) -> list[list[str]]:
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines]
 
 
+@pytest.mark.soak
 @pytest.mark.long
 def test_the_page_has_the_modules_that_a_tick_enters() -> None:
     words = [sys.executable, "-W", "ignore", "-m", "tests.bench.tick_modules"]

@@ -104,6 +104,7 @@ def test_streams_are_requested_again_after_silence_and_reboot() -> None:
     assert bench.asked[-1][:2] == (6, 33)
 
 
+@pytest.mark.keeps("33-60.0")
 @pytest.mark.parametrize(("message_id", "rate_hz"), [(33, 60.0), (33, 0.0), (30, 20.0)])
 def test_wrong_rate_is_requested_again_at_growing_intervals(message_id: int, rate_hz: float) -> None:
     bench = Bench()

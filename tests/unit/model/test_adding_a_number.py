@@ -70,6 +70,7 @@ def found(tree: Path) -> Any:
     return json.loads(subprocess.check_output(command, env={**os.environ, "PYTHONPATH": paths}, text=True))
 
 
+@pytest.mark.soak
 @pytest.mark.long
 def test_a_new_number_is_shown_everywhere(found: Any) -> None:
     described = found["document"]["components"]["schemas"]["Vehicle"]["properties"]["wind_m_s"]

@@ -59,6 +59,7 @@ def test_code_is_kept_beside_its_package(tmp_path: Path, monkeypatch: pytest.Mon
     assert kept_beside(tmp_path).is_relative_to(tmp_path)
 
 
+@pytest.mark.soak
 @pytest.mark.long
 def test_flight_needs_no_linear_algebra_of_scipy() -> None:
     script = (
@@ -71,6 +72,7 @@ def test_flight_needs_no_linear_algebra_of_scipy() -> None:
     assert done.stdout.split() == ["False", "scipy.linalg.cython_blas"]
 
 
+@pytest.mark.soak
 @pytest.mark.long
 def test_loaded_kernel_can_be_called_by_a_new_one(tmp_path: Path) -> None:
     """Its LLVM module was dropped when it was loaded, and is made again."""

@@ -68,6 +68,7 @@ def test_the_same_show_has_the_same_bytes(made: DrawnShow, tmp_path: Path) -> No
     assert (tmp_path / "a.skyc").read_bytes() == (tmp_path / "b.skyc").read_bytes()
 
 
+@pytest.mark.soak
 def test_vviz_says_where_each_drone_is_and_its_colour(made: DrawnShow, tmp_path: Path) -> None:
     """Read as its specification says: sums of differences, x right, y up, z ahead; frames since the last."""
     write_drawing(made, tmp_path / "a.vviz")

@@ -51,7 +51,7 @@ def test_a_show_is_the_same_on_the_other_side() -> None:
     assert unpacked_apart(packed(NAME, show, None), show.digest) == (NAME, show, None)
 
 
-@pytest.mark.keeps("no-archive", "bomb")
+@pytest.mark.keeps("bomb")
 @pytest.mark.parametrize("junk", JUNK.values(), ids=list(JUNK))
 def test_junk_is_refused_with_its_reason(junk: Callable[[], str]) -> None:
     with pytest.raises(RefusedError, match="the show that arrived"):

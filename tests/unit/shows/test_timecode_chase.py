@@ -82,6 +82,7 @@ def arriving(
             yield arrived_s, sent.message
 
 
+@pytest.mark.alternates(0)
 @pytest.mark.parametrize("rate", NAMED)
 @pytest.mark.parametrize("speed", [0.9985, 1.001])
 def test_the_show_is_within_20_ms_of_a_bad_timecode(rate: Rate, speed: float) -> None:
@@ -212,6 +213,7 @@ def test_the_tempo_stays_within_its_bounds(behind_s: float, expected: float) -> 
     assert desired_rate(behind_s, 1.0, 0.1) == pytest.approx(expected)
 
 
+@pytest.mark.alternates(0)
 @pytest.mark.parametrize("rate", Rate)
 @pytest.mark.parametrize("begins", [Label(23, 59, 54, 0), Label(23, 59, 58, 0), Label(0, 0, 4, 0)])
 def test_a_timecode_that_is_the_time_of_day_passes_midnight(rate: Rate, begins: Label) -> None:

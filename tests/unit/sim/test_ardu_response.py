@@ -94,6 +94,7 @@ def test_a_stop_swings_beyond_and_back_as_recorded(
     assert track_m[-1] == pytest.approx(rest_m, abs=0.25)
 
 
+@pytest.mark.alternates(0)
 @pytest.mark.parametrize("speed_m_s", [2.0, 4.0, 5.0, 8.0, 10.0])
 @pytest.mark.parametrize("acceleration", [1.0, 2.5, 5.0])
 def test_each_stop_keeps_the_bound_that_held(speed_m_s: float, acceleration: float) -> None:

@@ -66,6 +66,7 @@ def test_positions_agree_with_pymap3d() -> None:
         assert np.abs(Tangent(*origin).geodetic(position_m) - theirs).max() < 1e-7
 
 
+@pytest.mark.soak
 def test_the_same_seed_is_the_same_flight() -> None:
     runs = []
     for _ in range(2):

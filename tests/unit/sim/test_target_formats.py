@@ -42,6 +42,7 @@ def test_without_errors_reports_are_the_motion() -> None:
     assert all((report.north_m_s, report.east_m_s) == pytest.approx((0.0, 10.0)) for report in made)
 
 
+@pytest.mark.soak
 def test_noise_has_the_spread_that_is_asked_for() -> None:
     """And is the same for the same seed."""
     for correlated_s in (0.0, 2.0):

@@ -35,6 +35,7 @@ def speed_max_m_s(name: str) -> float:
     return KINDS[name].speed_m_s + (DRIFT_M_S if name == "boat" else 0.0)
 
 
+@pytest.mark.alternates(0)
 @pytest.mark.parametrize("name", DRAWN)
 @pytest.mark.parametrize("seed", [0, 7])
 def test_speed_is_bounded_and_motion_continuous(name: str, seed: int) -> None:

@@ -31,6 +31,7 @@ def test_equal_charges_scale_the_known_shape_by_their_product() -> None:
     assert best_figures((0.5,) * 8)[0] == pytest.approx(best_figures(8)[0] / 4.0)
 
 
+@pytest.mark.soak
 def test_heavy_charge_of_three_pushes_the_light_ones_together() -> None:
     shape = best((1.0, 1.0, 2.0))
     light_m = np.linalg.norm(shape[0] - shape[1])

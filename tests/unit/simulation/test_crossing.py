@@ -37,7 +37,7 @@ def test_entry_is_told_apart_that_no_vehicle_could_avoid(from_m: float, avoidabl
     assert (found.crossings, found.entries, found.avoidable) == (1, 1, avoidable)
 
 
-@pytest.mark.keeps("circle")
+@pytest.mark.soak
 @pytest.mark.parametrize("kind", ["turn", "circle", "back", "hover"])
 def test_tracks_that_turn_come_from_afar_and_pass(kind: str) -> None:
     settings = CrossingTraffic(count=6, radius_m=60.0, motions=(kind,))  # type: ignore[arg-type]

@@ -57,7 +57,7 @@ def test_too_many_lost_vehicles_end_the_flight_as_in_reality() -> None:
 
 
 @pytest.mark.long
-@pytest.mark.keeps("pause")
+@pytest.mark.soak
 @pytest.mark.parametrize("action", ["pause", "land"])
 def test_a_lost_vehicle_pauses_or_lands_the_others(action: str) -> None:
     policy = FailsafePolicy(vehicle_lost=VehicleLost.model_validate({"action": action}))
@@ -71,6 +71,7 @@ def test_a_lost_vehicle_pauses_or_lands_the_others(action: str) -> None:
     assert not record.violating
 
 
+@pytest.mark.soak
 def test_without_failsafes_the_others_close_the_gap() -> None:
     record = run_of(ScenarioLoss(share=0.25, at_s=10.0, action="land"), None, 40.0).fly()
     assert record.failsafes == []

@@ -32,6 +32,7 @@ def flown(
     return here_m, least_m
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize("name", METHODS)
 def test_two_that_meet_pass_and_arrive(name: str) -> None:
     start_m = np.array([[-20.0, 0.0, -30.0], [20.0, 0.3, -30.0]])

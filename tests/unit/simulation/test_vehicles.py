@@ -54,6 +54,7 @@ def answer(model: Model, start_m_s: float, size_m_s: float, tried: Array, time_s
     return np.array([np.interp(time_s, grid_s, row) for row in velocity])
 
 
+@pytest.mark.alternates(0)
 @pytest.mark.parametrize("model", ["fitted", "cascade"])
 @pytest.mark.parametrize(
     ("name", "axis", "size_m_s", "edges_s"),
