@@ -37,7 +37,7 @@ from gcs.safety.filter import SafetySettings, Surroundings, filter_velocities
 from gcs.safety.filter import prepare as safety_prepare
 from gcs.safety.filter import warm_up as safety_warm_up
 from gcs.safety.floor import Floor, minimum_separation
-from gcs.safety.traffic import cubes_aside, give_way, keep_right, turn_early
+from gcs.safety.traffic import give_way, keep_right, turn_early
 from gcs.safety.walls import Fence
 
 
@@ -410,7 +410,6 @@ def warm_up() -> None:
     safety_warm_up()
     routes_warm_up()
     obstacles_warm_up()
-    cubes_aside(np.zeros((2, 3)), np.zeros((2, 3)), np.zeros(2))
     n, tower = 5, Obstacle("tower", 10.0, 0.0, 5.0, 5.0, 30.0)
     place_m = np.array(
         [[0.0, 0.0, -20.0], [4.0, 0.0, -20.0], [0.0, 4.0, -20.0], [8.0, 8.0, -9.0], [9.0, 0.0, -9.0]]

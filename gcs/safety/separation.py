@@ -141,6 +141,15 @@ up), and the deviations that a margin covers.
 """
 
 
+Worst: TypeAlias = tuple[float, float, float, float, float]
+"""What holds for every pair: the least and greatest quotient of its semi-axes, sideways by up, the longest
+reaction and lead, and the least deceleration.
+"""
+
+WIDER = 1.0 + 1e-9
+"""For the rounding of these quotients."""
+
+
 def _numbers_of(floor: Floor) -> Numbers:
     own_m = floor.margin_m / 2.0
     return (
@@ -164,25 +173,24 @@ def _looks(
     spare_m_s: Array,
     each: Array,
     numbers: Numbers,
-) -> tuple[Mask, Array, Array, Array, Array, Array]:
+) -> tuple[Mask, Array, Array, Array, Array, Array, Worst]:
     """Which vehicles are known, their velocities, and where and how far to search for pairs that could bind.
 
     With the ellipsoid made a sphere by a factor f of heights, the gap is at least the distance to the sphere,
     divided by f where f is above 1. Every pair's f is between `thin` and `thick`; `thin` makes no distance
     too long. Each is searched for as if all stopped as the slowest in `each` (4, n).
 
-    Returns: (n,) known, (n, 3) measured, (n, 3) course, (n,) spare, (n, 3) positions, (n,) half distances, m.
+    Returns: (n,) known, (n, 3) measured, (n, 3) course, (n,) spare, (n, 3) positions, (n,) half distances, m;
+        and what holds for every pair.
     """
-    wide_m, tall_m, taller = numbers[:3]
-    deviations, n = numbers[6], len(position_m)
+    wide_m, deviations, n = numbers[0], numbers[6], len(position_m)
     reaction_s, lead_s, deceleration_m_s2 = 0.0, 0.0, np.inf
     for i in range(n):
         reaction_s, lead_s = max(reaction_s, each[REACTION, i]), max(lead_s, each[LEAD, i])
         deceleration_m_s2 = min(deceleration_m_s2, each[DECELERATION, i])
     is_known, measured, course = np.empty(n, np.bool_), velocity_m_s.copy(), course_m_s.copy()
     spare, look_m, place_m, mean = np.zeros(n), np.empty(n), position_m.copy(), np.zeros(3)
-    thin = min(wide_m / tall_m, 1.0 / taller, 1.0)  # of the floor, of uncertainty, and of wander alone
-    thick = max(wide_m / tall_m, 1.0 / taller, 1.0)
+    thin, thick = _flatness(uncertainty_m, wander_m, numbers)
     for i in range(n):
         is_known[i] = True
         for k in range(3):
@@ -201,9 +209,60 @@ def _looks(
         stray_m_s = np.sqrt(stray2) + spare[i]
         reach_m = stray_m_s * reaction_s + stray_m_s**2 / deceleration_m_s2 + lead_s * np.sqrt(drift2)
         margin_m = deviations * (uncertainty_m[i] + wander_m[i])  # two are at least their hypotenuse
-        look_m[i] = wide_m / 2.0 + margin_m + thick * reach_m + TINY
+        look_m[i] = wide_m / 2.0 + margin_m + max(thick, 1.0) * reach_m + TINY
         place_m[i, 2] *= thin
-    return is_known, measured, course, spare, place_m, look_m
+    worst = thin, thick, reaction_s, lead_s, deceleration_m_s2
+    return is_known, measured, course, spare, place_m, look_m, worst
+
+
+@kernel
+def _flatness(uncertainty_m: Array, wander_m: Array, numbers: Numbers) -> tuple[float, float]:
+    """The least and the greatest quotient of the semi-axes, sideways by up, of all pairs there may be.
+
+    Growing uncertainty moves it one way only, and so does growing wander.
+    """
+    wide_m, tall_m, taller, _, own_wide_m, own_tall_m, deviations = numbers
+    thin, thick = np.inf, 0.0
+    if len(uncertainty_m) == 0:
+        return 1.0, 1.0
+    surest_m, least_sure_m = np.sqrt(2.0) * deviations * uncertainty_m.min(), uncertainty_m.max()
+    for unsure_m in (surest_m, np.sqrt(2.0) * deviations * least_sure_m):
+        for led_m in (0.0, np.sqrt(2.0) * deviations * wander_m.max()):
+            for stands in (0.0, 1.0):
+                across_m = wide_m + unsure_m + led_m - stands * own_wide_m
+                flat = across_m / (tall_m + taller * unsure_m + led_m - stands * own_tall_m)
+                if not np.isfinite(flat):  # of the floor, of uncertainty, and of wander alone
+                    return min(wide_m / tall_m, 1.0 / taller, 1.0), max(wide_m / tall_m, 1.0 / taller, 1.0)
+                thin, thick = min(thin, flat), max(thick, flat)
+    return thin / WIDER, thick * WIDER
+
+
+@kernel_within
+def _may_bind(
+    offset_m: tuple[float, float, float],
+    course_m_s: tuple[float, float, float],
+    measured_m_s: tuple[float, float, float],
+    size_m: float,
+    spare_m_s: float,
+    worst: Worst,
+) -> bool:
+    """Whether velocities of a pair that differ by `spare_m_s` from its relative course could break its bound.
+
+    It may be True where they could not: the ellipsoid is between two, and `size_m` is no less than its
+    semi-axis sideways.
+    """
+    (x, y, z), (thin, thick, reaction_s, lead_s, deceleration_m_s2) = offset_m, worst
+    level_m2, scaled_m2 = x * x + y * y, thin * thin * z * z
+    near_m, far_m = np.sqrt(level_m2 + thin * thin * scaled_m2), np.sqrt(level_m2 + thick**4 * z * z)
+    apart_m2_s, upright = x * course_m_s[0] + y * course_m_s[1], z * course_m_s[2]
+    apart_m2_s += (thin * thin if upright > 0.0 else thick * thick) * upright
+    needed_m_s = max(spare_m_s - apart_m2_s / (far_m if apart_m2_s > 0.0 else near_m), 0.0)
+    apart_m2_s, upright = x * measured_m_s[0] + y * measured_m_s[1], z * measured_m_s[2]
+    apart_m2_s += (thin * thin if upright > 0.0 else thick * thick) * upright
+    used_m = lead_s * max(-apart_m2_s / near_m, 0.0) + needed_m_s * reaction_s
+    used_m += needed_m_s * needed_m_s / (2.0 * deceleration_m_s2)
+    is_clear: bool = np.sqrt(level_m2 + scaled_m2) - size_m > max(thick, 1.0) * used_m + TINY
+    return not is_clear
 
 
 @kernel
@@ -223,7 +282,7 @@ def _found(
     numbers: Numbers,
 ) -> tuple[Rows, Rows, Rows, Array, Array]:
     """As `separation_constraints`."""
-    is_known, measured_m_s, course_m_s, spare_m_s, place_m, look_m = _looks(
+    is_known, measured_m_s, course_m_s, spare_m_s, place_m, look_m, worst = _looks(
         position_m, velocity_m_s, commanded, uncertainty_m, wander_m, course_m_s, spare_m_s, each, numbers
     )
     first, second = near_pairs(commanded & only, place_m, is_known, look_m)
@@ -234,10 +293,9 @@ def _found(
     answers, kept = np.empty((5, BLOCK)), 0
     motion = position_m, course_m_s, measured_m_s, desired_m_s
     own = uncertainty_m, wander_m, spare_m_s
-    about = _side_by_side(first, second, motion, own, each)
-    for begin in range(0, count, BLOCK):
-        block = slice(begin, begin + BLOCK)
-        many = _relative(first[block], second[block], about, (commanded, airborne), numbers[3], sides, seen)
+    about, done = _side_by_side(first, second, motion, own, each), 0
+    while done < count:
+        many, done = _relative(first, second, done, about, (commanded, airborne), numbers, worst, sides, seen)
         _answers(many, seen, numbers, answers)
         for k in range(many):
             if answers[0, k] > answers[1, k]:
@@ -321,28 +379,34 @@ def _side_by_side(
 def _relative(
     first: Rows,
     second: Rows,
+    done: int,
     about: Array,
     masks: tuple[Mask, Mask],
-    pad_height_m: float,
+    numbers: Numbers,
+    worst: Worst,
     sides: NDArray[np.intp],
     seen: Array,
-) -> int:
-    """Write what `_answers` needs of the pairs (k,) that count, and their rows.
+) -> tuple[int, int]:
+    """Write what `_answers` needs of the next pairs that count, of (k,), and their rows.
 
     Args:
         first: (k,) rows.
         second: (k,) rows.
+        done: so many pairs were looked at before.
         about: (n, WIDE) of `_side_by_side`.
         masks: commanded and airborne, (n,) each.
-        pad_height_m: as of `Floor`.
+        numbers: of floor and margin.
+        worst: of `_looks`.
         sides: (2, BLOCK) rows i, commanded, and j; changed.
         seen: (PAIR_ROWS, BLOCK) changed.
 
-    Returns: how many count.
+    Returns: how many count, and how many pairs were looked at then.
     """
-    commanded, airborne = masks
+    (commanded, airborne), (wide_m, _, _, pad_height_m, _, _, deviations) = masks, numbers
     many = 0
-    for k in range(len(first)):
+    for k in range(done, len(first)):
+        if many == BLOCK:
+            return many, k
         i, j = first[k], second[k]
         if not commanded[i]:
             i, j = j, i
@@ -350,6 +414,17 @@ def _relative(
         if low or not commanded[i] or not (airborne[i] or airborne[j]):
             continue
         mine_m, theirs_m = about[i, OWN_UNCERTAINTY], about[j, OWN_UNCERTAINTY]
+        unsure_m = mine_m + theirs_m + about[i, OWN_WANDER] + about[j, OWN_WANDER]
+        spare_m_s = about[i, OWN_SPARE] + about[j, OWN_SPARE]
+        if not _may_bind(
+            (about[i, 0] - about[j, 0], about[i, 1] - about[j, 1], about[i, 2] - about[j, 2]),
+            (about[i, 3] - about[j, 3], about[i, 4] - about[j, 4], about[i, 5] - about[j, 5]),
+            (about[i, 6] - about[j, 6], about[i, 7] - about[j, 7], about[i, 8] - about[j, 8]),
+            wide_m + deviations * unsure_m,
+            spare_m_s,
+            worst,
+        ):
+            continue
         one_stands, led_m2 = 0.0, about[i, OWN_WANDER] ** 2 + about[j, OWN_WANDER] ** 2
         # A vehicle that stands has no tracking error, and its receiver keeps no other from its pad.
         if not (airborne[i] and airborne[j]):
@@ -362,13 +437,13 @@ def _relative(
         for column in range(UNSURE):  # position, course, measured, desired
             seen[column, many] = about[i, column] - about[j, column]
         seen[UNSURE, many], seen[LED, many] = mine_m**2 + theirs_m**2, led_m2
-        seen[SPARE, many], seen[STANDS, many] = about[i, OWN_SPARE] + about[j, OWN_SPARE], one_stands
+        seen[SPARE, many], seen[STANDS, many] = spare_m_s, one_stands
         seen[REACTS, many] = max(about[i, STOPS + REACTION], about[j, STOPS + REACTION])
         seen[LATER, many] = max(about[i, STOPS + LEAD], about[j, STOPS + LEAD])
         seen[BRAKES, many] = min(about[i, STOPS + DECELERATION], about[j, STOPS + DECELERATION])
         seen[ESCAPES, many] = min(about[i, STOPS + ESCAPE], about[j, STOPS + ESCAPE])
         many += 1
-    return many
+    return many, len(first)
 
 
 @kernel

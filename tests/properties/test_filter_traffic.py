@@ -8,7 +8,8 @@ from hypothesis import event, given
 from hypothesis import strategies as st
 
 from gcs.model.state import Array, Mask
-from gcs.safety.traffic import FAR_S, SOON_S, count_meetings, give_way, keep_right, turn_early
+from gcs.safety.meetings import FAR_S, SOON_S, count_meetings
+from gcs.safety.traffic import give_way, keep_right, turn_early
 from tests.support.law_fleets import masks, places, vectors, within
 from tests.support.safety_fleets import CALM, SAFETY
 
