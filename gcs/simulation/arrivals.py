@@ -15,7 +15,7 @@ TOTAL_SHARE, TOTAL_SPARE_S, SPARE_OF_MANY_S, MANY = 1.5, 10.0, 30.0, 200
 """`arrival.late_s` is the last arrival minus share times the longest straight-line time minus reserve."""
 
 ROUND_SHARE, ROUND_SPARE_S = 2.0, 20.0
-"""The same past boxes, of each vehicle and its own shortest way."""
+"""The same past boxes, of the longest of the shortest ways: some vehicles wait for their turn."""
 
 
 AT_PAD_M: Final[float] = OperationSettings.model_fields["landing_site_spacing_m"].default
@@ -68,9 +68,9 @@ def _arrivals(record: FlightRecord) -> ArrivalFigures:
 
 
 def _late_s(record: FlightRecord, took_s: Array, shortest_s: Array) -> float:
-    """By how much the last of those (k,) that took so long was later than is allowed; past boxes, of each."""
+    """By how much the last of those (k,) that took so long was later than is allowed."""
     if record.way_s is not None:
-        return float((took_s - (ROUND_SHARE * shortest_s + ROUND_SPARE_S)).max())
+        return float(took_s.max() - (ROUND_SHARE * shortest_s.max() + ROUND_SPARE_S))
     spare_s = TOTAL_SPARE_S if record.count <= MANY else SPARE_OF_MANY_S
     return float(took_s.max() - (TOTAL_SHARE * shortest_s.max() + spare_s))
 

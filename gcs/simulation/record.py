@@ -182,10 +182,17 @@ THROUGH_M = 2.0
 
 
 def penetrations_and_clearance_m(record: FlightRecord) -> tuple[int, float]:
-    """Number of vehicles inside a box grown by 1 m, sides and top; and least distance to a box."""
+    """Number of vehicles inside a box grown by 1 m, sides and top; and least distance to a box.
+
+    Those that have lost their links in a formation do not count: nothing can lead them out of the way.
+    """
     inside, least_m = np.zeros(record.count, dtype=bool), np.inf
-    for boxes, position_m, flying in zip(record.boxes, record.position_m, record.in_air, strict=True):
+    flight, lost = record.scenario.flight, np.isin(np.arange(record.count), list(record.lost_rows))
+    lost_s = flight.loss.at_s if isinstance(flight, FormationFlight) else np.inf
+    ticks = zip(record.time_s, record.boxes, record.position_m, record.in_air, strict=True)
+    for time_s, boxes, position_m, in_air in ticks:
         if boxes:
+            flying = in_air & ~lost if time_s >= lost_s else in_air
             beyond_m = _beyond_m(boxes, position_m[flying])
             inside[flying] |= (beyond_m < PENETRATION_M).all(axis=2).any(axis=0)
             gap_m = np.linalg.norm(np.maximum(beyond_m, 0.0), axis=2)
