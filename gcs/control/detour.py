@@ -164,6 +164,8 @@ def _searched_anew(scene: Scene, before: Detour) -> Detour:
     if not goals:
         return Detour(time_s, Goal(scene.place_m, np.zeros(2)))
     searching = Searching(time_s, goals)
+    if goals[0].held_by and before.goes_instead:
+        return replace(before, searching=searching)  # followed meanwhile: the next tick searches
     if not goals[0].held_by:
         boxes = scene.boxes(1.0, None, goals[0].place_m)
         if not scene.on_orbit and leaves_now(boxes, scene.place_m, goals[0], scene.speed_m_s):

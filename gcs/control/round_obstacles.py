@@ -10,9 +10,21 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.control.center import Lead
 from gcs.control.inputs import TickInputs
 from gcs.formation.obstacles import Outlines
-from gcs.formation.ways_round import HORIZON_S, away_m, free_s, passes, way_out, way_round
+from gcs.formation.ways_round import (
+    GAP_M,
+    HORIZON_S,
+    PUT_OFF_S,
+    away_m,
+    climb_over,
+    free_s,
+    is_pinched,
+    passes,
+    way_out,
+    way_round,
+)
 from gcs.model.jit import kernel
 from gcs.model.state import Array, Mask
 
@@ -37,7 +49,7 @@ OUT_SHARE: Final = 0.7
 
 
 def round_obstacles(
-    now: TickInputs, aim_m: Array, aiming: NDArray[np.intp], slot_m: Array, *, stands: bool, stuck: bool
+    now: TickInputs, aim_m: Array, aiming: NDArray[np.intp], slot_m: Array, lead: Lead
 ) -> tuple[Array, NDArray[np.intp], Mask]:
     """Where vehicles aim at, (n, 3), and which do so, (k,): as of `follow_routes`, led round obstacles.
 
@@ -48,9 +60,8 @@ def round_obstacles(
         aim_m: (n, 3).
         aiming: (k,) rows.
         slot_m: (m, 3) of the m vehicles in formation.
-        stands: whether the formation's centre does: then a vehicle farther than the lookahead from its slot
-            goes round to it.
-        stuck: whether it stands because no way leads anywhere: each vehicle then finds its own.
+        lead: the formation's centre. While it stands, a vehicle farther than the lookahead from its slot goes
+            round to it; where it stands because no way leads anywhere, each vehicle finds its own.
 
     Returns: also (n,) which fly straight there: out of the way of a box that moves, see `way_out`.
     """
@@ -59,15 +70,28 @@ def round_obstacles(
         return aim_m, aiming, straight
     outlines, fence, law = Outlines.of(now.ellipses), now.settings.safety.fence, now.settings.law
     moving, within_m = not outlines.stand.all(), fence.distance_max_m - INSIDE_FENCE_M
-    goal_m, rows, go_round = _goals(now, aim_m, aiming, slot_m, stands=stands, stuck=stuck, moving=moving)
-    if len(rows) == 0:
+    goal_m, rows, go_round = _goals(now, aim_m, aiming, slot_m, lead, moving=moving)
+    held = _held(now, rows, slot_m) if moving else rows[:0]
+    if len(rows) + len(held) == 0:
         return aim_m, aiming, straight
+    goal_m[held] = slot_m[np.searchsorted(now.rows, held)]
     aims_m, top_m = np.array(aim_m), np.array(outlines.top_height_m)
     places = np.array(outlines.center_m), np.array(outlines.velocity_m_s)
     if moving:
-        boxes, speed_m_s = (*places, outlines.half_length_m), OUT_SHARE * law.speed_m_s
-        out_m, threatened = _ways_out(now.position_m[rows], goal_m[rows], boxes, top_m, speed_m_s, within_m)
-        straight[rows], aims_m[rows[threatened]] = threatened, out_m[threatened]
+        some, boxes = np.concatenate([rows, held]), (*places, outlines.half_length_m)
+        highest_m = fence.height_max_m - INSIDE_FENCE_M if law.avoidance.climbs else 0.0
+        up_m_s = OUT_SHARE * now.settings.safety.limits.up_m_s
+        out_m, leaves = _ways_out(
+            now.position_m[some],
+            goal_m[some],
+            _soon_m(now, goal_m, lead)[some],
+            np.arange(len(some)) >= len(rows),
+            boxes,
+            top_m,
+            (OUT_SHARE * law.speed_m_s, up_m_s),
+            (within_m, highest_m),
+        )
+        straight[some], aims_m[some[leaves]] = leaves, out_m[leaves]
     rows = rows[go_round[rows] & ~straight[rows]]
     round_m, led_round = _aims(
         now.position_m[rows],
@@ -89,9 +113,8 @@ def _goals(
     aim_m: Array,
     aiming: NDArray[np.intp],
     slot_m: Array,
+    lead: Lead,
     *,
-    stands: bool,
-    stuck: bool,
     moving: bool,
 ) -> tuple[Array, NDArray[np.intp], Mask]:
     """(n, 3) places that vehicles fly to, (k,) rows that obstacles may hinder, (n,) which go round.
@@ -102,13 +125,13 @@ def _goals(
     if now.tasks.follows_planned_path is not None:
         goes_round &= ~now.tasks.follows_planned_path
     goal_m, rows = np.array(aim_m), np.flatnonzero(goes_round)
-    if not (stands or moving):
+    if not (lead.stands or moving):
         return goal_m, rows, goes_round
     off_m = slot_m - now.of_formed(now.position_m)
     far = left_behind(now, slot_m, np.hypot(off_m[:, 0], off_m[:, 1]))
-    formed = np.flatnonzero(np.isfinite(off_m[:, 0])) if stuck else far
+    formed = np.flatnonzero(np.isfinite(off_m[:, 0])) if lead.is_stuck else far
     goal_m[now.rows[formed]] = slot_m[formed]
-    goes_round[now.rows[far]] |= stands
+    goes_round[now.rows[far]] |= lead.stands
     return goal_m, np.concatenate([rows, np.setdiff1d(now.rows[formed], aiming)]), goes_round
 
 
@@ -128,28 +151,59 @@ def left_behind(now: TickInputs, slot_m: Array, off_m: Array) -> NDArray[np.intp
     return left
 
 
+def _soon_m(now: TickInputs, goal_m: Array, lead: Lead) -> Array:
+    """(n, 3) where vehicles are in `PUT_OFF_S` that follow goals (n, 3) which move with the centre."""
+    course_m_s = np.zeros(3) if lead.center is None else lead.center.velocity_m_s
+    ahead_m = goal_m + PUT_OFF_S * course_m_s - now.position_m
+    reach_m = PUT_OFF_S * now.settings.law.speed_m_s
+    away_m = np.maximum(np.linalg.norm(ahead_m, axis=1), reach_m)
+    soon_m: Array = now.position_m + ahead_m * (reach_m / away_m)[:, None]
+    return soon_m
+
+
+def _held(now: TickInputs, rows: NDArray[np.intp], slot_m: Array) -> NDArray[np.intp]:
+    """(k,) vehicles that follow their slots (m, 3), and are none of `rows`: they leave when pinched."""
+    return np.setdiff1d(now.rows[np.isfinite(slot_m[:, 0])], rows)
+
+
 @kernel
 def _ways_out(
     place_m: Array,
     goal_m: Array,
+    ahead_m: Array,
+    held: Mask,
     boxes: tuple[Array, Array, Array],
     top_m: Array,
-    speed_m_s: float,
-    within_m: float,
+    speeds_m_s: tuple[float, float],
+    fence: tuple[float, float],
 ) -> tuple[Array, Mask]:
-    """(k, 3) where vehicles at (k, 3) aim at, and (k,) over which of their places a box will move.
+    """(k, 3) where vehicles at (k, 3) aim at, and (k,) which leave: a box will move over their places.
 
-    The other arguments are those of `way_out` and `_aims`.
+    Those `held` (k,), which else would soon be at (k, 3), leave when no way leads out of there. Where none
+    is left, a vehicle climbs over in time.
+    The other arguments are those of `climb_over` and `_aims`.
     """
-    aim_m, threatened = goal_m.copy(), np.zeros(len(goal_m), np.bool_)
+    aim_m, leaves = goal_m.copy(), np.zeros(len(goal_m), np.bool_)
     for i in range(len(place_m)):
-        beside = np.flatnonzero(top_m > -place_m[i, 2])
+        height_m, here_m, there_m = -place_m[i, 2], place_m[i, :2].copy(), goal_m[i, :2].copy()
+        beside = np.flatnonzero(top_m > height_m)
         among = boxes[0][beside], boxes[1][beside], boxes[2][beside]
-        here_m = place_m[i, :2].copy()
-        threatened[i] = free_s(here_m, here_m, speed_m_s, among) < HORIZON_S
-        if threatened[i]:
-            aim_m[i, :2] = way_out(here_m, goal_m[i, :2].copy(), speed_m_s, among, within_m)
-    return aim_m, threatened
+        if held[i]:
+            leaves[i] = is_pinched(here_m, ahead_m[i, :2].copy(), speeds_m_s[0], among, fence[0])
+        else:
+            leaves[i] = free_s(here_m, here_m, speeds_m_s[0], among) < HORIZON_S
+        if not leaves[i]:
+            continue
+        wider = among[0], among[1], among[2] + (GAP_M if held[i] else 0.0)
+        out_m, clear_s = way_out(here_m, there_m, speeds_m_s[0], wider, fence[0])
+        if held[i] and clear_s < HORIZON_S:
+            out_m, clear_s = way_out(here_m, there_m, speeds_m_s[0], among, fence[0])
+        aim_m[i, :2] = out_m
+        if clear_s < HORIZON_S:
+            over_m = climb_over(here_m, out_m, speeds_m_s, among, top_m[beside] + OVER_M, height_m)
+            if over_m <= fence[1]:
+                aim_m[i, 2] = -over_m
+    return aim_m, leaves
 
 
 @kernel
@@ -222,4 +276,5 @@ def warm_up() -> None:
     place_m, at_m = np.zeros((1, 3)), (np.array([[5.0, 0.0]]), np.zeros((1, 2)))
     box_m, top_m = np.ones((1, 2)), np.full(1, 50.0)
     _aims(place_m, place_m + 10.0, at_m, box_m, top_m, 5.0, (100.0, 100.0), True)
-    _ways_out(place_m, place_m + 10.0, (*at_m, box_m), top_m, 5.0, 100.0)
+    held, fence = np.zeros(1, np.bool_), (100.0, 100.0)
+    _ways_out(place_m, place_m + 10.0, place_m, held, (*at_m, box_m), top_m, (5.0, 2.0), fence)

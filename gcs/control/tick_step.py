@@ -168,7 +168,7 @@ def _aims(now: TickInputs, memory: Memory, lead: Lead, places: Spread) -> Aims:
     slot_m = slots_m(now, lead, places)
     aim_m, aiming, routes = follow_routes(now, memory.routes, slot_m)
     aim_m, aiming, ways = lead_within(now, memory.ways, aim_m, aiming, slot_m)
-    past = round_obstacles(now, aim_m, aiming, slot_m, stands=lead.stands, stuck=lead.is_stuck)
+    past = round_obstacles(now, aim_m, aiming, slot_m, lead)
     return Aims(slot_m, *past, routes, ways)
 
 

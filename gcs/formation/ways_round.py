@@ -28,6 +28,12 @@ DIRECTIONS, REACHES_M = 24, (6.0, 12.0, 24.0, 40.0)
 HORIZON_S: Final = 20.0
 """What stays free of boxes for so long counts as free."""
 
+PINCHED_S, PUT_OFF_S = 10.0, 3.0
+"""A vehicle over which a box moves before the first leaves if none could be left after the second."""
+
+GAP_M: Final = 2.0
+"""Beside boxes a vehicle brakes: gaps are this much narrower on each side than they are."""
+
 COUNTED_MAX: Final = 10
 """A way that meets more ellipses than this is not looked for."""
 
@@ -211,15 +217,17 @@ def free_s(start_m: Array, end_m: Array, speed_m_s: float, boxes: tuple[Array, A
 @kernel
 def way_out(
     start_m: Array, goal_m: Array, speed_m_s: float, boxes: tuple[Array, Array, Array], within_m: float
-) -> Array:
+) -> tuple[Array, float]:
     """(2,) where a vehicle flies straight to, to stay clear of boxes that move, and to come to its goal.
 
     To the goal, if that way is free; else where it stays clear longest, and of such places to the one nearest
     to the goal. The arguments are those of `free_s` and `way_round`.
+
+    Returns: also for how long it stays clear on that way and there, in s; `HORIZON_S` or more: it does.
     """
     best_m, best_s, left_m = goal_m.copy(), free_s(start_m, goal_m, speed_m_s, boxes), np.inf
     if best_s >= HORIZON_S:
-        return best_m
+        return best_m, best_s
     for reach_m in REACHES_M:
         for direction in range(DIRECTIONS):
             turn_rad = 2.0 * np.pi * direction / DIRECTIONS
@@ -229,4 +237,59 @@ def way_out(
             clear_s, away = min(free_s(start_m, end_m, speed_m_s, boxes), HORIZON_S), away_m(end_m, goal_m)
             if clear_s > best_s or (clear_s == best_s and away < left_m):
                 best_m, best_s, left_m = end_m, clear_s, away
-    return best_m
+    return best_m, best_s
+
+
+@kernel
+def is_pinched(
+    place_m: Array, ahead_m: Array, speed_m_s: float, boxes: tuple[Array, Array, Array], within_m: float
+) -> bool:
+    """Whether a box comes over a vehicle at (2,), and no straight way leads out of where it would be then.
+
+    That is at (2,), after `PUT_OFF_S`. The other arguments are those of `way_out`.
+    """
+    if free_s(place_m, place_m, speed_m_s, boxes) >= PINCHED_S:
+        return False
+    later = boxes[0] + PUT_OFF_S * boxes[1], boxes[1], boxes[2] + GAP_M
+    for k in range(len(later[0])):
+        off_m = np.abs(ahead_m - later[0][k])
+        if off_m[0] < later[2][k, 0] and off_m[1] < later[2][k, 1]:
+            return True
+    for reach_m in REACHES_M:
+        for direction in range(DIRECTIONS):
+            turn_rad = 2.0 * np.pi * direction / DIRECTIONS
+            end_m = ahead_m + reach_m * np.array([np.cos(turn_rad), np.sin(turn_rad)])
+            inside = np.hypot(end_m[0], end_m[1]) <= within_m
+            if inside and free_s(ahead_m, end_m, speed_m_s, later) >= HORIZON_S:
+                return False
+    return True
+
+
+@kernel
+def climb_over(
+    start_m: Array,
+    end_m: Array,
+    speeds_m_s: tuple[float, float],
+    boxes: tuple[Array, Array, Array],
+    top_m: Array,
+    height_m: float,
+) -> float:
+    """The height at which a vehicle that climbs on its way is over all boxes in time; inf: it cannot.
+
+    Args:
+        start_m: (2,) show frame, now.
+        end_m: (2,) where it flies straight to, and stays.
+        speeds_m_s: of the vehicle, sideways and up.
+        boxes: as of `free_s`.
+        top_m: (m,) heights that a vehicle must have over them.
+        height_m: of the vehicle.
+    """
+    over_m = height_m
+    for k in range(len(top_m)):
+        alone = boxes[0][k : k + 1], boxes[1][k : k + 1], boxes[2][k : k + 1]
+        enters_s = free_s(start_m, end_m, speeds_m_s[0], alone)
+        if enters_s < HORIZON_S:
+            if (top_m[k] - height_m) / speeds_m_s[1] > enters_s:
+                return np.inf
+            over_m = max(over_m, top_m[k])
+    return over_m

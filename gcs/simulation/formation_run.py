@@ -10,7 +10,7 @@ from gcs.formation.laws.registry import law_of
 from gcs.formation.neighbours import Sight
 from gcs.model.errors import RefusedError
 from gcs.model.plan import Formation, Orbit, Plan, Target
-from gcs.model.state import Array
+from gcs.model.state import Array, Mask
 from gcs.safety.near_traffic import NearTraffic
 from gcs.simulation import initial_states as layout
 from gcs.simulation.crossing import Crossing
@@ -18,11 +18,8 @@ from gcs.simulation.decide import Divide
 from gcs.simulation.obstacle_worlds import draw_world
 from gcs.simulation.random_sites import drawn_site
 from gcs.simulation.record import THROUGH_M, approaching
-from gcs.simulation.scenario import (
-    Carried,
-    FormationFlight,
-    Scenario,
-)
+from gcs.simulation.scenario import Carried, FormationFlight, Scenario
+from gcs.simulation.shortest_ways import shortest_ways_s
 from gcs.simulation.simulated_flight import SimulatedFlight
 from gcs.simulation.tracked_target import MovingTarget
 from gcs.simulation.world import Neighbourhood
@@ -46,18 +43,23 @@ class FormationRun(SimulatedFlight):
         self._random = np.random.default_rng([seed, 1])
         total = count + flight.join
         flight, radius_m = layout.accepted(scenario, flight, total)
-        start_m = layout.formation_start_m(flight, radius_m, total, self._random)
+        start_m, pads_m = layout.formation_start_m(flight, radius_m, total, self._random), None
         height_m = flight.height_m or flight.takeoff_height_m + 5.0 + radius_m
         orbit = Orbit(**flight.orbit.model_dump())
         self._boxes = [(box, 0.0) for box in layout.obstacles_of(flight.boxes)]  # and when each becomes known
         self._target_m = np.array([flight.target.x_m, flight.target.y_m])
         if flight.random_obstacles is not None:
             avoidance = scenario.control.law.avoidance
-            drawn = draw_world(self._random, flight.random_obstacles, avoidance, radius_m)
+            grid_m = layout.grid_m(total, flight.spacing_m, 0.0)
+            apart_m = float(np.hypot(grid_m[:, 0], grid_m[:, 1]).max())
+            drawn = draw_world(self._random, flight.random_obstacles, avoidance, radius_m, apart_m)
             orbit = Orbit(drawn.orbit_radius_m, drawn.speed_m_s)
             self._boxes = list(zip(drawn.boxes, drawn.appear_s, strict=True))
             self._target_m = np.array(drawn.target_m)
             start_m = start_m + np.array([drawn.orbit_radius_m, 0.0, 0.0])
+            if drawn.pads_m is not None:
+                pads_m = grid_m + np.array([*drawn.pads_m, 0.0])
+                start_m = self._between_home_m(flight, radius_m, count, pads_m)
         if flight.site is not None:
             half_m = float(np.abs(start_m[:, :2]).max(initial=0.0)) + radius_m
             around = drawn_site(scenario, flight.site, self._random, half_m)
@@ -65,6 +67,7 @@ class FormationRun(SimulatedFlight):
             self._target_m = around.room_m[int(self._random.integers(len(around.room_m)))]
         plan = Plan(Formation(radius_m, height_m, law=flight.law), orbit)
         super().__init__(scenario, start_m, np.full((total, 3), np.nan), plan, seed, divide)
+        self.pads_m = pads_m
         if flight.pads == "shuffled":
             grid_m = layout.grid_m(total, flight.spacing_m, 0.0)
             self.pads_m = grid_m[self._random.permutation(total)]
@@ -74,18 +77,11 @@ class FormationRun(SimulatedFlight):
         self._changed = self._ended = self._returns = False
         self._passing_s = 0.0
         self._path_m: tuple[Array, Array] | None = None  # start and displacement of a carried vehicle
-        rows = np.arange(total)
-        charge = np.array(flight.charges)[rows % len(flight.charges)]
-        self.record.charge = charge
-        speeds_m_s = np.array(flight.speeds_m_s or (np.inf,))
-        self.traits = replace(self.traits, charge=charge, speed_max_m_s=speeds_m_s[rows % len(speeds_m_s)])
-        self._neighbourhood = (
-            None
-            if flight.radio is None
-            else Neighbourhood(
-                flight.radio, scenario.control.law.neighbours, charge, radius_m, self.world.tick_s, seed
-            )
-        )
+        self.record.charge = charge = np.resize(np.array(flight.charges), total)
+        speeds_m_s = np.resize(np.array(flight.speeds_m_s or (np.inf,)), total)
+        self.traits = replace(self.traits, charge=charge, speed_max_m_s=speeds_m_s)
+        about = scenario.control.law.neighbours, charge, radius_m, self.world.tick_s, seed
+        self._neighbourhood = None if flight.radio is None else Neighbourhood(flight.radio, *about)
         self._target_m_s = np.array([flight.target.velocity_x_m_s, flight.target.velocity_y_m_s])
         self.tracked = None if flight.tracked is None else MovingTarget(flight.tracked, seed)
         self._traffic = (
@@ -94,20 +90,24 @@ class FormationRun(SimulatedFlight):
         if self._traffic is not None:
             self.record.passages = self._traffic.passages
         self._target_stands = not (flight.tracked or flight.target.turns or self._target_m_s.any())
-        changes = (
-            flight.traffic
-            or flight.spins
-            or self._boxes
-            or flight.carried
-            or flight.join
-            or flight.leave_share
-        )
-        only_assembles = self._target_stands and flight.ending == "none" and not changes
-        self.stands = only_assembles and law_of(flight.law).has_slots and not orbit.radius_m
+        self.stands = self._only_assembles and law_of(flight.law).has_slots and not orbit.radius_m
+
+    @property
+    def _only_assembles(self) -> bool:
+        flight = self.flight
+        events = flight.traffic, flight.spins, self._boxes, flight.carried, flight.join, flight.leave_share
+        return self._target_stands and flight.ending == "none" and not any(events)
+
+    def _between_home_m(self, flight: FormationFlight, radius_m: float, count: int, pads_m: Array) -> Array:
+        """(n, 3) where those in formation begin, and above their pads (n, 3) those that join it."""
+        start_m: Array = pads_m - np.array([0.0, 0.0, flight.takeoff_height_m])
+        start_m[:count] = layout.formation_start_m(flight, radius_m, count, self._random)
+        return start_m
 
     def before_tick(self) -> None:
         flight, now_s = self.flight, self.time_s
-        self.center_moves = now_s >= flight.center_moves_from_s and not self._ended
+        flies_on = not self._ended or flight.ending == "return-one"
+        self.center_moves = now_s >= flight.center_moves_from_s and flies_on
         self._move_target()
         for spin in flight.spins:
             if now_s >= spin.from_s:
@@ -206,16 +206,54 @@ class FormationRun(SimulatedFlight):
         rows[gone] = True
         self.vanish(rows)
         self.task[self._joining] = Task.FORMATION
+        if self.flight.join and self._parts:
+            self.record.expected = self._joining.copy()
+            middle_m = np.array([*self._target_m, -self.plan.formation.height_m])
+            self._note_ways(self._joining, np.tile(middle_m, (len(self.task), 1)))
+
+    @property
+    def _parts(self) -> bool:
+        """Whether boxes are between the formation and its pads."""
+        return self.flight.random_obstacles is not None and self.flight.random_obstacles.parts
+
+    def _note_ways(self, rows: Mask, goal_m: Array) -> None:
+        """Note how long the shortest ways of those rows (n,) to (n, 3) are, past the boxes."""
+        if not self._parts:
+            return
+        law, safety = self.settings.law, self.settings.safety
+        boxes, speed = tuple(map(self._placed, self.plan.obstacles)), (law.speed_m_s, safety.limits)
+        here_m, clear_m = self.world.position_m, law.avoidance.margin_m
+        self.record.way_s = way_s = np.zeros(len(rows))
+        way_s[rows] = shortest_ways_s(
+            boxes, here_m[rows], goal_m[rows], clear_m, speed, safety.fence.height_max_m
+        )
 
     def _end(self) -> None:
-        """End the flight: a return through the filter, or what the autopilots do without setpoints."""
+        """End the flight: through the filter, or by what the autopilots do without setpoints."""
         if self._returns or self.flight.ending == "return":
             self.come_home(self.flight.takeoff_height_m, begin=not self._ended)
+            if not self._ended:
+                self._note_ways(self.record.expected, self.record.goal_m)
+        elif not self._ended and self.flight.ending in {"return-one", "come-down"}:
+            self._lead_some_down(alone=self.flight.ending == "return-one")
         elif not self._ended:
             flying = self.present & self.world.in_air
             self.task[:] = Task.NONE
             self.world.fly_alone(flying, self.flight.ending)
         self._ended = True
+
+    def _lead_some_down(self, *, alone: bool) -> None:
+        """Lead the first vehicle home, `alone`, or all down near to where they are."""
+        flying = self.present & self.world.in_air & ~self.losses.known
+        rows = np.isin(np.arange(len(flying)), np.flatnonzero(flying)[: 1 if alone else None])
+        self.record.changed_s, self.record.expected = self.time_s, rows
+        if alone:
+            place_m = self._return_places_m(np.flatnonzero(rows), self.flight.takeoff_height_m)
+        else:
+            place_m = self._landing_sites_m(rows)
+        self.record.goal_m = place_m
+        self._lead_down(rows, place_m, returns=alone)
+        self._note_ways(rows, place_m)
 
     def finished(self) -> bool:
         """Whether all have landed; among random boxes, whether the last approach was `AFTER_BOXES_S` ago."""
@@ -224,7 +262,8 @@ class FormationRun(SimulatedFlight):
         random = self.flight.random_obstacles
         if random is not None and random.arrives:
             return self._past_all_boxes()
-        return self._ended and not (self.record.in_air[-1] & ~self.losses.known).any()
+        counts = self.record.expected if self.flight.ending == "return-one" else ~self.losses.known
+        return self._ended and not (self.record.in_air[-1] & counts).any()
 
     def _past_all_boxes(self) -> bool:
         record, now_s = self.record, self.time_s

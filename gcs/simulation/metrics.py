@@ -2,37 +2,39 @@
 
 from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from gcs.config.sections import OperationSettings
 from gcs.formation.laws.protocol import GoalShape
 from gcs.formation.laws.registry import law_of
 from gcs.model.state import Array, Mask
 from gcs.safety.filter import Limits
+from gcs.simulation.arrivals import ArrivalFigures, arrival
 from gcs.simulation.article import ArticleFigures, article_figures
 from gcs.simulation.crossing import TrafficFigures
 from gcs.simulation.crossing import figures as crossing_figures
 from gcs.simulation.record import (
+    STEADY_S,
     THROUGH_M,
     FlightRecord,
     last_passing_tick,
     penetrations_and_clearance_m,
+    rounded,
     same_side,
     shortest_path_m,
     through,
 )
 from gcs.simulation.reference_shapes import SEARCHED_MOST, best, best_figures, energy_and_nearest
 from gcs.simulation.scenario import ArticleFlight, FormationFlight, GoalFlight, Judged, ShowFlight
+from gcs.simulation.shortest_ways import travel_time_s
 from gcs.simulation.site_figures import SiteFigures
 from gcs.simulation.site_figures import figures as site_figures
 
 SETTLED_ENERGY = 1.005
 SETTLED_RADIUS = 0.02
-STEADY_S = 5.0
 ON_ORBIT_M = 0.5
 REFINED = 40
 """Of all rotations that take a pair of the best configuration onto a flown pair, the closest are refined."""
@@ -104,14 +106,6 @@ def steady_ticks(record: FlightRecord) -> NDArray[np.intp]:
     formed = np.array([rows.any() for rows in record.formed])
     ticks = np.flatnonzero(formed)
     return ticks[-round(STEADY_S * record.scenario.world.tick_rate_hz) :]
-
-
-def travel_time_s(way_m: Array, sideways_m_s: float, limits: Limits) -> Array:
-    """(...,) durations of straight flights (..., 3) at the limits."""
-    level_s = np.hypot(way_m[..., 0], way_m[..., 1]) / min(sideways_m_s, limits.horizontal_m_s)
-    up_s, down_s = -way_m[..., 2] / limits.up_m_s, way_m[..., 2] / limits.down_m_s
-    longest: Array = np.maximum(level_s, np.maximum(up_s, down_s))
-    return longest
 
 
 def straight_line_time_s(start_m: Array, final_m: Array, sideways_m_s: float, limits: Limits) -> float:
@@ -406,106 +400,6 @@ def _on_orbit_s(record: FlightRecord, flight: FormationFlight | ArticleFlight) -
     return None
 
 
-TOTAL_SHARE, TOTAL_SPARE_S, SPARE_OF_MANY_S, MANY = 1.5, 10.0, 30.0, 200
-"""`arrival.late_s` is the last arrival minus share times the longest straight-line time minus reserve."""
-
-
-AT_PAD_M: Final[float] = OperationSettings.model_fields["landing_site_spacing_m"].default
-"""Farther than this from its pad, over the ground, a vehicle has not landed there: other pads are as near."""
-
-
-@dataclass(frozen=True, slots=True)
-class ArrivalFigures:
-    """Arrivals, and their delay relative to straight flight at the limits.
-
-    Of a flight that ends with a return landings at pads count, of other formations slots: with lost vehicles,
-    or where the sphere stands.
-    """
-
-    arrived: int | None = None  # vehicles
-    median_ratio: float | None = None  # time over that of straight flight
-    worst_ratio: float | None = None
-    total_s: float | None = None  # until the last arrival
-    late_s: float | None = None  # of the last arrival; negative: early enough
-    expected: int | None = None  # vehicles
-    planning_s: float | None = None  # processor time of the collective return's plan
-
-
-def arrival(record: FlightRecord) -> ArrivalFigures:
-    return replace(_arrivals(record), planning_s=rounded(record.planning_s))
-
-
-def _arrivals(record: FlightRecord) -> ArrivalFigures:
-    flight, has_goals = record.scenario.flight, bool(np.isfinite(record.goal_m).all())
-    if record.off_slot_m and not has_goals:
-        return _in_slots(record)
-    if not has_goals:
-        return ArrivalFigures()
-    begin = int(np.searchsorted(record.time_s, record.changed_s - 1e-9))
-    path_m = record.path_m[begin:]
-    if isinstance(flight, GoalFlight):
-        there = np.linalg.norm(path_m - record.goal_m, axis=2) < flight.arrived_m
-    else:
-        off_pad_m = np.linalg.norm((path_m - record.goal_m)[:, :, :2], axis=2)
-        there = ~np.array(record.in_air[begin:]) & (off_pad_m < AT_PAD_M)
-    ratio, took_s, straight_s = _ratios(record, path_m[0], record.goal_m, there)
-    spare_s = TOTAL_SPARE_S if record.count <= MANY else SPARE_OF_MANY_S
-    return ArrivalFigures(
-        arrived=int(np.isfinite(took_s).sum()),
-        expected=int(record.expected.sum()),
-        median_ratio=rounded(float(np.median(ratio))),
-        worst_ratio=rounded(float(ratio.max())),
-        total_s=rounded(float(took_s.max())),
-        late_s=rounded(float(took_s.max() - (TOTAL_SHARE * straight_s.max() + spare_s))),
-    )
-
-
-def _ratios(record: FlightRecord, start_m: Array, place_m: Array, there: Mask) -> tuple[Array, Array, Array]:
-    """(k,) times to first be `there` (ticks, n), over those of the straight lines; both times (k,), s.
-
-    Of the k expected vehicles, from (n, 3) to (n, 3). Infinite where one never was there.
-    """
-    control, rows = record.scenario.control, record.expected
-    straight_s = travel_time_s(place_m - start_m, control.law.speed_m_s, control.safety.limits)[rows]
-    first_s = there.argmax(axis=0) / record.scenario.world.tick_rate_hz
-    took_s = np.where(there.any(axis=0), first_s, np.inf)[rows]
-    return took_s / np.maximum(straight_s, 1e-9), took_s, straight_s
-
-
-def _in_slots(record: FlightRecord) -> ArrivalFigures:
-    """Vehicles in formation, and the most of them at their slots at one moment of the last seconds.
-
-    A formation that stands: not those off slots in closed space. On an orbit the last lap counts; in part of
-    it the sphere passes lost vehicles.
-    """
-    flight, lasts_s = record.scenario.flight, STEADY_S
-    if isinstance(flight, FormationFlight) and flight.orbit.radius_m:
-        lasts_s = 2.0 * np.pi * flight.orbit.radius_m / flight.orbit.speed_m_s
-    off_m = np.array(record.off_slot_m[-round(lasts_s * record.scenario.world.tick_rate_hz) :])
-    record.expected = np.asarray(np.isfinite(off_m).all(axis=0))
-    at_once = (off_m < THROUGH_M)[:, record.expected].sum(axis=1)
-    counts = ArrivalFigures(arrived=int(at_once.max()), expected=int(record.expected.sum()))
-    return _assembled(counts, record)
-
-
-def _assembled(figures: ArrivalFigures, record: FlightRecord) -> ArrivalFigures:
-    """Add how long the vehicles took to come within `THROUGH_M` of the slots that they have at the end.
-
-    Slots move while vehicles assemble; the straight line leads to where a vehicle's slot comes to rest.
-    """
-    if record.lost_rows or record.orbit_radius_m or record.changed_s:
-        return figures
-    place_m = record.slot_m
-    there = np.linalg.norm(record.path_m - place_m, axis=2) < THROUGH_M
-    ratio, took_s, _ = _ratios(record, record.path_m[0], place_m, there)
-    return replace(
-        figures,
-        median_ratio=rounded(float(np.median(ratio))),
-        worst_ratio=rounded(float(ratio.max())),
-        total_s=rounded(float(took_s.max())),
-    )
-
-
 @dataclass(frozen=True, slots=True)
 class ObstacleFigures:
     """How the vehicles passed boxes. None: there are none, or it does not apply."""
@@ -596,11 +490,6 @@ class TickFigures:
 def ticks_ms(record: FlightRecord) -> TickFigures:
     took_ms = np.array(record.tick_s) * 1e3
     return TickFigures(rounded(float(np.median(took_ms))), rounded(float(np.percentile(took_ms, 99))))
-
-
-def rounded(value: float | None, digits: int = 3) -> float | None:
-    """Round for output; None for None and infinity, which JSON cannot represent."""
-    return None if value is None or not np.isfinite(value) else round(value, digits)
 
 
 @dataclass(frozen=True, slots=True)

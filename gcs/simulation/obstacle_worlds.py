@@ -9,6 +9,7 @@ from gcs.formation.obstacles import AvoidanceSettings, Ellipse
 from gcs.model.errors import ConfigError
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array
+from gcs.simulation.home_worlds import SHAPES, home_world
 from gcs.simulation.scenario import RandomObstacles
 
 BOX_TRIES = 2000
@@ -30,6 +31,7 @@ class ObstacleWorld:
     boxes: tuple[Obstacle, ...]
     appear_s: tuple[float, ...]  # when each box becomes known
     orbit_radius_m: float = 0.0
+    pads_m: tuple[float, float] | None = None  # their middle; None: below the start
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,6 +42,7 @@ class _Draw:
     settings: RandomObstacles
     avoidance: AvoidanceSettings
     sphere_m: float
+    pads_m: float
 
     def speed_m_s(self) -> float:
         return self.random.uniform(self.settings.speed_min_m_s, self.settings.speed_max_m_s)
@@ -56,11 +59,24 @@ class _Draw:
 
 
 def draw_world(
-    random: np.random.Generator, settings: RandomObstacles, avoidance: AvoidanceSettings, sphere_m: float
+    random: np.random.Generator,
+    settings: RandomObstacles,
+    avoidance: AvoidanceSettings,
+    sphere_m: float,
+    pads_m: float = 0.0,
 ) -> ObstacleWorld:
+    """The world of a formation with that radius; `pads_m`: of the farthest pad from the middle of all."""
     worlds = {"one": _one_in_the_way, "on-orbit": _one_on_the_orbit, "many": _many}
     worlds |= {"closing": _closing, "surround": _surround, "walls": _walled, "closed": _walled, "held": _held}
-    return worlds[settings.kind](_Draw(random, settings, avoidance, sphere_m))
+    worlds |= {"home": _between_home, "home-closed": _between_home}
+    return worlds[settings.kind](_Draw(random, settings, avoidance, sphere_m, pads_m))
+
+
+def _between_home(draw: _Draw) -> ObstacleWorld:
+    """Boxes between the formation and its pads, or all about it."""
+    shape = "closed" if draw.settings.kind == "home-closed" else str(draw.random.choice(SHAPES))
+    boxes, middle_m = home_world(draw.random, shape, draw.sphere_m, draw.pads_m)
+    return ObstacleWorld((0.0, 0.0), draw.speed_m_s(), boxes, (0.0,) * len(boxes), pads_m=_pair(middle_m))
 
 
 def _one_in_the_way(draw: _Draw) -> ObstacleWorld:

@@ -5,10 +5,9 @@ Pairs are deliberately computed without the code that flies.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import TypeAlias
+from typing import Final, TypeAlias
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from gcs.formation.obstacles import Ellipse
@@ -17,10 +16,19 @@ from gcs.model.plan import Obstacle
 from gcs.model.state import Array, Mask
 from gcs.simulation.crossing import Passage
 from gcs.simulation.scenario import FormationFlight, Scenario
+from gcs.simulation.shortest_ways import shortest_paths_m
 
 Index: TypeAlias = NDArray[np.intp]
 
 NOWHERE = np.full(3, np.nan)
+
+STEADY_S: Final = 5.0
+"""The last of a flight, in which it is at rest."""
+
+
+def rounded(value: float | None, digits: int = 3) -> float | None:
+    """Round for output; None for None and infinity, which JSON cannot represent."""
+    return None if value is None or not np.isfinite(value) else round(value, digits)
 
 
 @dataclass(slots=True, eq=False)
@@ -70,6 +78,7 @@ class FlightRecord:
     busy_s: float = 0.0  # processor time of the whole flight
     carried_s: tuple[float, ...] = ()  # when a carried vehicle was held, let go, and the flight ends
     changed_s: float = 0.0  # start of settling: engagement, or the last event
+    way_s: Array | None = None  # (n,) duration of the shortest ways past boxes; None: of straight ones
     planning_s: float | None = None  # processor time of the collective return's plan; None: none was made
     details: FlightDetails | None = None
     within_m_s: list[Array] | None = None  # (n, 3) true velocities within a site; None: there is none
@@ -171,16 +180,19 @@ NEARER_M_S = 0.5
 THROUGH_M = 2.0
 """Largest final distance of vehicles from the sphere, and of the sphere from its destination."""
 
-CELL_M = 1.0
-STEPS = ((1, 0), (0, 1), (1, 1), (1, -1), (1, 2), (1, -2), (2, 1), (2, -1))
-"""Grid of `shortest_path_m`, and its steps: knight's moves too, which leaves 3 % of detour."""
-
 
 def penetrations_and_clearance_m(record: FlightRecord) -> tuple[int, float]:
-    """Number of vehicles inside a box grown by 1 m, sides and top; and least distance to a box."""
+    """Number of vehicles inside a box grown by 1 m, sides and top; and least distance to a box.
+
+    Those that have lost their links in a formation do not count: nothing can lead them out of the way.
+    """
     inside, least_m = np.zeros(record.count, dtype=bool), np.inf
-    for boxes, position_m, flying in zip(record.boxes, record.position_m, record.in_air, strict=True):
+    flight, lost = record.scenario.flight, np.isin(np.arange(record.count), list(record.lost_rows))
+    lost_s = flight.loss.at_s if isinstance(flight, FormationFlight) else np.inf
+    ticks = zip(record.time_s, record.boxes, record.position_m, record.in_air, strict=True)
+    for time_s, boxes, position_m, in_air in ticks:
         if boxes:
+            flying = in_air & ~lost if time_s >= lost_s else in_air
             beyond_m = _beyond_m(boxes, position_m[flying])
             inside[flying] |= (beyond_m < PENETRATION_M).all(axis=2).any(axis=0)
             gap_m = np.linalg.norm(np.maximum(beyond_m, 0.0), axis=2)
@@ -239,35 +251,10 @@ def through(record: FlightRecord) -> bool:
 def shortest_path_m(record: FlightRecord, clear_m: float) -> float:
     """Length of the centre's shortest level path from start to target past standing boxes grown by `clear_m`.
 
-    Infinite without one. Computed on a grid, without the code that flies: up to 3 % longer than exact.
+    As of `shortest_paths_m`, without the code that flies.
     """
-    boxes, start_m, target_m = record.boxes[-1], record.center_m[0][:2], record.target_m[-1]
-    half_m = np.array([(box.half_length_x_m, box.half_length_y_m) for box in boxes]) + clear_m
-    middle_m = np.array([(box.x_m, box.y_m) for box in boxes])
-    ends_m = np.vstack([middle_m - half_m, middle_m + half_m, start_m, target_m])
-    low_m = ends_m.min(axis=0) - 2.0 * CELL_M
-    size = np.ceil((ends_m.max(axis=0) - low_m) / CELL_M).astype(int) + 3
-    place_m = low_m + CELL_M * np.stack(np.meshgrid(*map(np.arange, size), indexing="ij"), axis=-1)
-    free = np.ones(size, dtype=bool)
-    for middle, half in zip(middle_m, half_m, strict=True):
-        free &= (np.abs(place_m - middle) > half - CELL_M / 2).any(axis=-1)
-    number = np.where(free, np.arange(free.size).reshape(size), -1)
-    links = [_links(number, step) for step in STEPS]
-    first, second, length_m = (np.concatenate(part) for part in zip(*links, strict=True))
-    graph = scipy.sparse.csr_array((length_m, (first, second)), shape=(free.size, free.size))
-    begin, end = (int(number[tuple(np.rint((p - low_m) / CELL_M).astype(int))]) for p in (start_m, target_m))
-    if min(begin, end) < 0:
-        return float("inf")
-    return float(scipy.sparse.csgraph.dijkstra(graph, directed=False, indices=np.array([begin]))[0, end])
-
-
-def _links(number: Index, step: tuple[int, int]) -> tuple[Index, Index, Array]:
-    """Free neighbours one step apart: their numbers, and the distance."""
-    columns, rows = step
-    shifted = number[columns:, max(rows, 0) : number.shape[1] + min(rows, 0)]
-    base = number[: number.shape[0] - columns, max(-rows, 0) : number.shape[1] - max(rows, 0)]
-    both = (base >= 0) & (shifted >= 0)
-    return base[both], shifted[both], np.full(int(both.sum()), CELL_M * float(np.hypot(*step)))
+    start_m, target_m = record.center_m[0][None, :2], record.target_m[-1][None]
+    return float(shortest_paths_m(record.boxes[-1], start_m, target_m, clear_m)[0])
 
 
 def _meets(ellipse: Ellipse, start_m: Array, ahead: Array) -> Mask:

@@ -181,7 +181,9 @@ class ScenarioBox(StandingBox):
 class RandomObstacles(Settings):
     """Random boxes for every seed, in the way of a formation that starts at once."""
 
-    kind: Literal["one", "many", "on-orbit", "closing", "surround", "walls", "closed", "held"]
+    kind: Literal[
+        "one", "many", "on-orbit", "closing", "surround", "walls", "closed", "held", "home", "home-closed"
+    ]
     half_length_min_m: Positive = 1.5
     half_length_max_m: Positive = 8.0
     height_min_m: Positive = 8.0
@@ -203,7 +205,12 @@ class RandomObstacles(Settings):
     @property
     def arrives(self) -> bool:
         """Whether the formation is to arrive somewhere, where the flight ends."""
-        return self.kind not in {"closing", "surround", "closed", "held"}
+        return self.kind in {"one", "many", "on-orbit", "walls"}
+
+    @property
+    def parts(self) -> bool:
+        """Whether the boxes are between the formation and its pads."""
+        return self.kind in {"home", "home-closed"}
 
 
 class Radio(Settings):
@@ -271,7 +278,7 @@ class FormationFlight(Settings):
     change_s: NotNegative = 0.0
     loss: ScenarioLoss = ScenarioLoss()
     carried: Carried | None = None
-    ending: Literal["none", "return", "descend", "hold", "land"] = "none"
+    ending: Literal["none", "return", "return-one", "come-down", "descend", "hold", "land"] = "none"
     ending_s: NotNegative = 0.0
     law: LawName = DEFAULT_LAW
     radio: Radio | None = None  # None: the law is computed on the ground

@@ -2,15 +2,9 @@
 
 import numpy as np
 
-from gcs.simulation.metrics import (
-    ArrivalFigures,
-    FlightMetrics,
-    ObstacleFigures,
-    TrackFigures,
-    common,
-    rounded,
-)
-from gcs.simulation.record import penetrations_and_clearance_m
+from gcs.simulation.arrivals import ArrivalFigures
+from gcs.simulation.metrics import FlightMetrics, ObstacleFigures, TrackFigures, common
+from gcs.simulation.record import penetrations_and_clearance_m, rounded
 from gcs.simulation.rehearsal import Rehearsal
 from gcs.simulation.scenario import Scenario
 from gcs.simulation.site_figures import figures as site_figures

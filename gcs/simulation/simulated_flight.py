@@ -380,7 +380,7 @@ class SimulatedFlight:
 
     def _keep(self, decided: Decided) -> None:
         record, memory = self.record, decided.memory
-        counts = self.stands or len(self.losses.segments_m) > 0
+        counts = self.stands or len(self.losses.segments_m) > 0 or self.record.way_s is not None
         if counts and memory.center is not None and self._progress is None:
             record.slot_m = slot_m = memory.center.position_m + memory.radius_m * memory.place
             off_m = np.linalg.norm(self.world.position_m - slot_m, axis=1)

@@ -18,8 +18,8 @@ from gcs.service.snapshots import CueFigures, ShowFigures, VerticalOverlap
 from gcs.shows import Flaw, Played
 from gcs.shows.drawn_checks import DrawnFigures, drawn_within, examine
 from gcs.simulation.control_loss import ControlLoss, control_loss, described, sampled
-from gcs.simulation.metrics import Lag, goal_of, off_shape_m, rounded
-from gcs.simulation.record import penetrations_and_clearance_m
+from gcs.simulation.metrics import Lag, goal_of, off_shape_m
+from gcs.simulation.record import penetrations_and_clearance_m, rounded
 from gcs.simulation.rehearsal import TAKEOFF_M_S, Rehearsal, Replacement
 
 REACHED_M = 1.0

@@ -6,7 +6,15 @@ import numpy as np
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from gcs.formation.ways_round import HORIZON_S, free_s, passes, way_out, way_round
+from gcs.formation.ways_round import (
+    HORIZON_S,
+    climb_over,
+    free_s,
+    is_pinched,
+    passes,
+    way_out,
+    way_round,
+)
 from gcs.model.state import Array
 
 FAR_M = 400.0
@@ -136,11 +144,45 @@ def test_way_out_stays_clear_no_shorter_than_the_goal(
     place_m, half_m = arrays([box for box, _ in drawn])
     boxes = place_m, np.array([moves for _, moves in drawn]), half_m
     start_m, goal_m = np.array(start), np.array(goal)
-    out_m = way_out(start_m, goal_m, 4.0, boxes, FAR_M)
+    out_m, clear_s = way_out(start_m, goal_m, 4.0, boxes, FAR_M)
     straight_s = free_s(start_m, goal_m, 4.0, boxes)
-    assert free_s(start_m, out_m, 4.0, boxes) >= min(straight_s, HORIZON_S)
+    assert free_s(start_m, out_m, 4.0, boxes) >= clear_s >= min(straight_s, HORIZON_S)
     if straight_s >= HORIZON_S:
         assert (out_m == goal_m).all()
+
+
+@given(MOVING, PLACE, PLACE, st.floats(5.0, 60.0), st.floats(10.0, 60.0))
+def test_climb_is_above_each_box_when_it_comes(
+    drawn: list[tuple[tuple[float, float, float, float], tuple[float, float]]],
+    start: tuple[float, float],
+    end: tuple[float, float],
+    height_m: float,
+    tops_m: float,
+) -> None:
+    place_m, half_m = arrays([box for box, _ in drawn])
+    boxes = place_m, np.array([moves for _, moves in drawn]), half_m
+    start_m, end_m, top_m = np.array(start), np.array(end), np.linspace(tops_m, tops_m + 20.0, len(drawn))
+    over_m = climb_over(start_m, end_m, (4.0, 2.0), boxes, top_m, height_m)
+    for k in range(len(drawn)):
+        enters_s = free_s(
+            start_m, end_m, 4.0, (boxes[0][k : k + 1], boxes[1][k : k + 1], boxes[2][k : k + 1])
+        )
+        if enters_s < HORIZON_S and np.isfinite(over_m):
+            assert over_m >= top_m[k]
+            assert height_m + 2.0 * enters_s >= top_m[k] - 1e-9
+
+
+def test_vehicle_leaves_while_a_way_is_left_and_not_before() -> None:
+    """Three boxes close in about it; the way between two of them, to the right, gets narrower."""
+    place_m = np.array([[30.0, 0.0], [-30.0, 0.0], [0.0, 30.0]])
+    boxes = place_m, -place_m / 15.0, np.full((3, 2), 14.0)
+    here_m = np.zeros(2)
+    alone = tuple(each[:1] for each in boxes)
+    assert not is_pinched(here_m, here_m, 3.0, (alone[0], alone[1], alone[2]), FAR_M)
+    assert is_pinched(here_m, here_m, 3.0, boxes, FAR_M)
+    assert way_out(here_m, here_m, 3.0, boxes, FAR_M)[1] >= HORIZON_S, "there still is a way"
+    farther = (2.0 * place_m, boxes[1] / 2.0, boxes[2])
+    assert not is_pinched(here_m, here_m, 3.0, farther, FAR_M), "they are not there for long"
 
 
 def test_vehicle_flies_through_a_gap_that_closes() -> None:
@@ -150,5 +192,5 @@ def test_vehicle_flies_through_a_gap_that_closes() -> None:
         np.array([[0.0, -1.0], [0.0, 1.0], [2.0, 0.0]]),
         np.array([[10.0, 4.0], [10.0, 4.0], [4.0, 30.0]]),
     )
-    out_m = way_out(np.zeros(2), np.array([60.0, 0.0]), 6.0, boxes, FAR_M)
+    out_m, _ = way_out(np.zeros(2), np.array([60.0, 0.0]), 6.0, boxes, FAR_M)
     assert out_m[0] > 30.0

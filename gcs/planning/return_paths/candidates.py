@@ -31,6 +31,11 @@ TAIL = 10
 SPEED_SHARE = 0.95
 """Share of the limits: a late vehicle must be able to catch up."""
 
+LATER_S, WAITS, MANY = 4.0, 8, 100
+"""Boxes move on while a vehicle waits: its paths are looked at again after each of so many times; with more
+vehicles than the last once, as looking takes long.
+"""
+
 TOUCH_DOWN_M_S = 0.6
 """Below the handover its autopilot lands it, slower than the limits."""
 
@@ -57,7 +62,7 @@ class Candidates:
     path_m: Array  # (m, 3) its expected position
     first: Rows  # (n * EACH + 1,) index where each path begins
     over: Rows  # (n * EACH,) steps until it is above its pad
-    free: Mask  # (n * EACH,) clear of fence and obstacles
+    free: Mask  # (n * EACH, w) clear of fence and obstacles, when it begins after so many `LATER_S`
 
     @property
     def length(self) -> Rows:
@@ -67,7 +72,8 @@ class Candidates:
     @property
     def quickest(self) -> int:
         """Steps after which every vehicle could be down, if it were alone."""
-        free_steps = np.where(self.free, self.length, np.iinfo(np.intp).max)
+        waits = np.rint(self.free.argmax(axis=1) * LATER_S / STEP_S).astype(np.intp)
+        free_steps = np.where(self.free.any(axis=1), self.length + waits, np.iinfo(np.intp).max)
         return int(free_steps.reshape(-1, EACH).min(axis=1).max())
 
 
@@ -98,22 +104,24 @@ def lay(
         ways: round obstacles, for vehicles without another free path; None: there is no obstacle.
     """
     corners_m = _corners_m(start_m, pad_m, over_m, handover_m)
+    waits = 0 if ways is None or not ways.move else (WAITS if len(start_m) <= MANY else 1)
     speeds = SPEED_SHARE * speeds_m_s, TOUCH_DOWN_M_S, speeds_m_s, goal_rate_per_s
-    laid = _free_of(_laid(corners_m, *speeds), are_free, closed)
+    laid = _free_of(_laid(corners_m, *speeds), are_free, closed, waits)
     if closed is not None and len(closed.segments_m) and len(blocked := _blocked(laid)):
         for row in blocked:
             own = slice(row * EACH, (row + 1) * EACH)
             corners_m[own] = _round_closed(corners_m[own], closed)
-        laid = _free_of(_laid(corners_m, *speeds), are_free, closed)
+        laid = _free_of(_laid(corners_m, *speeds), are_free, closed, waits)
     if ways is not None and len(blocked := _blocked(laid)):
         corners_m = _round_boxes(corners_m, blocked, ways)
-        laid = _free_of(_laid(corners_m, *speeds), are_free, closed)
+        laid = _free_of(_laid(corners_m, *speeds), are_free, closed, waits)
     return replace(laid, free=_or_all(laid.free))
 
 
 def _blocked(candidates: Candidates) -> list[int]:
     """Rows of the vehicles without a free path."""
-    blocked: list[int] = np.flatnonzero(~candidates.free.reshape(-1, EACH).any(axis=1)).tolist()
+    each = candidates.free.shape[1] * EACH
+    blocked: list[int] = np.flatnonzero(~candidates.free.reshape(-1, each).any(axis=1)).tolist()
     return blocked
 
 
@@ -134,17 +142,25 @@ def _round_boxes(corners_m: Array, rows: list[int], ways: WaysRound) -> Array:
 
 
 def _free_of(
-    laid: tuple[Array, Array, Rows, Rows], are_free: AreFree | None, closed: Closed | None
+    laid: tuple[Array, Array, Rows, Rows], are_free: AreFree | None, closed: Closed | None, waits: int
 ) -> Candidates:
-    """The candidates (goals, paths, index of each, steps), and which are clear of everything."""
+    """The candidates (goals, paths, index of each, steps), and which are clear of everything.
+
+    Where they wait before boxes that move they must be so at the beginning and at the end of each `LATER_S`,
+    of which `waits` are looked at; 0: nothing moves.
+    """
     goal_m, path_m, first, over = laid
-    free = np.ones(len(over), dtype=np.bool_)
+    free = np.ones((len(over), max(waits, 1)), dtype=np.bool_)
     if are_free is not None and len(path_m):
         steps = np.arange(len(path_m)) - np.repeat(first[:-1], np.diff(first))
         after_s = np.multiply(steps, STEP_S, dtype=np.float64)
-        free = np.logical_and.reduceat(are_free(path_m, after_s), first[:-1])
+        begins = [
+            np.logical_and.reduceat(are_free(path_m, after_s + later * LATER_S), first[:-1])
+            for later in range(waits + 1)
+        ]
+        free = np.stack([begins[at] & begins[min(at + 1, waits)] for at in range(free.shape[1])], axis=1)
     if closed is not None and len(closed.segments_m):
-        free &= _clear_of(path_m * closed.scale, first, closed.segments_m, closed.kept_m)
+        free &= _clear_of(path_m * closed.scale, first, closed.segments_m, closed.kept_m)[:, None]
     return Candidates(goal_m, path_m, first, over, free)
 
 
@@ -175,8 +191,9 @@ ROUND_SHARES = (1.5, 2.3)
 
 
 def _or_all(free: Mask) -> Mask:
-    """(n * EACH,) the free paths; of a vehicle without any, all."""
-    return np.asarray(free | np.repeat(~free.reshape(-1, EACH).any(axis=1), EACH))
+    """(n * EACH, w) the free paths; of a vehicle without any, all."""
+    some = free.reshape(-1, EACH * free.shape[1]).any(axis=1)
+    return np.asarray(free | np.repeat(~some, EACH)[:, None])
 
 
 @kernel_apart

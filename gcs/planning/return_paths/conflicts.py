@@ -23,7 +23,7 @@ def chosen_paths(
     spared: Mask,
     kept_m: Array,
     numbers: tuple[float, float, float],
-    counts: tuple[int, int, int],
+    counts: tuple[int, int, int, int],
     halted: Mask,
 ) -> tuple[Rows, Rows, Mask]:
     """Select for each vehicle the path that ends soonest without a conflict with those planned before.
@@ -35,19 +35,19 @@ def chosen_paths(
         order: (n,) rows in the order of planning.
         place_m: (m, 3) the positions of all paths, scaled so that the minimum separation is a sphere.
         first: (k + 1,) index where each path begins; every vehicle has equally many.
-        free: (k,) which paths may be taken.
+        free: (k, w) which paths may be taken: the columns after so long a wait, the last also after longer.
         spared: (n,) vehicles whose starts the others pass only if there is no alternative.
         kept_m: (n, n) distance that each pair keeps, scaled.
         numbers: a pair closes no faster than it can stop within its gap, after this delay, s, and with this
             braking, m/s^2; and pairs that are both lower than this, scaled, m, do not count.
-        counts: steps within which all must be down, those planned again, and between two waits.
+        counts: steps within which all must be down, those planned again, between two waits, and of a column.
         halted: (1,) set by another thread: the rest is left without paths.
 
     Returns: (n,) the path taken, -1 where none is free, (n,) the steps it waits before, and (n,) which were
         planned again.
     """
     n, each = len(order), len(free) // len(order)
-    count, later, _ = counts
+    count, later = counts[:2]
     way, wait, again = np.full(n, -1, np.intp), np.zeros(n, np.intp), np.zeros(n, np.bool_)
     path_m = np.empty((n, later, 3))
     paces_m = np.zeros((n, 2 + later // BLOCK))
@@ -76,7 +76,7 @@ def chosen_paths(
                 kept_m,
                 numbers,
                 limits,
-                counts[2],
+                counts[2:],
             )
             if chosen < 0 and met > other_count:
                 chosen, begins = _soonest(
@@ -90,7 +90,7 @@ def chosen_paths(
                     kept_m,
                     numbers,
                     limits,
-                    counts[2],
+                    counts[2:],
                 )
             if chosen < 0:
                 continue
@@ -143,13 +143,15 @@ def _soonest(
     kept_m: Array,
     numbers: tuple[float, float, float],
     limits: tuple[int, int],
-    stride: int,
+    stride: tuple[int, int],
 ) -> tuple[int, int]:
     """Return the path of vehicle i that ends soonest, and the steps it waits before; -1: none is free.
 
     `places` and `paths` are positions and longest steps, of all candidates and of the others. `limits`: 1 if
-    others may pass its start before it begins, and the steps within which it must be down.
+    others may pass its start before it begins, and the steps within which it must be down. `stride`: steps
+    between two waits, and of a column of `free`.
     """
+    step, later_steps = stride
     place_m, pace_m = places
     path_m, paces_m = paths
     own, (waits, count) = i * each, limits
@@ -164,10 +166,12 @@ def _soonest(
     for k in range(own, own + each):
         shortest = min(shortest, first[k + 1] - first[k])
     blocker, blocked_at = np.full(each, -1, np.intp), np.zeros(each, np.intp)
-    for end in range(shortest + earliest, count, stride):
+    for end in range(shortest + earliest, count, step):
         for k in range(own, own + each):
             begins = end - (first[k + 1] - first[k])
-            if begins < earliest or begins > latest or not free[k]:
+            if begins < earliest or begins > latest:
+                continue
+            if not free[k, min(begins // later_steps, free.shape[1] - 1)]:
                 continue
             way_m = place_m[first[k] : first[k + 1]]
             if _is_free(

@@ -32,6 +32,11 @@ COLUMN_M = 1.0
 LATE_S = 5.0
 """A vehicle that is not above its pad so long after its path has ended obeys the rules of the road again."""
 
+BESIDE_S, BESIDE_M = 20.0, 2.0
+"""A vehicle that is kept off its place so long after its path has ended, by no more than this, comes down
+there: another may have landed beside its own.
+"""
+
 PATIENCE_S = 15.0
 """Total time that the plan waits: one blocked vehicle must not delay all others for longer."""
 
@@ -106,7 +111,10 @@ class PathProgress:
             self.time_s += step_s - waits_s
         self.goal_m = self.return_paths.goal_m(self.time_s)
         over = self.time_s >= self.return_paths.over_s
-        self.arrived = np.asarray(over & is_above(position_m, self._pad_m, WELL_IN_PLACE_M))
+        beside = self.time_s >= self.return_paths.over_s + BESIDE_S
+        near = is_above(position_m, self._pad_m, WELL_IN_PLACE_M)
+        near |= beside & is_above(position_m, self._pad_m, BESIDE_M)
+        self.arrived = np.asarray(over & near)
         self.late = (self.time_s >= self.return_paths.over_s + LATE_S) & ~self.arrived
 
 

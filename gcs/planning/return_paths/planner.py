@@ -14,6 +14,7 @@ from gcs.model.state import Array, Mask
 from gcs.planning.landing_sites import CLEAR_M, are_covered, open_places_m
 from gcs.planning.return_paths.candidates import (
     EACH,
+    LATER_S,
     SPEED_SHARE,
     AreFree,
     Candidates,
@@ -185,6 +186,7 @@ class Planner:
                 max(int(down_s / STEP_S), quickest) + 1,
                 max(int(later_s / STEP_S), quickest) + 1,
                 1 + len(self._start_m) // WAITS_TRIED,
+                round(LATER_S / STEP_S),
             ),
             self._halted,
         )
@@ -229,7 +231,7 @@ class Planner:
         for row in unplanned.tolist():
             own = slice(row * EACH, (row + 1) * EACH)
             way[row] = row * EACH + int(
-                np.argmin(np.where(candidates.free[own], length[own], length.max() + 1))
+                np.argmin(np.where(candidates.free[own].any(axis=1), length[own], length.max() + 1))
             )
             wait[row] = last
         count = int((wait + length[way]).max(initial=1))
@@ -283,7 +285,7 @@ def warm_up() -> None:
 
 INSIDE_FENCE_M, OFF_AREAS_M = 1.0, 0.5
 
-AHEAD_S = 20.0
+AHEAD_S = 60.0
 """Obstacles are taken to move on as they do for so long, and to stand from then on."""
 
 

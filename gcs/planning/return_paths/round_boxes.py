@@ -8,7 +8,7 @@ import numpy as np
 
 from gcs.formation.obstacles import Ellipse, Outlines
 from gcs.formation.ways_round import passes, way_round
-from gcs.model.state import Array
+from gcs.model.state import TINY, Array
 from gcs.planning.return_paths.within_areas import cross_edges, way_within
 from gcs.safety.fenced_areas import FencedArea
 
@@ -27,10 +27,21 @@ HEIGHTS: Final = (1.0, 0.67, 0.33, 0.0)
 OVER_M: Final = (1.0, 4.0, 7.0, 10.0)
 """Above the highest obstacle on the straight way, as far as the fence allows."""
 
-AHEAD_S: Final = 8.0
+AHEAD_S: Final = 30.0
 """No box is taken to be farther on than after this time."""
 
 WAYS: Final = len(SPARES) * len(HEIGHTS) + len(OVER_M)
+
+
+def _wider_m(start_m: Array, corner_m: Array, goal_m: Array, by_m: float) -> Array:
+    """(k, 2) the corners of a way from (2,) to (2,), each `by_m` farther out of the turn that it is."""
+    places_m = np.vstack([start_m, corner_m, goal_m])
+    legs_m = np.diff(places_m, axis=0)
+    along = legs_m / np.maximum(np.linalg.norm(legs_m, axis=1, keepdims=True), TINY)
+    outward = along[:-1] - along[1:]
+    outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), TINY)
+    wider_m: Array = corner_m + by_m * outward
+    return wider_m
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +66,11 @@ class WaysRound:
     areas: Sequence[FencedArea] = ()
     ground: tuple[FencedArea, float] | None = None
 
+    @property
+    def move(self) -> bool:
+        """Whether an obstacle does."""
+        return any(each.velocity_x_m_s or each.velocity_y_m_s for each in self.ellipses)
+
     def lead(self, start_m: Array, above_m: Array) -> Array:
         """(WAYS, k, 3) places to fly to one after the other, the last is above the pad.
 
@@ -76,7 +92,11 @@ class WaysRound:
             if (self.areas or self.ground) and (at == 0 or not self.ellipses):
                 level_m = way_within(self.areas, one_m, other_m, OFF_EDGES_M + 0.5 * spare_m, self.ground)
             else:
-                level_m, _ = way_round(one_m, other_m, moved_m, semi_m, self.within_m)
+                level_m, is_way = way_round(one_m, other_m, moved_m, semi_m, self.within_m)
+                if not is_way and at:  # it begins within what so wide a way keeps
+                    semi_m = outlines.semi_m + self.clear_m + SPARES[0][0]
+                    level_m, _ = way_round(one_m, other_m, moved_m, semi_m, self.within_m)
+                    level_m = _wider_m(one_m, level_m, other_m, spare_m - SPARES[0][0])
             for share in HEIGHTS:
                 z_m = np.full(len(level_m) + 1, lowest_z_m + share * (own_z_m - lowest_z_m))
                 ways_m.append(np.column_stack([np.vstack([level_m, other_m]), z_m]))

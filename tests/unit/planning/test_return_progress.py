@@ -5,6 +5,7 @@ import pytest
 
 from gcs.model.state import Array
 from gcs.planning.return_paths.paths import (
+    BESIDE_S,
     LATE_S,
     PATIENCE_S,
     STEP_S,
@@ -99,6 +100,17 @@ def test_vehicle_off_its_pad_after_the_end_of_its_path_is_late() -> None:
     assert progress.late[1]
     flown(progress, 1.0, np.zeros((2, 3)), ~BOTH)
     assert not progress.late.any()
+
+
+def test_vehicle_kept_off_its_pad_comes_down_beside_it() -> None:
+    """One of fifty had landed between two pads: the vehicle of the second hovered beside its own for ever."""
+    for off_m, comes_down in ((1.5, True), (2.5, False)):
+        progress = PathProgress(abreast(), PADS_M)
+        flown(progress, 8.0 + BESIDE_S + PATIENCE_S - 1.0, np.array([[0.0] * 3, [0.0, off_m, 0.0]]), BOTH)
+        assert progress.arrived.tolist() == [True, comes_down]
+        early = PathProgress(abreast(), PADS_M)
+        flown(early, 8.0 + LATE_S, np.array([[0.0] * 3, [0.0, off_m, 0.0]]), BOTH)
+        assert early.arrived.tolist() == [True, False]
 
 
 def test_way_home_is_level_but_not_below_the_takeoff_height() -> None:

@@ -11,6 +11,7 @@ from gcs.model.plan import Obstacle
 from gcs.model.state import Array
 from gcs.safety.filter import Limits
 from gcs.simulation import metrics as measure
+from gcs.simulation.arrivals import arrival
 from gcs.simulation.record import FlightRecord, closest_m
 from gcs.simulation.reference_shapes import best, best_figures, energy_and_gradient, energy_and_nearest
 from gcs.simulation.scenario import Scenario
@@ -162,11 +163,11 @@ def test_arrival_and_its_delay_against_straight_flight() -> None:
     paths = [np.array([(0.05 * k, 0.0, -10.0), (0.0, 9.0, -10.0)]) for k in range(401)]
     record = record_of(paths, trial)
     record.goal_m = np.array([(20.0, 0.0, -10.0), (0.0, 29.0, -10.0)])
-    figures = measure.arrival(record)
+    figures = arrival(record)
     assert figures.arrived == 1
     assert figures.worst_ratio is None
     record.goal_m = np.array([(20.0, 0.0, -10.0), (0.0, 9.5, -10.0)])
-    assert measure.arrival(record).worst_ratio == pytest.approx(19.05 / 10.0, abs=0.01)
+    assert arrival(record).worst_ratio == pytest.approx(19.05 / 10.0, abs=0.01)
 
 
 def test_centroid_is_judged_at_the_true_target_once_on_orbit() -> None:
@@ -207,10 +208,10 @@ def test_all_vehicles_count_as_there_only_at_one_moment() -> None:
         off_m[0] += 5.0 * (tick % 2)
         off_m[1] += 5.0 * ((tick + 1) % 2)
         record.off_slot_m.append(off_m)
-    figures = measure.arrival(record)
+    figures = arrival(record)
     assert (figures.arrived, figures.expected) == (2, 3)
     record.off_slot_m[-1] = np.array([0.5, 0.5, np.nan, 0.5])
-    assert measure.arrival(record).arrived == 3
+    assert arrival(record).arrived == 3
 
 
 def test_assembly_is_judged_by_the_ways_to_the_last_slots() -> None:
@@ -219,12 +220,12 @@ def test_assembly_is_judged_by_the_ways_to_the_last_slots() -> None:
     paths = [slots_m + np.array([0.0, 0.0, way_m]) for way_m in below_m]
     record = record_of(paths)
     record.slot_m, record.off_slot_m = slots_m, [np.linalg.norm(path - slots_m, axis=1) for path in paths]
-    figures = measure.arrival(record)
+    figures = arrival(record)
     assert (figures.arrived, figures.expected) == (4, 4)
     up_m_s = record.scenario.control.safety.limits.up_m_s
     assert figures.median_ratio == pytest.approx(11.05 / (13.0 / up_m_s), abs=0.001)
     record.off_slot_m[-100:] = [np.array([0.0, 0.0, 0.0, 2.5])] * 100
-    assert measure.arrival(record).arrived == 3
+    assert arrival(record).arrived == 3
 
 
 def test_landings_count_after_a_return_past_lost_ones() -> None:
@@ -232,13 +233,13 @@ def test_landings_count_after_a_return_past_lost_ones() -> None:
     pads_m = 10.0 * TETRAHEDRON * (1.0, 1.0, 0.0)
     record = record_of([10.0 * TETRAHEDRON + CENTER] * 40 + [pads_m] * 40, scenario(ending="return"))
     record.off_slot_m = [np.zeros(4)] * 40
-    assert (measure.arrival(record).arrived, measure.arrival(record).late_s) == (4, None)
+    assert (arrival(record).arrived, arrival(record).late_s) == (4, None)
     record.goal_m, record.expected = pads_m, np.array([True, True, False, True])  # the third is lost
     record.in_air[40:] = [np.zeros(4, dtype=bool)] * 40
-    figures = measure.arrival(record)
+    figures = arrival(record)
     assert (figures.arrived, figures.expected, figures.total_s) == (3, 3, 2.0)
     record.position_m[40:] = [pads_m + np.array([[5.0, 0.0, 0.0], *np.zeros((3, 3))])] * 40
-    assert measure.arrival(record).arrived == 2  # the first lies beside its pad
+    assert arrival(record).arrived == 2  # the first lies beside its pad
 
 
 def test_two_lost_vehicles_that_meet_are_counted_apart() -> None:
