@@ -32,7 +32,7 @@ IN_CHECK := $(addprefix unit/test_,project_files.py packages.py decisions.py)
 
 # Folders without a test that computes are not collected (conftest.py refuses one there), nor is a plugin loaded
 # that only a soak test needs. In the order of the folders, flights first, the short tests fill what is left.
-COMPUTING = -m "not realtime and $(if $(SOAK),,not) soak" -p no:schemathesis -n 0 --forks 3 \
+COMPUTING = -m "not realtime and $(if $(SOAK),,not) soak" -p no:schemathesis -n 0 --forks 4 \
   $(addprefix --ignore=tests/,browser integration unit/api unit/recording $(IN_CHECK))
 
 computed: .venv/ready console

@@ -296,10 +296,7 @@ def test_each_command_of_the_api_has_keys() -> None:
     assert COMMANDS.keys().isdisjoint(NOT_ON_THE_PAGE)
 
 
-KEPT: Final = ("POST kill/confirm",)
-
-
-@pytest.mark.keeps(*KEPT)
+@pytest.mark.soak
 @pytest.mark.parametrize("command", [pytest.param(each, id=" ".join(each)) for each in COMMANDS])
 def test_a_command_is_given_by_keys_alone(chrome: Browser, tmp_path: Path, command: Command) -> None:
     by, (method, path) = COMMANDS[command], command

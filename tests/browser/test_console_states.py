@@ -16,9 +16,6 @@ DESK: Final = (1280, 800)
 OTHERS: Final = ((768, 1024), (1920, 1080), (2560, 1440))
 """From the smallest: a panel that a small window has open stays open in a larger one."""
 
-KEPT: Final = ("alarms-all",)
-"""The state with most of what others have: `make test` looks at it."""
-
 LAID_OUT_MS: Final = 300
 
 
@@ -36,7 +33,7 @@ def by_day(ui: Console) -> None:
     ui.part("night").dispatch_event("click")
 
 
-@pytest.mark.keeps(*KEPT)
+@pytest.mark.soak
 @pytest.mark.parametrize("state", STATES, ids=lambda each: each.name)
 def test_axe_finds_nothing_on_a_phone_and_on_a_desk(
     chrome: Browser, tmp_path: Path, state: ConsoleState

@@ -17,8 +17,6 @@ from gcs.simulation.verdict import judge, table
 from tests.support.drawn_shows import drawn_show
 from tests.support.imports_flown import PHYSICAL
 
-pytestmark = pytest.mark.soak
-
 QUIET = World()
 WITH_SPHERE = [
     {"cue": "drawn", "at_s": 0, "trajectories": {"from_s": 1.0, "to_s": 14.0}},

@@ -52,6 +52,7 @@ async def start(show: VirtualShow, folder: Path, drawing: str = "{}") -> None:
     await show.reach(ShowPhase.RUNNING, 90.0)
 
 
+@pytest.mark.soak
 def test_a_drawn_show_is_flown_from_pad_to_pad(folder: Path) -> None:
     async def story(show: VirtualShow) -> tuple[FlownTrack, SelectedShow, int]:
         await start(show, folder)

@@ -14,6 +14,8 @@ from tests.support import written_show
 from tests.support.failsafe_flights import by_itself, carried_out, failsafe, off_pad_m, off_sphere_m, reacts
 from tests.support.show_phases import running
 
+pytestmark = pytest.mark.soak
+
 FOUR = show_config(4, operation=HOLDS_WHEN_LOST)
 STORM_M_S = 12.0
 """More than the fake vehicles can fly against: they lean as far as they may, and drift with 2 m/s."""

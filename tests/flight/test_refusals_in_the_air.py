@@ -139,13 +139,13 @@ def tried(request: pytest.FixtureRequest) -> Tried:
     return fly(story, show_config(3, operation=HOLDS_WHEN_LOST), after=after)
 
 
-@pytest.mark.keeps("running", "stalled")
+@pytest.mark.keeps("running")
 def test_a_command_refused_in_the_air_names_one_that_is_accepted(tried: Tried) -> None:
     assert len(tried.refused) > 3
     assert [reported for reported in tried.refused if not reported.endswith("refused properly")] == []
 
 
-@pytest.mark.keeps("running", "stalled")
+@pytest.mark.keeps("running")
 def test_pause_stop_and_abort_accepted_while_airborne(tried: Tried) -> None:
     assert tried.unreached == dict.fromkeys(ALWAYS, ""), "each that flies is reached, or named with a reason"
 

@@ -16,6 +16,8 @@ from gcs.testing.virtual_show import HOLDS_WHEN_LOST, FlownTrack, VirtualShow, f
 from gcs.testing.virtual_time import AtOnce
 from tests.support.show_phases import running
 
+pytestmark = pytest.mark.soak
+
 T = TypeVar("T")
 
 COUNT = 12

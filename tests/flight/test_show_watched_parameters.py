@@ -45,6 +45,7 @@ async def changed_in_flight(show: VirtualShow) -> Changed:
     return Changed(alarms, refusal.text, after)
 
 
+@pytest.mark.soak
 def test_parameter_changed_in_flight_raises_an_alarm() -> None:
     changed = fly(changed_in_flight, show_config(3, operation=HOLDS_WHEN_LOST), after=running)
     (alarm,) = changed.alarms
@@ -62,7 +63,6 @@ async def changed_on_the_ground(show: VirtualShow) -> tuple[tuple[Alarm, ...], s
     return of_parameters(show), refusal.text, show.ports.reads() - reads
 
 
-@pytest.mark.soak
 def test_parameter_changed_on_the_ground_fails_preflight() -> None:
     alarms, refusal, reads = fly(changed_on_the_ground, show_config(3, operation=HOLDS_WHEN_LOST))
     assert "COM_OBL_RC_ACT was changed from 5 to 0 on the ground, 5 is needed" in alarms[0].text

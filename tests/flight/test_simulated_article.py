@@ -46,6 +46,7 @@ def test_the_formation_passes_a_box_and_is_a_tetrahedron_again(around_a_box: Fli
     assert away_m.min() < 10.0
 
 
+@pytest.mark.soak
 def test_same_seed_same_flight_another_seed_another() -> None:
     short = Scenario.load("article-tracking").with_(duration_s=25.0)
     once, again, other = (prepared(short, VEHICLES, seed).fly() for seed in (7, 7, 8))

@@ -83,6 +83,7 @@ def test_details_are_kept_only_where_they_are_asked_for(short: Scenario) -> None
     assert prepared(short.with_(duration_s=1.0), COUNT, 1).fly().details is None
 
 
+@pytest.mark.soak
 def test_many_flights_come_in_the_order_of_their_seeds(short: Scenario, flight: FlightResult) -> None:
     flights = list(fly_many(short, COUNT, [5, 3], workers=2))
     assert [each.seed for each in flights] == [5, 3]

@@ -25,6 +25,7 @@ SMALL = site_config(3, 2, formation={"radius_m": 8.0, "height_m": 14.0})
 SITES = pytest.mark.parametrize("site", [SMALL, pytest.param(LARGE, marks=pytest.mark.soak)])
 
 
+@pytest.mark.soak
 @SITES
 def test_stations_fly_one_formation_and_bring_it_home(site: Config) -> None:
     count = len(site.ids)

@@ -23,6 +23,8 @@ from gcs.testing.virtual_show import FlownTrack, VirtualShow, fly, refused, show
 from tests.support.audit_rows import events
 from tests.support.fields import CONTINGENCY, GROUND_RISK, field
 
+pytestmark = pytest.mark.soak
+
 SITE = field(top_m=60.0)
 
 

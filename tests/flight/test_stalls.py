@@ -178,6 +178,7 @@ EARLY_CASES = [
 """Before the first tick; `make soak` has the other phases."""
 
 
+@pytest.mark.soak
 @pytest.mark.parametrize(("turn", "into", "stalled_s", "after_s"), EARLY_CASES)
 def test_stop_before_modes_are_known_returns_all(
     turn: int, into: Into, stalled_s: float, after_s: float

@@ -12,6 +12,8 @@ from gcs.testing.virtual_show import VirtualShow, fly, show_config
 from tests.support.reported_target import alarms, off_m, report
 from tests.support.show_phases import running
 
+pytestmark = pytest.mark.soak
+
 PERSON = {
     "targets": [{"name": "boat", "sources": [{"kind": "rest"}], "deviation_m": 0.5, "clearance_m": 12.0}]
 }

@@ -72,6 +72,7 @@ def alarms(show: VirtualShow, *, lasting: bool = False) -> set[AlarmCause]:
     return {alarm.cause for alarm in show.service.alarms.alarms if alarm.lasts or not lasting}
 
 
+@pytest.mark.soak
 def test_drone_that_crosses_is_announced_and_evaded() -> None:
     async def story(show: VirtualShow) -> None:
         closest_m, announced_m = np.inf, nan

@@ -78,7 +78,7 @@ def flown(story: Any, kinds: str, count: int, **sections: Any) -> Any:
 ALL = [(kinds, count, m_s) for kinds in FLEETS for count in (1, 4, 20) for m_s in (3.0, 6.0, 9.0)]
 
 
-@pytest.mark.soak
+@pytest.mark.keeps("ardupilot-1-6.0")
 @pytest.mark.parametrize(("kinds", "count", "speed_m_s"), ALL)
 def test_an_orbit_shows_the_wind_within_30_s(kinds: str, count: int, speed_m_s: float) -> None:
     async def story(show: VirtualShow) -> float:
@@ -93,7 +93,7 @@ def test_an_orbit_shows_the_wind_within_30_s(kinds: str, count: int, speed_m_s: 
     assert flown(story, kinds, count) <= 1.5
 
 
-@pytest.mark.keeps("ardupilot")
+@pytest.mark.soak
 @pytest.mark.parametrize("kinds", ["px4", "ardupilot"])
 def test_a_step_of_wind_beyond_the_limit_is_named_within_15_s(kinds: str) -> None:
     """Until the operator has brought the show home, the alarm says how much it is and how much is allowed."""

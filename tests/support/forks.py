@@ -10,6 +10,7 @@ import select
 import signal
 import struct
 import sys
+import time
 import traceback
 import warnings
 from collections.abc import Iterable, Iterator
@@ -19,7 +20,8 @@ from typing import IO, Any
 
 import pytest
 
-_INDEX = struct.Struct("<I")
+ENDS_S = 60.0
+_INDEX, _END = struct.Struct("<I"), b"end"
 
 
 class Forks:
@@ -58,7 +60,7 @@ class Forks:
         finally:
             for pipe, pid in pipes.items():
                 pipe.close()
-                os.waitpid(pid, 0)
+                _ended(pid)
         for item in missing.values():
             session.config.hook.pytest_runtest_logreport(report=_not_run(item))
         return True
@@ -90,6 +92,7 @@ def _copied(
         os.close(reader)
         with os.fdopen(writer, "wb", buffering=0) as reports:
             _run(session, files, left, number, reports)
+            reports.write(_END + b"\n")
         code = 0
     except BaseException:  # noqa: BLE001  the process ends here, whatever it was
         traceback.print_exc()
@@ -145,6 +148,9 @@ def _lines(pipes: dict[IO[bytes], int]) -> Iterator[bytes]:
             if not read:
                 open_.discard(pipe)
             *lines, begun[pipe] = (begun[pipe] + read).split(b"\n")
+            if lines and lines[-1] == _END:  # what a test has left may hold the pipe open
+                open_.discard(pipe)
+                lines.pop()
             yield from lines
 
 
@@ -153,6 +159,15 @@ def _interrupt(pids: Iterable[int]) -> None:
     for pid in pids:
         with suppress(ProcessLookupError):
             os.kill(pid, signal.SIGINT)
+
+
+def _ended(pid: int) -> None:
+    """Wait for a copy whose tests have ended; what it still does then may hang."""
+    until_s = time.monotonic() + ENDS_S
+    while os.waitpid(pid, os.WNOHANG)[0] == 0:
+        if time.monotonic() > until_s:
+            os.kill(pid, signal.SIGKILL)
+        time.sleep(0.02)
 
 
 def _not_run(item: pytest.Item) -> pytest.TestReport:

@@ -55,7 +55,7 @@ def _session_of(pid: int) -> int:
         return -1
 
 
-@pytest.mark.keeps("looks")
+@pytest.mark.soak
 @pytest.mark.parametrize("how", ["flies", "looks"])
 def test_ctrl_c_ends_all_flights_at_once(tmp_path: Path, how: str) -> None:
     """While the next flight is awaited, and while the program looks at one."""

@@ -10,6 +10,7 @@ import pytest
 ROOT = Path(__file__).parents[2]
 
 
+@pytest.mark.soak
 @pytest.mark.long
 def test_no_import_changes_another_package_or_the_process() -> None:
     command = [sys.executable, "-m", "tests.support.every_module"]

@@ -104,6 +104,7 @@ def test_only_some_drawings_are_read_at_once(api: Api, monkeypatch: pytest.Monke
     assert "are being read" in detail(api("POST", IMPORT, content=SHIPPED), 409)
 
 
+@pytest.mark.alternates(0)
 @pytest.mark.parametrize(
     ("phase", "lowered"), [(ShowPhase.IDLE, False), (ShowPhase.RUNNING, True), (ShowPhase.UNCONTROLLED, True)]
 )
@@ -133,6 +134,7 @@ def test_the_record_has_an_uploads_query_not_its_body(tmp_path: Path) -> None:
     assert (call["path"], call["body"]) == ("/api/v1/shows", "name=night&format=skyc")
 
 
+@pytest.mark.soak
 def test_a_drawn_show_is_sampled_for_a_preview(api: Api) -> None:
     assert "no show 'night'" in detail(api("GET", "/api/v1/shows/night/drawing"), 404)
     assert api("POST", IMPORT, content=SHIPPED).status_code == 201

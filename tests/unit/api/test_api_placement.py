@@ -70,6 +70,7 @@ def test_the_fit_is_better_and_changes_nothing(api: Api, service: FakeService) -
     assert "nothing to fit to" in detail(api("GET", f"{PLACEMENT}?fit=true"), 409)
 
 
+@pytest.mark.soak
 def test_a_placed_show_is_another_version(api: Api, service: FakeService) -> None:
     before = api("GET", "/api/v1/shows").json()[0]
     body = {"x_m": 12.5, "y_m": -3.0, "turn_deg": 30.0}
@@ -86,6 +87,7 @@ def test_a_placed_show_is_another_version(api: Api, service: FakeService) -> Non
     assert first != pytest.approx(unplaced, abs=1.0)
 
 
+@pytest.mark.soak
 def test_a_show_drawn_elsewhere_keeps_its_place_on_earth(tmp_path: Path) -> None:
     api = Api(FakeService(3, folder=tmp_path / "shows"))
     assert api("POST", "/api/v1/shows?name=night&format=skyc", content=SHIPPED).status_code == 201

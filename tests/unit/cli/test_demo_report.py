@@ -62,6 +62,7 @@ def test_smallest_distance_and_each_violation_are_counted() -> None:
     assert violations == 2
 
 
+@pytest.mark.soak
 def test_floor_is_taller_for_stacked_vehicles() -> None:
     lower, upper = np.array([0.0, 0.0, -10.0]), np.array([0.0, 0.0, -12.5])
     assert separation(truth(flight(lower, upper)), FLOOR) == (2.5, 1)

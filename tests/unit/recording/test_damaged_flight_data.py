@@ -99,6 +99,7 @@ def test_record_cut_anywhere_is_never_kept_and_names_the_place(
             assert "flight.mcap" in complaint
 
 
+@pytest.mark.soak
 def test_flipped_byte_with_loss_is_never_kept(file: Path, capsys: pytest.CaptureFixture[str]) -> None:
     whole, places = file.read_bytes(), random.Random(2)
     every = [tick.vehicles.tobytes() for tick in FlightData(file).ticks()]

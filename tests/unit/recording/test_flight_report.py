@@ -367,6 +367,7 @@ def test_flight_judged_in_pieces_equals_one_piece(tmp_path: Path, monkeypatch: p
     assert judged(file, "--config", "demo") == whole
 
 
+@pytest.mark.alternates(0)
 @pytest.mark.parametrize(("options", "is_shown"), [((), True), (("--json",), False)])
 def test_terminal_shows_percent_on_standard_error_not_with_json(
     tmp_path: Path, options: tuple[str, ...], is_shown: bool
