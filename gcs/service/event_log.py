@@ -49,7 +49,7 @@ WORDS: Final[Mapping[str, str]] = {
     "kill": "motors stopped on command",
     "kill_without_control": "kill of {vehicles} by {by}, sent without control, which does not answer",
     "land_refused": "LAND was refused, and is sent again: {reason}",
-    "lands_in_place": "its autopilot lands it {place}: {reason}.{waited}{hits}",
+    "lands_in_place": "its autopilot lands it {place}: {reason}.[{waited}][{hits}]",
     "landing_place_closed": "an obstacle has come to its landing place: it lands elsewhere",
     "link_failed": "link {link} failed, and is opened again: {cause}",
     "map_missing": "no map: {cause}",
