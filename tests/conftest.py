@@ -3,6 +3,7 @@
 import gc
 import logging
 import signal
+import sys
 from collections import Counter
 from collections.abc import Iterator
 from functools import cache
@@ -54,7 +55,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 def pytest_configure(config: pytest.Config) -> None:
     if forks := config.getoption("forks"):
-        config.pluginmanager.register(Forks(forks))
+        config.pluginmanager.register(Forks(forks), "forks")
     signal.signal(signal.SIGINT, signal.default_int_handler)  # a shell ignores it for `make test &`
     if is_required() and chromium() is None:
         raise pytest.UsageError(f"{REQUIRED} is set, and there is no Chromium: {GET_ONE}")
@@ -148,15 +149,23 @@ def _move_to_soak(items: list[pytest.Item], *, checks_names: bool) -> None:
         raise pytest.UsageError(f"marker keeps: there are no tests {sorted(unknown - known)}")
 
 
+def _keeps_time(item: pytest.Item) -> bool:
+    return item.get_closest_marker("realtime") is not None
+
+
 @cache
 def _is_in(folders: tuple[Path, ...], module: Path) -> bool:
     return any(folder in module.parents for folder in folders)
 
 
-def pytest_collection_finish() -> None:
+def pytest_collection_finish(session: pytest.Session) -> None:
     """The garbage collector skips what collection made: these objects live as long as the process."""
     gc.freeze()
     gc.enable()
+    started = sys.modules.get("tests.support.started")
+    forks = session.config.pluginmanager.getplugin("forks")
+    if forks is not None and started is not None and any(map(_keeps_time, session.items)):
+        forks.prepare(started.loaded)  # one for all workers: 3 s of a processor each
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:

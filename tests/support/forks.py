@@ -13,7 +13,7 @@ import sys
 import time
 import traceback
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from itertools import groupby
 from typing import IO, Any
@@ -29,6 +29,11 @@ class Forks:
 
     def __init__(self, count: int) -> None:
         self._count = count
+        self._before: list[Callable[[], object]] = []
+
+    def prepare(self, work: Callable[[], object]) -> None:
+        """Have this done once, before the process is copied."""
+        self._before.append(work)
 
     @pytest.hookimpl(tryfirst=True)
     def pytest_runtestloop(self, session: pytest.Session) -> bool | None:
@@ -38,6 +43,8 @@ class Forks:
         """
         if session.config.option.collectonly or session.testsfailed:
             return None
+        for prepare in self._before:
+            prepare()
         session.config._tmp_path_factory.getbasetemp()  # type: ignore[attr-defined]
         files = [list(group) for _, group in groupby(session.items, lambda item: item.path)]
         left, pipes = _queue(len(files)), {}

@@ -60,7 +60,7 @@ class Started:
                 self.stdout = os.fdopen(reader)
             files += [(sys.__stderr__ or nothing if stderr is None else stderr).fileno(), theirs.fileno()]
             request = [str(folder or "."), namespace or "", module, *words]
-            socket.send_fds(_loaded(), [json.dumps(request).encode()], files)
+            socket.send_fds(loaded(), [json.dumps(request).encode()], files)
             if stdout == PIPE:
                 os.close(files[0])
         self._status = ours.makefile("r")
@@ -114,8 +114,8 @@ def run(module: str, *words: str, timeout_s: float) -> "subprocess.CompletedProc
 
 
 @cache
-def _loaded() -> socket.socket:
-    """The way to the process that has loaded everything; it ends with this one."""
+def loaded() -> socket.socket:
+    """The way to the process that has loaded everything; it ends with this one, whose forks share it."""
     ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     command = [sys.executable, "-m", __name__, str(theirs.fileno())]
     environment = os.environ | {"OPENBLAS_NUM_THREADS": "1"}  # as `gcs` sets it
