@@ -7,18 +7,11 @@ from gcs.simulation.scenario import Scenario
 
 WORLDS = ("drawn-opposing", "drawn-opposing-delayed", "drawn-opposing-noise")
 SEEDS = range(12800, 12900)
-FEW = "drawn-opposing-delayed", SEEDS[1]
-"""The one of `make test`."""
+
+pytestmark = pytest.mark.soak
 
 
-@pytest.mark.parametrize(
-    ("name", "seed"),
-    [
-        pytest.param(name, seed, marks=() if (name, seed) == FEW else pytest.mark.soak)
-        for name in WORLDS
-        for seed in SEEDS
-    ],
-)
+@pytest.mark.parametrize(("name", "seed"), [(name, seed) for name in WORLDS for seed in SEEDS])
 def test_vehicles_pass_at_the_drawn_spacing_without_a_delay(name: str, seed: int) -> None:
     figures = run_once(Run(Scenario.load(name), 8 + seed % 17, seed))
     assert figures["failed"] == []
