@@ -113,11 +113,14 @@ def _as_drawn(now: TickInputs, rows: NDArray[np.intp], columns: Mapping[str, Ell
     goals, law, limits = now.tasks.drawn, now.settings.law, now.settings.safety.limits
     if goals is None:
         return np.zeros((len(rows), 3))
-    off_m = np.linalg.norm(now.position_m[rows] - goals.position_m[rows], axis=1)
+    late_s = now.settings.safety.link_delay_s  # positions are so old, and setpoints arrive so much later
+    then_m = goals.position_m[rows] - late_s * goals.velocity_m_s[rows]
+    soon_m_s = goals.velocity_m_s[rows] + late_s * goals.acceleration_m_s2[rows]
+    off_m = np.linalg.norm(now.position_m[rows] - then_m, axis=1)
     along_m_s = trajectory_velocity(
         now.position_m[rows],
-        goals.position_m[rows],
-        goals.velocity_m_s[rows],
+        then_m,
+        soon_m_s,
         rate_per_s=law.slot_rate_per_s,
         correction_max_m_s=np.minimum(law.speed_m_s, now.approach_max_m_s(rows, off_m)),
         limits_m_s=limits.each_m_s,

@@ -395,6 +395,10 @@ class Table:
         columns = part.ids, part.armed, part.position_resets
         return _LinkColumns(*columns, rows, np.array(part.armed), np.array(part.position_resets, np.int64))
 
+    def sample_age_s(self, now_s: float) -> Array:
+        """(n,) since each last accepted position was measured; of late ones, which are not, the newest."""
+        return np.asarray(np.maximum(now_s - self._believed[1], 0.0))
+
     @property
     def last_velocity_m_s(self) -> Array:
         """(n, 3) the whole velocity that came with each vehicle's last accepted position."""

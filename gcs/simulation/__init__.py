@@ -28,7 +28,7 @@ __all__ = [
 ROWS: Final = (
     *("shape", "saddle", "article", "tracking", "tracking-real", "separation", "uncertainty", "obstacles"),
     *("moving-boxes", "traffic", "concave", "wind", "delays", "authority", "changes", "neighbours"),
-    *("laws", "landing", "loss", "return", "stations", "drawn", "mixed", "site"),
+    *("laws", "landing", "loss", "return", "stations", "drawn", "mixed", "site", "lies"),
 )
 """The rows of docs/flight-quality.md: scenarios that answer the same question."""
 

@@ -13,6 +13,7 @@ from gcs.shows import find, load
 from gcs.simulation import initial_states as layout
 from gcs.simulation.article import ArticleRun
 from gcs.simulation.decide import Divide
+from gcs.simulation.drawn_traffic import loaded_traffic
 from gcs.simulation.formation_run import FormationRun
 from gcs.simulation.metrics import FlightMetrics, metrics
 from gcs.simulation.random_sites import drawn_site, places_m
@@ -113,7 +114,8 @@ def prepared(
     if isinstance(flight, GoalFlight):
         return GoalRun(scenario, flight, vehicles, seed, divide)
     if isinstance(flight, ShowFlight):
-        return Rehearsal(load(find(flight.show)), scenario.world, seed, flight)
+        made = None if flight.traffic is None else loaded_traffic(flight.traffic, vehicles, seed)
+        return Rehearsal(made or load(find(flight.show)), scenario.world, seed, flight)
     return ArticleRun(scenario, flight, vehicles, seed)
 
 

@@ -1,12 +1,15 @@
 """Vehicles that lose their links in a simulated flight, and the service's failsafes, which act on it."""
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs.config.sections import OperationSettings
 from gcs.control.memory import Memory
+from gcs.estimation.contradictions import Doubts
 from gcs.failsafe.arbitration import Failsafes, Standing
-from gcs.failsafe.policy import FLIES_ON, SEVERITY, Action, FailsafePolicy
+from gcs.failsafe.policy import FLIES_ON, SEVERITY, Action, Cause, FailsafePolicy
 from gcs.failsafe.triggers import FailsafeRequest, Known, Roles, Seen
 from gcs.model.setpoint_loss import STOP_S
 from gcs.model.state import Array, FleetState, Mask
@@ -78,16 +81,16 @@ class Losses:
         return lost_now
 
     def _swept(
-        self, world: TrueWorld, fleet: FleetState, rows: NDArray[np.intp]
+        self, world: TrueWorld, fleet: FleetState, rows: NDArray[np.intp], action: str | None = None
     ) -> tuple[Array, NDArray[np.intp]]:
-        """(m, 2, 3) paths of lost vehicles, and (m,) the row of each."""
+        """(m, 2, 3) paths of vehicles that do that, None: as without links; and (m,) the row of each."""
         of, keeps_m_s = self._kept.possible_m_s(rows, world.received_m_s)
         swept_m = [
             swept_segments_m(
                 fleet.position_m[row],
                 each_m_s,
                 world.home_m[row],
-                self._operation.setpoint_loss_action,
+                action or self._operation.setpoint_loss_action,
                 float(world.return_height_m[row]),
                 drift_s=self._drift_s,
             )
@@ -99,18 +102,19 @@ class Losses:
         )
 
     def _near(
-        self, world: TrueWorld, fleet: FleetState, rows: NDArray[np.intp]
+        self, world: TrueWorld, fleet: FleetState, rows: NDArray[np.intp], stopped: Mask | None = None
     ) -> tuple[Array, NDArray[np.intp]]:
-        """The same of silent vehicles, and only what they can reach soon."""
+        """The same of silent vehicles, and only what they can reach soon; (n,) `stopped` by a command."""
         of, keeps_m_s = self._kept.possible_m_s(rows, world.received_m_s)
+        halts = np.zeros(len(self.rows), dtype=bool) if stopped is None else stopped
         segments_m, segment_of = silent_segments_m(
             fleet.position_m[of],
             keeps_m_s,
             world.home_m[of],
             world.return_height_m[of],
-            fleet.age_s[of],
-            action=self._operation.setpoint_loss_action,
-            noticed_s=self._operation.setpoint_loss_s,
+            np.minimum(fleet.age_s[of], self._operation.silence_s),
+            action=np.where(halts[of], "hold", self._operation.setpoint_loss_action),
+            noticed_s=np.where(halts[of], 0.0, self._operation.setpoint_loss_s),
             drift_s=self._drift_s,
         )
         return segments_m, of[segment_of]
@@ -132,6 +136,49 @@ class Losses:
         return least_m
 
 
+class Unbelieved(Losses):
+    """The vehicles whose positions the flight does not believe, none of which is lost."""
+
+    def __init__(self, count: int, seed: int) -> None:
+        super().__init__(ScenarioLoss(), count, seed)
+        self.silence_s = self._operation.silence_s
+        self.stopped: Mask = np.zeros(count, dtype=bool)
+        """(n,) those that their autopilots stopped, on a command."""
+        self.lands: Mask = np.zeros(count, dtype=bool)
+        """(n,) those that their autopilots land."""
+
+    def advance(self, world: TrueWorld, fleet: FleetState, memory: Memory, age_max_s: float) -> bool:
+        """Close the space about them, as `gcs.flight.state.uncontrolled_space`. Returns: False."""
+        aged = replace(fleet, age_s=world.sample_age_s(world.time_s))
+        self._kept.note(memory.desired_m_s, memory.setpoint_m_s, aged.age_s, world.time_s)
+        silent = world.in_air & (fleet.age_s > age_max_s)
+        lands = self.lands & world.in_air & np.isinf(fleet.age_s)
+        keeps_m_s = self._kept.expected_m_s(world.received_m_s)
+        noticed_s = np.where(self.stopped, 0.0, self._operation.setpoint_loss_s)
+        self.drift = expected_drift(fleet.position_m, keeps_m_s, aged.age_s, silent, noticed_s=noticed_s)
+        swept_m, swept_of = self._swept(world, fleet, np.flatnonzero(lands), "land")
+        near_m, near_of = self._near(world, aged, np.flatnonzero(silent), self.stopped)
+        self.segments_m, self.silent_segments = np.concatenate([swept_m, near_m]), len(near_m)
+        self.segments_of = np.concatenate([swept_of, near_of])
+        return False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenReports:
+    """What the flight makes of the positions of n vehicles. Arrays (n,)."""
+
+    unbelieved: Mask  # received lately, and not believed
+    doubts: Doubts
+    reset_time_s: Array  # of the last jump, -inf: never
+    silent: Mask  # not received lately
+
+    @staticmethod
+    def good(lost: Mask) -> "SeenReports":
+        """All are believed, but of the lost ones nothing is received."""
+        n = len(lost)
+        return SeenReports(np.zeros(n, dtype=bool), np.zeros(n, dtype=np.int64), np.full(n, -np.inf), lost)
+
+
 class ServiceFailsafes:
     """The failsafes of the service in a simulated flight: triggers and arbitration are those of a flight.
 
@@ -146,13 +193,22 @@ class ServiceFailsafes:
         """Severity of what the whole show does."""
         self.vehicles = np.full(count, FLIES_ON)
         """(n,) severity of what each vehicle does."""
+        self.bad_position: Mask = np.zeros(count, dtype=bool)
+        """(n,) vehicles that are named for their position."""
 
     @property
     def paused(self) -> bool:
         return self.show == SEVERITY[Action.PAUSE]
 
     def advance(
-        self, fleet: FleetState, desired_m_s: Array, fence: Fence, flying: Mask, formed: Mask, lost: Mask
+        self,
+        fleet: FleetState,
+        desired_m_s: Array,
+        fence: Fence,
+        flying: Mask,
+        formed: Mask,
+        lost: Mask,
+        judged: SeenReports | None = None,
     ) -> list[FailsafeRequest]:
         """Evaluate all triggers; called once a tick.
 
@@ -163,11 +219,12 @@ class ServiceFailsafes:
             flying: (n,) in the air and under control.
             formed: (n,) of these in formation.
             lost: (n,) taken for lost.
+            judged: their positions; None: all are good.
 
         Returns: the requests that are executed now.
         """
         n, executed = len(flying), list[FailsafeRequest]()
-        nothing, never = np.full(n, np.nan), np.full(n, -np.inf)
+        nothing, judged = np.full(n, np.nan), judged or SeenReports.good(lost)
         wide_m, tall_m = (np.full(n, accuracy_m) for accuracy_m in self._accuracy_m)
         seen = Seen(
             fleet.time_s,
@@ -177,10 +234,10 @@ class ServiceFailsafes:
             nothing,
             wide_m,
             tall_m,
-            np.zeros(n, dtype=bool),
-            np.zeros(n, dtype=np.int64),
-            lost,
-            never,
+            judged.unbelieved,
+            judged.doubts,
+            judged.silent,
+            judged.reset_time_s,
             fence,
             np.nan,
             0.0,
@@ -189,8 +246,11 @@ class ServiceFailsafes:
         )
         roles = Roles(flying, formed, lost, max(fleet.time_s - self._paused_s, 0.0))
         requests = self._failsafes.look(seen, lambda: roles, active=self._active)
+        self.bad_position = np.zeros(n, dtype=bool)
         if requests is None:
             return executed
+        for each in requests:
+            self.bad_position[list(each.rows)] |= each.cause is Cause.BAD_POSITION
         possible = {Action.RETURN, Action.LAND}
         if self.show == FLIES_ON:
             possible |= {Action.PAUSE, Action.RE_FORM, Action.HOLD_TARGET}

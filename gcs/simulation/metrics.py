@@ -16,6 +16,7 @@ from gcs.simulation.arrivals import ArrivalFigures, arrival
 from gcs.simulation.article import ArticleFigures, article_figures
 from gcs.simulation.crossing import TrafficFigures
 from gcs.simulation.crossing import figures as crossing_figures
+from gcs.simulation.lies import LieFigures, lie_figures
 from gcs.simulation.record import (
     STEADY_S,
     THROUGH_M,
@@ -509,6 +510,8 @@ class TrackFigures:
     """How far the vehicles of a show were from their trajectories while drawn parts ran."""
 
     rms_m: float | None  # of all
+    own_rms_m: float | None  # the same of where the vehicles themselves estimate to be
+    own_max_m: float | None
     worst_rms_m: float | None  # of the worst vehicle
     max_m: float | None
     lags: tuple[Lag, ...]  # of each vehicle that was far off
@@ -550,6 +553,7 @@ class FlightMetrics:
     tick: TickFigures
     traffic: TrafficFigures | None = None
     site: SiteFigures | None = None
+    lies: LieFigures | None = None
     failsafes: tuple[ActedFailsafe, ...] | None = None
     goal_shape: str | None = None  # of a law that ends in no sphere
     law_failed: LawFailed | None = None  # when the law was relied on no more
@@ -571,6 +575,7 @@ def metrics(record: FlightRecord) -> FlightMetrics:
         article=article_figures(record),
         traffic=None if record.passages is None else crossing_figures(record.passages),
         site=site_figures(record),
+        lies=None if record.liars is None else lie_figures(record.liars, record.violating),
         failsafes=tuple(ActedFailsafe(rounded(when_s), why, what) for when_s, why, what in record.failsafes)
         or None,
         goal_shape=None if goal_of(record) is GoalShape.SPHERE else goal_of(record).value,

@@ -15,6 +15,7 @@ from gcs.model.jit import kernel
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array, Mask
 from gcs.simulation.crossing import Passage
+from gcs.simulation.lies import Liars
 from gcs.simulation.scenario import FormationFlight, Scenario
 from gcs.simulation.shortest_ways import shortest_paths_m
 
@@ -71,6 +72,7 @@ class FlightRecord:
     )  # (n,) distance of each vehicle from its slot, with losses or on a sphere that stands; NaN: none, or
     # closed to it
     slot_m: Array = field(init=False)  # (n, 3) the newest slots, where `off_slot_m` has distances
+    liars: Liars | None = None  # vehicles that report what is not so; None: all report truly
     passages: list[Passage] | None = None  # of traffic; None: there is none
     law_failed: tuple[float, str] | None = None  # when the law was relied on no more, and why
     failsafes: list[tuple[float, str, str]] = field(default_factory=list)  # time, cause, action

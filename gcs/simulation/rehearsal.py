@@ -80,6 +80,7 @@ class Rehearsal(SimulatedFlight):
         places_m = show.start_places_m if adversity.loss.share else show.pads_m
         self.show_s: list[float] = []  # the show's time at every tick, below 0 before it began
         self.errors = TrackErrors.none(len(places_m))  # true ones, in drawn parts
+        self.own_errors = self.errors  # the same of where the vehicles themselves estimate to be
         self.off_m: list[Array] = []  # (n,) of each tick, likewise; NaN where no drawn part ran
         self.began_s: float | None = None  # when the sphere stood and the show's clock started
         self.ended_s: float | None = None  # when the return began
@@ -229,8 +230,10 @@ class Rehearsal(SimulatedFlight):
             cut = self.losses.rows & (self.time_s >= self.losses.loss.at_s)
             counts = flies & ~cut & ~np.isin(world.ids, list(run.arriving))
             off_m[counts] = true_m[counts]
-        if run.goals is not None:
+        if (goals := run.goals) is not None:
             self.errors = self.errors.noted(off_m, world.tick_s)
+            own_m = np.linalg.norm(world.estimate()[0] - goals.position_m, axis=1)
+            self.own_errors = self.own_errors.noted(np.where(np.isnan(off_m), np.nan, own_m), world.tick_s)
         self.off_m.append(off_m)
         return run.goals is not None
 

@@ -24,6 +24,7 @@ from gcs.model.traffic import Cylinder
 from gcs.shows.format import StandingBox
 from gcs.sim.targets.motions import KINDS
 from gcs.simulation import ROWS
+from gcs.simulation.lies import Lies
 
 VEHICLES_MAX: Final = 20_000
 
@@ -66,6 +67,7 @@ class World(Settings):
     slow_m_s: Positive = 2.0  # over the ground, as by MPC_XY_VEL_MAX
     slow_until_s: Positive = 1e9
     wind: Wind = Wind()
+    lies: Lies | None = None  # of vehicles that report what is not so; None: all report truly
     tick_rate_hz: Annotated[float, Field(ge=1.0, le=50.0)] = 20.0
 
     def autopilot_of(self, row: int) -> str:
@@ -325,11 +327,26 @@ class Adversity(Settings):
     site: RandomSite | None = None
 
 
+class DrawnTraffic(Settings):
+    """A drawn show for every seed, in which vehicles pass each other: on opposing lanes, or crossing."""
+
+    spacing_m: Positive = 3.0  # sideways; one and a half times as much up and down
+    speed_min_m_s: Positive = 2.5  # of the fastest vehicle
+    speed_max_m_s: Positive = 4.0
+
+
 class ShowFlight(Adversity):
     """A written show, as `gcs show check` flies it, in the scenario's world."""
 
     kind: Literal["show"]
-    show: StrictStr  # a file, or the name of one that is shipped
+    show: StrictStr = ""  # a file, or the name of one that is shipped
+    traffic: DrawnTraffic | None = None  # instead of `show`
+
+    @model_validator(mode="after")
+    def _is_one(self) -> "ShowFlight":
+        if bool(self.show) == bool(self.traffic):
+            raise ValueError("show or traffic: one of them")
+        return self
 
 
 Flight: TypeAlias = Annotated[
@@ -421,6 +438,8 @@ class Scenario(Settings):
                     raise ValueError(f"flight.{what} = {when_s:g}: before duration_s = {self.duration_s:g}")
             if flight.radio is not None and not law_of(flight.law).takes_sight:
                 raise ValueError("flight.radio: its messages are for law: neighbours")
+            if self.failsafes is None and any(world.lies for world in (self.world, *self.worlds)):
+                raise ValueError("failsafes: needed with world.lies: they name the vehicles that lie")
             if flight.random_obstacles is not None and flight.start != "sphere":
                 raise ValueError("flight.random_obstacles: the formation flies at once, so start: sphere")
         return self

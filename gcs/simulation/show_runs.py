@@ -24,6 +24,8 @@ def show_metrics(scenario: Scenario, run: Rehearsal) -> FlightMetrics:
         arrival=ArrivalFigures(arrived=landed, expected=int(np.count_nonzero(ours))),
         track=TrackFigures(
             rounded(run.errors.fleet_rms_m),
+            rounded(run.own_errors.fleet_rms_m),
+            rounded(float(run.own_errors.max_m.max())),
             rounded(float(run.errors.rms_m.max())),
             rounded(float(run.errors.max_m.max())),
             tuple(lag for lag in lags(run) if lag.max_m >= LAG_REPORTED_M),

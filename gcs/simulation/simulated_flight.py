@@ -46,8 +46,10 @@ from gcs.safety.near_traffic import NearTraffic
 from gcs.simulation import initial_states as layout
 from gcs.simulation.autopilots import responses
 from gcs.simulation.decide import Decided, Decider, Divide
-from gcs.simulation.loss import FAR_M, Losses, ServiceFailsafes
+from gcs.simulation.judged_reports import JudgedReports
+from gcs.simulation.loss import FAR_M, Losses, ServiceFailsafes, Unbelieved
 from gcs.simulation.record import NOWHERE, THROUGH_M, FlightRecord, closest_m, pairs_inside
+from gcs.simulation.reporting import ReportingWorld
 from gcs.simulation.scenario import (
     ArticleFlight,
     FormationFlight,
@@ -105,7 +107,12 @@ class SimulatedFlight:
         n = len(start_m)
         self.scenario, self.plan = scenario, plan
         self.settings: ControlSettings = over_links(scenario)
-        self.world = TrueWorld(start_m, scenario.world, seed)
+        lies = scenario.world.lies
+        self.world: TrueWorld | ReportingWorld = (
+            TrueWorld(start_m, scenario.world, seed)
+            if lies is None
+            else ReportingWorld(start_m, scenario.world, seed, lies)
+        )
         self.record = FlightRecord(scenario, seed, start_m, goal_m, self.floor.horizontal_m)
         self.task = np.full(n, Task.NONE, dtype=np.int8)
         self.goal_m = np.array(goal_m)
@@ -116,7 +123,7 @@ class SimulatedFlight:
             self.record.within_m_s = []
         loss = ScenarioLoss() if isinstance(flight, ArticleFlight | ShowFlight) else flight.loss
         joining = flight.join if isinstance(flight, FormationFlight) else 0
-        self.losses = Losses(loss, n, seed, joining=joining)
+        self.losses = Losses(loss, n, seed, joining=joining) if lies is None else Unbelieved(n, seed)
         self.record.lost_rows = frozenset(np.flatnonzero(self.losses.rows).tolist())
         self.center_moves = False
         self.stands = False  # a sphere that only assembles: each vehicle flies to its slot, and stays
@@ -134,6 +141,7 @@ class SimulatedFlight:
         self.memory = Memory.fresh(n, 0.0)
         alike = Traits.alike(n, layout.reported_uncertainty_m(scenario))
         self.traits = replace(alike, response=responses(scenario.world, n))
+        self.reports = self._reports()
         self.law: LawProcess | None = None  # of a law that is not shipped, once the flight has begun
         self.decided: Decided | None = None  # by the newest tick
         self.proposed_m_s: Array | None = None  # (n, 3) for those that are `steered`; None: none are
@@ -147,6 +155,13 @@ class SimulatedFlight:
                     f"{scenario.name}: vehicles = {n}: at least {scenario.divided.count}, one each"
                 )
             self._decider = divide(scenario.divided, self.world, seed)
+
+    def _reports(self) -> JudgedReports | None:
+        world, space, failsafes = self.world, self.losses, self.failsafes
+        if not (isinstance(world, ReportingWorld) and isinstance(space, Unbelieved)) or failsafes is None:
+            return None
+        self.record.liars = world.liars
+        return JudgedReports(world, space, failsafes, np.array(self.traits.uncertainty_m))
 
     @property
     def floor(self) -> Floor:
@@ -248,7 +263,9 @@ class SimulatedFlight:
         return None
 
     def _tick(self) -> None:
-        fleet = self.world.receive()
+        fleet = self.world.receive(self.memory.asked_m_s)
+        if self.reports is not None:
+            self.traits = self.reports.widened(self.traits, self.floor.deviations)
         if self.losses.advance(self.world, fleet, self.memory, self.settings.telemetry_age_max_s):
             self.task[self.losses.known] = Task.NONE
             self.lost_now()
@@ -268,12 +285,16 @@ class SimulatedFlight:
             silent_segments=self.losses.silent_segments,
             near_traffic=self.near_traffic(),
         )
+        if self.reports is not None:
+            tasks = self.reports.with_standing(tasks, fleet)
         decided = self._decide(fleet, self.led(tasks))
         self.decided, self.memory = decided, decided.memory
         self._mind_failsafes(fleet)
         self._keep(decided)
         self.world.send(decided.setpoints)
         seen_m = self.world.advance()
+        if self.reports is not None:
+            self.reports.note(self.time_s, self.task, decided.setpoints)
         self.record.closest_m.append(self._closest_m(seen_m))
 
     def _decide(self, fleet: FleetState, tasks: Tasks) -> Decided:
@@ -322,13 +343,19 @@ class SimulatedFlight:
             return
         flying = self.world.in_air & self.present & (self.task != Task.NONE)
         formed, lost, fence = self.task == Task.FORMATION, self.losses.known, self.settings.safety.fence
-        for request in self.failsafes.advance(fleet, self.memory.desired_m_s, fence, flying, formed, lost):
+        reports = self.reports
+        judged = None if reports is None else reports.judged(fleet, self.settings.telemetry_age_max_s)
+        about = fence, flying, formed, lost, judged
+        for request in self.failsafes.advance(fleet, self.memory.desired_m_s, *about):
             self.record.failsafes.append((self.time_s, request.cause.value, request.action.value))
             rows = flying if request.whole_show else np.isin(np.arange(len(flying)), request.rows)
-            if request.action in {Action.HOLD, Action.PAUSE}:
+            if reports is not None and request.action is Action.HOLD:
+                reports.hold(rows, self.task)
+            elif request.action in {Action.HOLD, Action.PAUSE}:
                 self.task[rows] = Task.GOAL
                 self.goal_m[rows] = fleet.position_m[rows] + STOPS_WITHIN_S * fleet.velocity_m_s[rows]
             elif request.action is Action.LAND:
+                rows = rows if reports is None else reports.land(rows, self.task, fleet)
                 self._lead_down(rows, self._landing_sites_m(rows))
             elif request.action is Action.RETURN and request.whole_show:
                 self.return_now()

@@ -66,6 +66,10 @@ class Autopilots:
         self.alone = self.alone | rows
         self._state.mode[rows] = mode.number
 
+    def end(self, rows: Mask) -> None:
+        """Let the station lead the vehicles in `rows` (n,) again."""
+        self.alone = self.alone & ~rows
+
     def velocity(self, position_m: Array, velocity_m_s: Array, now_s: float, dt_s: float) -> Array:
         """(n, 3) what the modes demand of the velocity loops, from (n, 3) estimates; called every step."""
         self._state.now_s = now_s
@@ -100,6 +104,7 @@ class TrueWorld:
         self.bodies = bodies_of(start_m, world, self.step_s, self._random)
         self._gust_m_s = world.wind.gust_m_s * self._random.standard_normal((n, 3))  # once the wind has risen
         self._error = draw_errors(n, world.noise, self._random)
+        self.reset_m = np.zeros((n, 3))  # by which estimators were reset, to where the vehicles are not
         self._slow = np.random.default_rng([seed, 2])  # of the bias: all else is as without it
         self._bias_m = world.bias_m * self._slow.standard_normal((n, 3))
         slow = np.random.default_rng([seed, 3]).permutation(n) < round(world.slow_share * n)
@@ -135,19 +140,31 @@ class TrueWorld:
     def estimate(self) -> tuple[Array, Array]:
         """(n, 3) positions and (n, 3) velocities, as estimated by the vehicles."""
         error = self._error
-        position_m = self.bodies.position_m + error.position_m + self._bias_m
+        position_m = self.bodies.position_m + error.position_m + self._bias_m + self.reset_m
         return position_m, self.bodies.velocity_m_s + error.velocity_m_s
 
-    def receive(self) -> FleetState:
-        """Receive telemetry. Returns: the state, extrapolated from arrival with the reported velocity."""
-        position_m, velocity_m_s = self.estimate()
-        n, world = len(self.ids), self._world
-        kept = ~self._silent
+    @property
+    def seldom(self) -> bool:
+        """Whether vehicles send less often than once a tick."""
+        return self._world.telemetry_hz < self._world.tick_rate_hz
+
+    def kept(self) -> Mask:
+        """(n,) whose telemetry of this tick is sent, and not lost; called once a tick."""
+        n, world, kept = len(self.ids), self._world, ~self._silent
         if world.loss:
             kept &= self._random.random(n) >= world.loss
-        if seldom := world.telemetry_hz < world.tick_rate_hz:
+        if self.seldom:
             now = self.time_s * world.telemetry_hz + np.arange(n) / n
             kept &= np.floor(now + 1e-9) > np.floor(now - world.telemetry_hz * self.tick_s + 1e-9)
+        return kept
+
+    def receive(self, asked_m_s: Array | None = None) -> FleetState:  # noqa: ARG002  (all report truly)
+        """Receive telemetry. Returns: the state, extrapolated from arrival with the reported velocity.
+
+        `asked_m_s` (n, 3): what the station sent last; NaN: no setpoint.
+        """
+        position_m, velocity_m_s = self.estimate()
+        n, world, kept, seldom = len(self.ids), self._world, self.kept(), self.seldom
         self._telemetry.append((self.time_s + world.telemetry_delay_s, kept, position_m, velocity_m_s))
         while self._telemetry and self._telemetry[0][0] <= self.time_s + 1e-9:
             _, arrived, position_m, velocity_m_s = self._telemetry.popleft()
@@ -163,6 +180,10 @@ class TrueWorld:
         forward_m, forward_m_s, age_s = brought_forward(self.time_s, *received, there, FLIES_ON_S, BRAKES_S)
         forward_m[self._gone] = np.nan
         return FleetState(self.time_s, self.ids, forward_m, forward_m_s, np.zeros(n), age_s)
+
+    def sample_age_s(self, now_s: float) -> Array:
+        """(n,) since each newest position arrived."""
+        return np.asarray(now_s - self._received_s)
 
     def of_all(self, setpoints: Setpoints) -> Array:
         """(n, 3) velocities, NaN of vehicles that get no setpoint; a copy."""

@@ -14,7 +14,8 @@ from pathlib import Path
 
 from gcs.simulation.batch import Figures, rows
 from gcs.simulation.flight import prepared
-from gcs.simulation.plot import draw
+from gcs.simulation.plot import draw, draw_show
+from gcs.simulation.rehearsal import Rehearsal
 from gcs.simulation.scenario import Scenario
 
 TABLE = re.compile(r"(<!-- figures: (?P<names>[^>]*?) -->\n).*?(<!-- end -->)", re.DOTALL)
@@ -48,7 +49,12 @@ def main(figures: Path, document: Path) -> None:
     folder.mkdir(exist_ok=True)
     for plot in PLOT.finditer(text):
         flight = prepared(Scenario.load(plot["name"]), int(plot["vehicles"]), int(plot["seed"]))
-        draw(flight.fly(), folder / f"{plot['name']}-{plot['vehicles']}.png")
+        file = folder / f"{plot['name']}-{plot['vehicles']}.png"
+        record = flight.fly()
+        if isinstance(flight, Rehearsal):
+            draw_show(flight, file)
+        else:
+            draw(record, file)
 
 
 if __name__ == "__main__":

@@ -18,11 +18,11 @@ from gcs.shows.area_checks import area_flaws
 from gcs.shows.formats import parse_drawing
 from gcs.shows.importing import show_text
 from gcs.shows.service_rules import ServiceRules
+from gcs.simulation.drawn_traffic import ORIGIN
 from gcs.simulation.rehearsal import Rehearsal, rehearse
 from gcs.simulation.verdict import judge, table
 from gcs.testing.virtual_show import VirtualShow, fly, show_config
 from tests.support.drawing_files import flight, skyc, zipped
-from tests.support.drawn_shows import ORIGIN
 
 U = [
     [-6.0, -6.0],

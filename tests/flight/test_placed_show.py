@@ -15,10 +15,11 @@ from gcs.shows import load, parse
 from gcs.shows.formats import read_drawing, write_drawing
 from gcs.shows.importing import show_text
 from gcs.shows.placement import fence_m, fitted, place_of, placed_text, placement
+from gcs.simulation.drawn_traffic import ORIGIN
 from gcs.simulation.rehearsal import rehearse
 from gcs.simulation.verdict import judge
 from gcs.testing.virtual_show import HOLDS_WHEN_LOST, VirtualShow, fly, show_config
-from tests.support.drawn_shows import ORIGIN, drawn_show
+from tests.support.drawn_shows import drawn_show
 
 COUNT, SPACING_M, TURN_DEG = 8, 6.0, 25.0
 

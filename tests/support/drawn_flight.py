@@ -13,9 +13,10 @@ from gcs.shows import parse
 from gcs.shows.drawn import LightPrograms
 from gcs.shows.formats import read_drawing, write_drawing
 from gcs.shows.importing import show_text
+from gcs.simulation.drawn_traffic import ORIGIN
 from gcs.simulation.rehearsal import rehearse
 from gcs.simulation.verdict import judge
-from tests.support.drawn_shows import ORIGIN, drawn_show
+from tests.support.drawn_shows import drawn_show
 
 COUNT, SPACING_M = 8, 6.0
 NAME, DRAWING = "drawn", "rings.skyc"

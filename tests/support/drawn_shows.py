@@ -10,41 +10,26 @@ Distances are those of the floor between vehicles: up and down 1.5 times as much
 
 import sys
 from collections.abc import Callable, Sequence
-from colorsys import hsv_to_rgb
-from dataclasses import dataclass, replace
-from itertools import cycle, pairwise
+from dataclasses import replace
+from itertools import cycle
 from pathlib import Path
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
-from scipy.spatial import cKDTree
 
-from gcs.model.frames import ShowFrame
 from gcs.model.state import Array
-from gcs.shows.drawn import (
-    Claims,
-    DrawnCue,
-    DrawnShow,
-    FencePolygon,
-    LightPrograms,
-    Trajectories,
-    Trajectory,
-    YawPrograms,
+from gcs.shows.drawn import DrawnShow
+from gcs.simulation.drawn_traffic import (
+    HOLD_S,
+    LEAST_HEIGHT_M,
+    TAKEOFF_HEIGHT_M,
+    Stage,
+    grid,
+    of_stages,
+    over_s,
+    scaled,
+    squares,
 )
-from gcs.shows.drawn.light_programs import LightProgram
-from gcs.shows.drawn.yaw_programs import YawProgram
-from gcs.shows.timeline import shortest_s
-
-ORIGIN = ShowFrame(47.397742, 8.545594, 488.0, 40.0)
-STRETCH = np.array([1.0, 1.0, 1.5])  # of distances sideways, and up and down, for the same safety
-SPEED_MAX_M_S, CLIMB_MAX_M_S, SINK_MAX_M_S, ACCELERATION_MAX_M_S2 = 4.0, 2.2, 1.2, 2.0
-TAKEOFF_HEIGHT_M, LEAST_HEIGHT_M, HOLD_S = 5.0, 8.0, 3.0
-
-
-def grid(count: int) -> Array:
-    columns = int(np.ceil(np.sqrt(count)))
-    index = np.arange(count)
-    return np.stack([index // columns, index % columns, np.zeros(count)], axis=1).astype(float)
 
 
 def _sphere(count: int) -> Array:
@@ -85,43 +70,6 @@ SHAPES: dict[str, Callable[[int], Array]] = {
 }  # fmt: skip
 
 
-def spacing_m(positions_m: Array) -> float:
-    """Least distance of n positions, up and down divided by 1.5."""
-    if len(positions_m) < 2:
-        return np.inf
-    away_m, _ = cKDTree(positions_m / STRETCH).query(positions_m / STRETCH, k=[2])
-    return float(np.min(away_m))
-
-
-def scaled(points: Array, least_m: float, lowest_m: float) -> Array:
-    """Return a pattern at its least size, about the origin, its lowest point at a height; z down."""
-    stretched = points * STRETCH
-    stretched = stretched * (least_m / spacing_m(stretched))
-    stretched[:, :2] -= (stretched[:, :2].min(axis=0) + stretched[:, :2].max(axis=0)) / 2.0
-    stretched[:, 2] = -(stretched[:, 2] - stretched[:, 2].min() + lowest_m)
-    return np.asarray(stretched)
-
-
-@dataclass(frozen=True)
-class Stage:
-    """All vehicles move on straight lines, with one time law, to these positions."""
-
-    name: str
-    begin_s: float
-    end_s: float
-    positions_m: Array  # (n, 3) at its end
-
-
-def over_s(moves_m: Array) -> float:
-    """Time in which no vehicle of a transition exceeds a limit."""
-    sideways_m = float(np.linalg.norm(moves_m[:, :2], axis=1).max())
-    climb_m, sink_m = float(np.max(-moves_m[:, 2], initial=0.0)), float(np.max(moves_m[:, 2], initial=0.0))
-    whole_m = float(np.linalg.norm(moves_m, axis=1).max())
-    limits = ((sideways_m, SPEED_MAX_M_S), (climb_m, CLIMB_MAX_M_S), (sink_m, SINK_MAX_M_S))
-    longest_s = max(shortest_s(size_m, rate_m_s, np.inf) for size_m, rate_m_s in limits)
-    return float(np.ceil(max(longest_s, shortest_s(whole_m, np.inf, ACCELERATION_MAX_M_S2), 1.0) + 0.05))
-
-
 def _stages(
     pads_m: Array, seconds: float, least_m: float, shapes: Sequence[str], rng: np.random.Generator
 ) -> list[Stage]:
@@ -152,11 +100,6 @@ def _stages(
     ]
 
 
-def squares(from_m: Array, to_m: Array) -> Array:
-    apart_m = (from_m[:, None] - to_m[None]) / STRETCH
-    return np.asarray((apart_m**2).sum(axis=2))
-
-
 def drawn_show(
     vehicles: int,
     seconds: float,
@@ -176,67 +119,6 @@ def drawn_show(
     else:
         pads_m = ground_m - (0.0, 0.0, TAKEOFF_HEIGHT_M)
     return of_stages(_stages(pads_m, seconds, least_m, shapes, rng), spacing)
-
-
-def of_stages(stages: list[Stage], spacing: float) -> DrawnShow:
-    """Return the show that begins and ends above its pads, and keeps this spacing in m."""
-    pads_m, vehicles = stages[0].positions_m, len(stages[0].positions_m)
-    trajectories = Trajectories.joined([_trajectory(stages, row) for row in range(vehicles)])
-    end_s = stages[-1].end_s
-    reach_m = 10.0 + float(np.abs(trajectories.hull_m()[:, :2]).max())
-    corners_m = reach_m * np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, -1.0], [-1.0, 1.0]])
-    return DrawnShow(
-        title=f"{vehicles} vehicles {spacing:g} m apart",
-        vehicles=tuple(f"drone {row + 1}" for row in range(vehicles)),
-        trajectories=trajectories,
-        lights=LightPrograms.joined([_lights(stages, row, vehicles) for row in range(vehicles)]),
-        yaw=YawPrograms.joined([YawProgram(np.array([0.0, end_s]), np.array([0.0, np.pi]))] * vehicles),
-        home_m=pads_m * (1.0, 1.0, 0.0),
-        takeoff_s=np.zeros(vehicles),
-        landing_s=np.full(vehicles, end_s),
-        origin=ORIGIN,
-        show_s=(0.0, end_s),
-        cues=tuple(DrawnCue(f"{at} {stage.name}", stage.begin_s) for at, stage in enumerate(stages)),
-        claims=Claims(
-            separation_min_m=spacing,
-            speed_max_m_s=SPEED_MAX_M_S,
-            climb_max_m_s=CLIMB_MAX_M_S,
-            sink_max_m_s=SINK_MAX_M_S,
-            height_max_m=float(-trajectories.hull_m()[0, 2]),
-        ),
-        fence=(FencePolygon(corners_m),),
-    )
-
-
-def _trajectory(stages: list[Stage], row: int) -> Trajectory:
-    """Return rests, and between them straight lines with the time law 10 u^3 - 15 u^4 + 6 u^5."""
-    times_s, pieces = [0.0, stages[0].end_s], [np.zeros((6, 3))]
-    pieces[0][0] = stages[0].positions_m[row]
-    for before, stage in pairwise(stages):
-        from_m, to_m = before.positions_m[row], stage.positions_m[row]
-        rest_m = np.zeros((6, 3))
-        rest_m[0] = from_m
-        pieces += [rest_m, rest_m + np.outer((0.0, 0.0, 0.0, 10.0, -15.0, 6.0), to_m - from_m)]
-        times_s += [stage.begin_s, stage.end_s]
-    return Trajectory(np.array(times_s), np.stack(pieces))
-
-
-def _lights(stages: list[Stage], row: int, vehicles: int) -> LightProgram:
-    """Return a colour for each shape, shaded along the fleet, with fades while they morph."""
-    times_s, before, after = [0.0], [], []
-    now = np.zeros(3, np.uint8)
-    for at, stage in enumerate(stages):
-        hue = (0.37 * at + 0.25 * row / vehicles) % 1.0
-        colour = np.rint(255.0 * np.array(hsv_to_rgb(hue, 1.0, 1.0))).astype(np.uint8)
-        if stage.begin_s > times_s[-1]:
-            times_s.append(stage.begin_s)
-            before.append(now)
-            after.append(now)
-        times_s.append(stage.end_s)
-        before.append(now)
-        after.append(colour)
-        now = colour
-    return LightProgram(np.array(times_s), np.stack(before), np.stack(after))
 
 
 def main(arguments: list[str]) -> None:

@@ -449,7 +449,7 @@ class Flight:
             left[:] = [phase is Phase.PILOT for phase in phases]
         memory, fleet, n = self.newest.memory, self.newest.state, len(phases)
         self.setpoint_gaps.note(~np.isnan(memory.desired_m_s[:n, 0]), left, fleet.time_s)
-        self.uncontrolled.note_setpoints(memory, fleet)
+        self.uncontrolled.note_setpoints(memory, self.table.sample_age_s(fleet.time_s), fleet.time_s)
 
     @property
     def known(self) -> set[VehicleId]:
@@ -560,7 +560,8 @@ class Flight:
                     goal_m[row] = goal
         follows = np.array([vehicle.flags.follows_planned_path for vehicle in vehicles], dtype=np.bool_)
         segments_m, segments_of = self.uncontrolled.swept(self.newest.state.age_s)
-        silent_m, silent_of = self.uncontrolled.near_m(silent, age_s)
+        sample_age_s = self.table.sample_age_s(now_s)
+        silent_m, silent_of = self.uncontrolled.near_m(silent, sample_age_s)
         return Tasks(
             task,
             goal_m,
@@ -572,7 +573,7 @@ class Flight:
             # those far behind keep the right-of-way rules
             follows_planned_path=keeps_to_path(follows, self.newest.state.position_m, goal_m),
             segments_of=np.concatenate([segments_of, silent_of]),
-            drift=self.uncontrolled.drift(silent, age_s),
+            drift=self.uncontrolled.drift(silent, sample_age_s),
             silent_segments=len(silent_of),
         )
 

@@ -11,7 +11,7 @@ from gcs.control import Memory
 from gcs.flight.state.vehicle import Vehicle
 from gcs.model.lifecycle import AIRBORNE, Phase
 from gcs.model.setpoint_loss import FleetWithoutSetpoints
-from gcs.model.state import Array, FleetState, Mask
+from gcs.model.state import Array, Mask
 from gcs.planning.lost_space import KeptSetpoints, expected_drift, swept_segments_m
 from gcs.planning.silent_space import silent_segments_m
 
@@ -52,10 +52,10 @@ class UncontrolledSpace:
         """Forget the last known position: the vehicle is not there any more."""
         self.seen_m[vehicle.row] = np.nan
 
-    def note_setpoints(self, memory: Memory, fleet: FleetState) -> None:
-        """Begin a tick: see `KeptSetpoints.note`."""
+    def note_setpoints(self, memory: Memory, sample_age_s: Array, now_s: float) -> None:
+        """Begin a tick: see `KeptSetpoints.note`, and `Table.sample_age_s` for (n,) the ages."""
         n = len(self._vehicles)
-        self._kept.note(memory.desired_m_s[:n], memory.setpoint_m_s[:n], fleet.age_s, fleet.time_s)
+        self._kept.note(memory.desired_m_s[:n], memory.setpoint_m_s[:n], sample_age_s, now_s)
 
     def silent(self, age_s: Array, age_max_s: float) -> Rows:
         """(k,) Airborne vehicles without commands because their positions (n,) are too old, not lost yet."""
@@ -64,8 +64,11 @@ class UncontrolledSpace:
             return late
         return late[[self._vehicles[row].phase in AIRBORNE for row in late.tolist()]]
 
-    def near_m(self, silent: Rows, age_s: Array) -> tuple[Array, Rows]:
-        """(m, 2, 3) paths that silent vehicles (k,) may take soon, and (m,) the row of each."""
+    def near_m(self, silent: Rows, sample_age_s: Array) -> tuple[Array, Rows]:
+        """(m, 2, 3) paths that silent vehicles (k,) may take soon, and (m,) the row of each.
+
+        A late position still says where a vehicle was, and how fast: `sample_age_s` (n,), of `Table`.
+        """
         operation = self._config.operation
         of, keeps_m_s = self._kept.possible_m_s(silent, self.seen_m_s)
         home_m = np.full_like(self.seen_m, np.nan)
@@ -79,9 +82,9 @@ class UncontrolledSpace:
             keeps_m_s,
             home_m[of],
             self._returns_at_m[of],
-            np.minimum(age_s[of], operation.silence_s),
-            action=self.without_setpoints.action[of],
-            noticed_s=self.without_setpoints.flies_on_s[of],
+            np.minimum(sample_age_s[of], operation.silence_s),
+            action=np.where(self._holds[of], "hold", self.without_setpoints.action[of]),
+            noticed_s=self._flies_on_s[of],
             drift_s=self._drift_s(of, keeps_m_s),
         )
         return segments_m, of[rows]
@@ -104,14 +107,26 @@ class UncontrolledSpace:
         rows = np.repeat(np.array([*swept], dtype=np.intp), [len(own_m) for own_m in swept.values()])
         return np.concatenate([np.zeros((0, 2, 3)), *swept.values()]), rows
 
-    def drift(self, silent: Rows, age_s: Array) -> tuple[Array, Array]:
-        """As of `Tasks`: of silent vehicles and of lost ones."""
+    def drift(self, silent: Rows, sample_age_s: Array) -> tuple[Array, Array]:
+        """As of `Tasks`: of silent vehicles and of lost ones. `sample_age_s` (n,): of `Table`."""
         drifts = np.array([vehicle.phase is Phase.LOST for vehicle in self._vehicles], dtype=np.bool_)
         drifts[silent] = True
         alone, keeps_m_s = self.without_setpoints, self._kept.expected_m_s(self.seen_m_s)
         stop_s = alone.stop_s(np.arange(len(drifts)), keeps_m_s)
-        noticed_s = alone.flies_on_s
-        return expected_drift(self.seen_m, keeps_m_s, age_s, drifts, noticed_s=noticed_s, stop_s=stop_s)
+        noticed_s = self._flies_on_s
+        about = self.seen_m, keeps_m_s, sample_age_s, drifts
+        return expected_drift(*about, noticed_s=noticed_s, stop_s=stop_s)
+
+    @property
+    def _holds(self) -> Mask:
+        """(n,) which a command has stopped already."""
+        return np.array([vehicle.phase is Phase.HOLD for vehicle in self._vehicles], dtype=np.bool_)
+
+    @property
+    def _flies_on_s(self) -> Array:
+        """(n,) how long each flies on without setpoints; 0: its autopilot stops it on a command."""
+        commanded = [vehicle.phase is Phase.HOLD or vehicle.flags.handed_over for vehicle in self._vehicles]
+        return np.where(commanded, 0.0, self.without_setpoints.flies_on_s)
 
     @property
     def _returns_at_m(self) -> Array:

@@ -15,8 +15,9 @@ from gcs.shows.drawn.yaw_programs import YawProgram
 from gcs.shows.drawn_checks import DrawnFigures, drawn_within, examine
 from gcs.shows.formats import parse_drawing, read_drawing, write_drawing
 from gcs.shows.importing import show_text
+from gcs.simulation.drawn_traffic import ORIGIN
 from tests.support.drawing_files import flight, skyc, zipped
-from tests.support.drawn_shows import ORIGIN, drawn_show
+from tests.support.drawn_shows import drawn_show
 
 
 def checked(

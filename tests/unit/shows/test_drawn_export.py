@@ -10,7 +10,8 @@ import pytest
 from gcs.model.errors import ConfigError
 from gcs.shows.drawn import DrawnShow
 from gcs.shows.formats import parse_drawing, read_drawing, write_drawing
-from tests.support.drawn_shows import drawn_show, spacing_m
+from gcs.simulation.drawn_traffic import spacing_m
+from tests.support.drawn_shows import drawn_show
 
 TIMES_S = np.arange(0.0, 61.0, 0.05)
 

@@ -26,7 +26,8 @@ from gcs.shows.placement import (
     stand,
     standing_on,
 )
-from tests.support.drawn_shows import ORIGIN, drawn_show
+from gcs.simulation.drawn_traffic import ORIGIN
+from tests.support.drawn_shows import drawn_show
 
 THERE = placement(12.0, -7.5, 35.0)
 
