@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.model.plan import Obstacle
+from gcs.model.plan import Obstacle, Orbit, Target
 from gcs.model.state import Array
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause
@@ -125,6 +125,29 @@ def test_wind_that_stops_again_lets_them_come_home(kinds: str) -> None:
     came_down, pads_m = flown(story, kinds, 3)
     assert came_down.texts == []
     assert came_down.record.outcome is Outcome.DONE
+    assert np.hypot(*(came_down.true_m - pads_m)[:, :2].T).max() < 2.0
+
+
+FAR_M: Final = 120.0
+
+
+@pytest.mark.soak
+def test_slowly_home_against_wind_it_is_not_landed_on_the_way() -> None:
+    """It falls behind the goal of its planned path, and gets nearer to its pad by 0.8 m/s."""
+
+    async def story(show: VirtualShow) -> tuple[CameDown, Array]:
+        await show.start()
+        pads_m = np.array([vehicle.home_m for vehicle in show.service.flight.vehicles.values()])
+        show.service.plan.set_orbit(Orbit(0.0, 4.0))
+        show.service.plan.set_target(Target(float(FAR_M * np.cos(FROM_RAD)), float(FAR_M * np.sin(FROM_RAD))))
+        await show.wait(45.0)
+        record = command(show, "stop")
+        await show.wait(8.0)
+        blow(show, 9.0)
+        return await down(show, record, 240.0), pads_m
+
+    came_down, pads_m = flown(story, "px4", 1)
+    assert came_down.texts == []
     assert np.hypot(*(came_down.true_m - pads_m)[:, :2].T).max() < 2.0
 
 

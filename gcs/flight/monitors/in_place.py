@@ -58,7 +58,7 @@ class InPlaceLandings:
     def __init__(self, flight: Flight, maneuvers: Maneuvers, commander: Commander) -> None:
         self._flight, self._maneuvers, self._commander = flight, maneuvers, commander
         self._below = SpaceBelow(flight)
-        self._headway = Headway(flight.newest, flight.vehicles, self._waits, maneuvers.task)
+        self._headway = Headway(flight.newest, flight.vehicles, self._waits, maneuvers.task, self._place_m)
         self._waiting: dict[Vehicle, str] = {}
         self._landed: dict[Vehicle, _Landed] = {}
         self._due_s = -np.inf
@@ -69,6 +69,13 @@ class InPlaceLandings:
             return not vehicle.flags.handed_over and not self._flight.may_descend(vehicle)
         together = self._commander.collective_return
         return together is not None and together.leads(vehicle)
+
+    def _place_m(self, vehicle: Vehicle) -> Array | None:
+        """(3,) Where it is led in the end: against wind it falls behind a plan's goal, and gets nearer."""
+        together = self._commander.collective_return
+        if together is None or vehicle.phase is not Phase.RETURN or not together.leads_home(vehicle):
+            return vehicle.goal_m
+        return together.place_m(vehicle)
 
     def look(self) -> None:
         """Land those that make no headway; called once a tick."""
