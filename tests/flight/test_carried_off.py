@@ -11,8 +11,9 @@ from gcs.model.state import Array
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause
 from gcs.testing.views import vehicles_of
-from gcs.testing.virtual_show import VirtualShow, badly_written
+from gcs.testing.virtual_show import VirtualShow, badly_written, fly, show_config
 from tests.flight.test_wind import FROM_RAD, blow, flown
+from tests.support.show_phases import running
 
 DOWN_WITHIN_S: Final = 110.0
 """20 s without headway, and a LAND from at most 34 m; lower ones first."""
@@ -181,6 +182,30 @@ def test_what_is_below_is_waited_for_but_not_for_ever(kinds: str) -> None:
     assert any("d1 waits for obstacle hall below, and lands where it is in " in text for text in waits)
     assert all("It may hit obstacle hall" in text for text in came_down.texts)
     assert came_down.record.outcome is Outcome.DONE
+
+
+def test_one_that_holds_its_place_is_landed_on_nothing() -> None:
+    """An obstacle comes over all places when it is low already, and stays: until its battery is low."""
+
+    async def story(show: VirtualShow) -> tuple[set[str], CameDown]:
+        record = command(show, "stop")
+        await show.until(lambda: show.vehicle("d1").phase is Phase.LANDING, 60.0)
+        show.service.plan.add_obstacle(Obstacle("lorry", 0.0, 0.0, WIDE_M, WIDE_M, 2.0, time_s=show.now_s))
+        await show.wait(90.0)
+        assert show.vehicle("d1").phase is Phase.LANDING
+        assert show.true_m[0, 2] < -3.0
+        waits = {each.text for each in show.view.alarms if each.cause is AlarmCause.NOT_LOWER and each.lasts}
+        show.befall("d1", "battery", remaining=0.15)
+        return waits, await down(show, record, 200.0)
+
+    config = show_config(1, failsafes={"low_battery": {"action": "ignore"}})
+    waits, came_down = fly(story, config, after=running)
+    (text,) = waits
+    assert (
+        "d1 waits for obstacle lorry below, and lands where it is once nothing is, or its battery is" in text
+    )
+    assert any("It may hit obstacle lorry" in each for each in came_down.texts)
+    assert came_down.phases == [Phase.STANDBY]
 
 
 def east_of(show: VirtualShow, name: str) -> Array:

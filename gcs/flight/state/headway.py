@@ -56,6 +56,7 @@ class Headway:
         self._nearer_s, self._since_s = np.full(n, np.inf), np.full(n, np.inf)
         self._maneuvers: list[object] = [None] * n
         self._looked_s = -np.inf
+        self._from_m = np.full((n, 3), np.nan)  # where it was when it made headway last
         self.off_m = np.full(n, np.nan)
         """(n,) how far each is from its place over the ground; NaN: its autopilot leads it."""
 
@@ -63,6 +64,11 @@ class Headway:
     def stands_s(self) -> Array:
         """(n,) how long each has made no headway; minus infinity where it does not come down."""
         return np.asarray(self._newest.state.time_s - self._since_s)
+
+    def holds(self, vehicle: Vehicle) -> bool:
+        """Whether it has stayed where it made headway last: it holds its place, nothing carries it off."""
+        here_m, from_m = self._newest.state.position_m[[vehicle.row]], self._from_m[[vehicle.row]]
+        return bool(_apart_m(here_m, from_m)[0] <= AT_GOAL_M)  # False for NaN
 
     def begin(self, vehicle: Vehicle) -> None:
         """Count from now on: it is led otherwise."""
@@ -104,7 +110,9 @@ class Headway:
             begins | nearer, np.nan_to_num(left_m, nan=np.inf), self._least_m[rows]
         )
         self._nearer_s[rows] = np.where(begins | nearer, now_s, self._nearer_s[rows])
-        self._since_s[rows] = np.where(begins | nearer | led, now_s, self._since_s[rows])
+        goes_on = begins | nearer | led
+        self._since_s[rows] = np.where(goes_on, now_s, self._since_s[rows])
+        self._from_m[rows] = np.where(goes_on[:, None], here_m, self._from_m[rows])
 
     def _begin_ways(self, rows: list[int], here_m: Array, place_m: Array) -> None:
         """Compare on the way to another place (k, 3) with that way: the change itself is no headway."""
