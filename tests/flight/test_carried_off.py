@@ -152,7 +152,7 @@ def test_slowly_home_against_wind_it_is_not_landed_on_the_way() -> None:
     assert np.hypot(*(came_down.true_m - pads_m)[:, :2].T).max() < 2.0
 
 
-WIDE_M: Final = 250.0
+WIDE_M: Final = 700.0
 
 
 @pytest.mark.keeps("ardupilot")
