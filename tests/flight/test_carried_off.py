@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from gcs.model.lifecycle import Phase, ShowPhase
-from gcs.model.plan import Obstacle
+from gcs.model.plan import Obstacle, Orbit, Target
 from gcs.model.state import Array
 from gcs.service import CommandRecord, Outcome, ShowAction, VehicleAction
 from gcs.service.alarms import AlarmCause
 from gcs.testing.views import vehicles_of
-from gcs.testing.virtual_show import VirtualShow, badly_written
+from gcs.testing.virtual_show import VirtualShow, badly_written, fly, show_config
 from tests.flight.test_wind import FROM_RAD, blow, flown
+from tests.support.show_phases import running
 
 DOWN_WITHIN_S: Final = 110.0
 """20 s without headway, and a LAND from at most 34 m; lower ones first."""
@@ -128,7 +129,30 @@ def test_wind_that_stops_again_lets_them_come_home(kinds: str) -> None:
     assert np.hypot(*(came_down.true_m - pads_m)[:, :2].T).max() < 2.0
 
 
-WIDE_M: Final = 250.0
+FAR_M: Final = 120.0
+
+
+@pytest.mark.soak
+def test_slowly_home_against_wind_it_is_not_landed_on_the_way() -> None:
+    """It falls behind the goal of its planned path, and gets nearer to its pad by 0.8 m/s."""
+
+    async def story(show: VirtualShow) -> tuple[CameDown, Array]:
+        await show.start()
+        pads_m = np.array([vehicle.home_m for vehicle in show.service.flight.vehicles.values()])
+        show.service.plan.set_orbit(Orbit(0.0, 4.0))
+        show.service.plan.set_target(Target(float(FAR_M * np.cos(FROM_RAD)), float(FAR_M * np.sin(FROM_RAD))))
+        await show.wait(45.0)
+        record = command(show, "stop")
+        await show.wait(8.0)
+        blow(show, 9.0)
+        return await down(show, record, 240.0), pads_m
+
+    came_down, pads_m = flown(story, "px4", 1)
+    assert came_down.texts == []
+    assert np.hypot(*(came_down.true_m - pads_m)[:, :2].T).max() < 2.0
+
+
+WIDE_M: Final = 700.0
 
 
 @pytest.mark.keeps("ardupilot")
@@ -158,6 +182,30 @@ def test_what_is_below_is_waited_for_but_not_for_ever(kinds: str) -> None:
     assert any("d1 waits for obstacle hall below, and lands where it is in " in text for text in waits)
     assert all("It may hit obstacle hall" in text for text in came_down.texts)
     assert came_down.record.outcome is Outcome.DONE
+
+
+def test_one_that_holds_its_place_is_landed_on_nothing() -> None:
+    """An obstacle comes over all places when it is low already, and stays: until its battery is low."""
+
+    async def story(show: VirtualShow) -> tuple[set[str], CameDown]:
+        record = command(show, "stop")
+        await show.until(lambda: show.vehicle("d1").phase is Phase.LANDING, 60.0)
+        show.service.plan.add_obstacle(Obstacle("lorry", 0.0, 0.0, WIDE_M, WIDE_M, 2.0, time_s=show.now_s))
+        await show.wait(90.0)
+        assert show.vehicle("d1").phase is Phase.LANDING
+        assert show.true_m[0, 2] < -3.0
+        waits = {each.text for each in show.view.alarms if each.cause is AlarmCause.NOT_LOWER and each.lasts}
+        show.befall("d1", "battery", remaining=0.15)
+        return waits, await down(show, record, 200.0)
+
+    config = show_config(1, failsafes={"low_battery": {"action": "ignore"}})
+    waits, came_down = fly(story, config, after=running)
+    (text,) = waits
+    assert (
+        "d1 waits for obstacle lorry below, and lands where it is once nothing is, or its battery is" in text
+    )
+    assert any("It may hit obstacle lorry" in each for each in came_down.texts)
+    assert came_down.phases == [Phase.STANDBY]
 
 
 def east_of(show: VirtualShow, name: str) -> Array:

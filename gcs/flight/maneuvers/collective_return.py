@@ -205,6 +205,10 @@ class CollectiveReturn:
         """(3,) Where a vehicle of the plan lands: its pad, or beside it."""
         return np.asarray(self._home_m[self._rows[vehicle.id]])
 
+    def leads_home(self, vehicle: Vehicle) -> bool:
+        """Whether its goal follows a path of the plan."""
+        return self.is_planned and self.takes_part(vehicle)
+
     def leads(self, vehicle: Vehicle) -> bool:
         """Whether it stands where the plan has it wait, or waits for the plan: for a bounded time only."""
         if not self.takes_part(vehicle):

@@ -1,7 +1,8 @@
 """Vehicles that come down and get neither lower nor nearer to their places: they land where they are.
 
 Wind carries them off, something is in their way, or a maneuver waits for what does not come. Each is named;
-its autopilot lands it where it is, once nothing is below that the flight knows of, or in the end in any case.
+its autopilot lands it where it is, once nothing is below that the flight knows of, or in the end in any case:
+where it is carried off, or its battery is low.
 """
 
 import logging
@@ -58,7 +59,7 @@ class InPlaceLandings:
     def __init__(self, flight: Flight, maneuvers: Maneuvers, commander: Commander) -> None:
         self._flight, self._maneuvers, self._commander = flight, maneuvers, commander
         self._below = SpaceBelow(flight)
-        self._headway = Headway(flight.newest, flight.vehicles, self._waits, maneuvers.task)
+        self._headway = Headway(flight.newest, flight.vehicles, self._waits, maneuvers.task, self._place_m)
         self._waiting: dict[Vehicle, str] = {}
         self._landed: dict[Vehicle, _Landed] = {}
         self._due_s = -np.inf
@@ -69,6 +70,13 @@ class InPlaceLandings:
             return not vehicle.flags.handed_over and not self._flight.may_descend(vehicle)
         together = self._commander.collective_return
         return together is not None and together.leads(vehicle)
+
+    def _place_m(self, vehicle: Vehicle) -> Array | None:
+        """(3,) Where it is led in the end: against wind it falls behind a plan's goal, and gets nearer."""
+        together = self._commander.collective_return
+        if together is None or vehicle.phase is not Phase.RETURN or not together.leads_home(vehicle):
+            return vehicle.goal_m
+        return together.place_m(vehicle)
 
     def look(self) -> None:
         """Land those that make no headway; called once a tick."""
@@ -93,11 +101,10 @@ class InPlaceLandings:
         """Land a vehicle where it is, or note what it waits for."""
         drift_m_s = self._drift_m_s(vehicle)
         below = self._below.of(vehicle, drift_m_s)
-        left_s = NOT_LOWER_S + WAITS_S[vehicle.phase] - stands_s
         names = _named(below.in_the_way)
-        if names and left_s > 0.0:
-            latest = f"lands where it is in {left_s:.0f} s at the latest"
-            self._waiting[vehicle] = f"{vehicle.id} waits for {names} below, and {latest}."
+        latest = self._latest(vehicle, NOT_LOWER_S + WAITS_S[vehicle.phase] - stands_s)
+        if names and latest:
+            self._waiting[vehicle] = f"{vehicle.id} waits for {names} below, and lands where it is {latest}."
             return
         drifts_m_s = float(np.hypot(*drift_m_s))
         why = f"carried off at {drifts_m_s:.0f} m/s" if drifts_m_s >= LED_M_S else "something is in the way"
@@ -112,6 +119,14 @@ class InPlaceLandings:
         self._landed[vehicle] = _Landed(self._maneuvers.task(vehicle), because, follows, severity)
         reported = {"vehicle": vehicle.id, "reason": because, "place": where}
         log.warning("lands_in_place", extra={**reported, "waited": waited, "hits": hits})
+
+    def _latest(self, vehicle: Vehicle, left_s: float) -> str:
+        """When it lands onto what is below; empty: now. One that can wait in the air hits nothing."""
+        below = self._flight.config.failsafes.low_battery.below
+        charged = float(self._flight.newest.telemetry.battery_remaining[vehicle.row]) > below  # False for NaN
+        if charged and self._headway.holds(vehicle):
+            return f"once nothing is, or its battery is below {below:.0%}"
+        return f"in {left_s:.0f} s at the latest" if left_s > 0.0 else ""
 
     def _drift_m_s(self, vehicle: Vehicle) -> Array:
         """(2,) What it does over the ground although it is not led so; zero where it does as it is led."""

@@ -39,11 +39,13 @@ class Watched:
     def __init__(self, subject: Flight) -> None:
         self.subject = subject
         self.maneuvers = {"d0": object(), "d1": object()}
+        self.ends_m = dict[str, Array]()
         self.headway = Headway(
             subject.newest,
             subject.vehicles,
             lambda vehicle: vehicle.phase is Phase.LANDING and not subject.may_descend(vehicle),
             lambda vehicle: self.maneuvers[vehicle.id],
+            lambda vehicle: self.ends_m.get(vehicle.id, vehicle.goal_m),
         )
 
     def look(self, time_s: float, place_m: Array = UP_M, **motion: Array) -> list[str]:
@@ -122,6 +124,46 @@ def test_a_vehicle_that_wind_carries_off_is_stuck() -> None:
         stuck = watched.look(
             float(second), UP_M + second * flown_m_s, flown_m_s=flown_m_s, asked_m_s=asked_m_s
         )
+    assert stuck == ["d0"]
+
+
+def test_slowly_home_behind_a_goal_that_goes_ahead_is_headway() -> None:
+    """A planned return against wind: the vehicle gets nearer to its pad, and farther from its goal."""
+    subject, slowly_m_s = landing(), np.array([[-0.8, 0.0, 0.0], [0.0, 0.0, 0.4]])
+    vehicle = subject.vehicles["d0"]
+    vehicle.phase = Phase.RETURN
+    watched = Watched(subject)
+    watched.ends_m["d0"] = np.array([-200.0, 0.0, -14.0])
+    for second in range(2 * int(NOT_LOWER_S)):
+        vehicle.goal_m = np.array([-4.0 * second, 0.0, -14.0])
+        asked_m_s = np.array([[-4.0, 0.0, 0.0], [0.0, 0.0, 0.4]])
+        here_m = UP_M + second * slowly_m_s
+        assert watched.look(float(second), here_m, flown_m_s=slowly_m_s, asked_m_s=asked_m_s) == []
+
+
+def test_a_way_to_another_place_counts_from_where_it_begins() -> None:
+    """The place below was closed when the vehicle was low: the next is farther than what was left."""
+    watched = Watched(landing())
+    slowly_m, away_m_s = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.4]]), np.array([0.8, 0.0, 0.0])
+    vehicle = watched.subject.vehicles["d0"]
+    for second in range(10):
+        assert watched.look(float(second), UP_M + slowly_m * second) == []
+    vehicle.goal_m = np.array([60.0, 0.0, -14.0])
+    for second in range(10, 50):
+        here_m = UP_M + slowly_m * second
+        here_m[0] += (second - 10) * away_m_s
+        assert watched.look(float(second), here_m) == []
+
+
+def test_a_goal_that_is_put_where_the_vehicle_is_is_no_headway() -> None:
+    """Wind has it while no place to land is open: it sways, and its goal is set anew every 2 s."""
+    watched = Watched(landing())
+    vehicle = watched.subject.vehicles["d0"]
+    for second in SECONDS:
+        sways_m = np.array([[3.0 * second, 0.0, 0.6 * (second % 2)], [0.0, 0.0, 0.4 * second]])
+        if second % 2 == 0:
+            vehicle.goal_m = (UP_M + sways_m)[0]
+        stuck = watched.look(float(second), UP_M + sways_m)
     assert stuck == ["d0"]
 
 
