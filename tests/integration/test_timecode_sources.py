@@ -1,17 +1,21 @@
 """Timecode over real sockets and pipes: MIDI over UDP and RTP, a MIDI port, sound; and `gcs timecode`."""
 
 import asyncio
+import fcntl
 import json
 import os
 import socket
+import struct
 import subprocess
 import sys
+import termios
 import time
 import wave
 from collections.abc import Awaitable, Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import IO
 
 import pytest
 
@@ -211,11 +215,20 @@ def test_gcs_timecode_sends_sound_on_as_midi() -> None:
     assert kept.chase.slope() == pytest.approx(1.0, abs=0.05)
 
 
+def unread(pipe: IO[bytes]) -> int:
+    """Bytes in a pipe."""
+    (count,) = struct.unpack("i", fcntl.ioctl(pipe, termios.FIONREAD, bytes(4)))
+    return int(count)
+
+
 def played(words: Sequence[str], data: bytes) -> None:
     """Run a command of `gcs` that reads samples, and write them as fast as they are played."""
     command = [sys.executable, "-m", "gcs", *words]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0) as process:
         assert process.stdin is not None
+        process.stdin.write(bytes(160))  # silence until it reads: sound before that would be late
+        while unread(process.stdin):
+            time.sleep(0.01)
         size, begin_s = 160, time.monotonic()
         for number, at in enumerate(range(0, len(data), size)):
             time.sleep(max(0.0, begin_s + number * size / 2 / SAMPLES_PER_S - time.monotonic()))
