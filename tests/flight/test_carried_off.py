@@ -63,7 +63,7 @@ ALL = [
 ]
 
 
-@pytest.mark.keeps("ardupilot-17.0-3-abort", "px4-20.0-3-stop")
+@pytest.mark.keeps("ardupilot-17.0-3-abort")
 @pytest.mark.parametrize(("kinds", "speed_m_s", "count", "action"), ALL)
 def test_whatever_the_wind_all_come_down(kinds: str, speed_m_s: float, count: int, action: str) -> None:
     async def story(show: VirtualShow) -> CameDown:
@@ -82,7 +82,7 @@ def test_whatever_the_wind_all_come_down(kinds: str, speed_m_s: float, count: in
         )
 
 
-@pytest.mark.keeps("ardupilot")
+@pytest.mark.soak
 @pytest.mark.parametrize("kinds", ["ardupilot", "px4"])
 def test_where_it_comes_down_is_said_in_time(kinds: str) -> None:
     """To within a third of how far wind carries it meanwhile."""
@@ -110,7 +110,7 @@ def test_where_it_comes_down_is_said_in_time(kinds: str) -> None:
     assert came_down.phases == [Phase.STANDBY]
 
 
-@pytest.mark.keeps("px4")
+@pytest.mark.soak
 @pytest.mark.parametrize("kinds", ["ardupilot", "px4"])
 def test_wind_that_stops_again_lets_them_come_home(kinds: str) -> None:
     async def story(show: VirtualShow) -> tuple[CameDown, Array]:
@@ -155,7 +155,7 @@ def test_slowly_home_against_wind_it_is_not_landed_on_the_way() -> None:
 WIDE_M: Final = 700.0
 
 
-@pytest.mark.keeps("ardupilot")
+@pytest.mark.soak
 @pytest.mark.parametrize("kinds", ["ardupilot", "px4"])
 def test_what_is_below_is_waited_for_but_not_for_ever(kinds: str) -> None:
     """A hall that wind does not carry it past: the operator reads that, and what it hits in the end."""
@@ -184,6 +184,7 @@ def test_what_is_below_is_waited_for_but_not_for_ever(kinds: str) -> None:
     assert came_down.record.outcome is Outcome.DONE
 
 
+@pytest.mark.soak
 def test_one_that_holds_its_place_is_landed_on_nothing() -> None:
     """An obstacle comes over all places when it is low already, and stays: until its battery is low."""
 
