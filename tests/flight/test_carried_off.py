@@ -209,6 +209,46 @@ def test_one_that_holds_its_place_is_landed_on_nothing() -> None:
     assert came_down.phases == [Phase.STANDBY]
 
 
+def ring(x_m: float, y_m: float, time_s: float) -> list[Obstacle]:
+    """Four high walls round a place."""
+    off_m = 12.0
+    return [
+        Obstacle(f"wall{number}", x_m + east * off_m, y_m + north * off_m, *half_m, 200.0, time_s=time_s)
+        for number, (east, north, half_m) in enumerate(
+            [(1, 0, (1.0, 14.0)), (-1, 0, (1.0, 14.0)), (0, 1, (14.0, 1.0)), (0, -1, (14.0, 1.0))]
+        )
+    ]
+
+
+@pytest.mark.soak
+def test_one_whose_way_home_is_closed_for_a_minute_lands_at_home() -> None:
+    """It holds its place, and the ground below is none to land on: its way opens again."""
+
+    async def story(show: VirtualShow) -> tuple[set[str], CameDown, Array]:
+        pads_m = np.array([vehicle.home_m for vehicle in show.service.flight.vehicles.values()])
+        show.service.plan.set_orbit(Orbit(0.0, 4.0))
+        show.service.plan.set_target(Target(90.0, 60.0))
+        await show.wait(40.0)
+        record = command(show, "stop")
+        await show.wait(5.0)
+        x_m, y_m = show.true_m[0, :2].tolist()
+        walls = ring(x_m, y_m, show.now_s)
+        for wall in walls:
+            show.service.plan.add_obstacle(wall)
+        waits = set[str]()
+        for _ in range(12):
+            await show.wait(5.0)
+            waits |= {each.text for each in show.view.alarms if each.cause is AlarmCause.NOT_LOWER}
+        for wall in walls:
+            show.service.plan.remove_obstacle(wall.id)
+        return waits, await down(show, record, 200.0), pads_m
+
+    waits, came_down, pads_m = fly(story, show_config(1), after=running)
+    assert any("d1 waits for its way home, and lands where it is in " in text for text in waits)
+    assert came_down.texts == []
+    assert np.hypot(*(came_down.true_m - pads_m)[:, :2].T).max() < 2.0
+
+
 def east_of(show: VirtualShow, name: str) -> Array:
     """(2,) Where a vehicle is along the wind, and across it, in m."""
     north_m, east_m, _ = show.fleet.position_m[show.config.ids.index(name)]

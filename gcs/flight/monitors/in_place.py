@@ -33,6 +33,9 @@ NOT_LOWER_S: Final = 20.0
 WAITS_S: Final = {Phase.LANDING: 40.0, Phase.RETURN: 160.0}
 """So long a vehicle waits at most for what is below it: one that comes home may be made to land sooner."""
 
+WAY_OPENS_S: Final = 120.0
+"""So long a sound vehicle that holds its place on the way home waits for its way: boxes pass, doors open."""
+
 AT_PLACE_M: Final = 2.0
 """Nearer than this to its place, a text does not say how far it is from that."""
 
@@ -99,10 +102,15 @@ class InPlaceLandings:
 
     def _decide(self, vehicle: Vehicle, stands_s: float) -> None:
         """Land a vehicle where it is, or note what it waits for."""
+        sound = self._is_sound(vehicle)
+        if sound and vehicle.phase is Phase.RETURN and stands_s < WAY_OPENS_S:
+            in_s = f"in {WAY_OPENS_S - stands_s:.0f} s if it stays closed"
+            self._waiting[vehicle] = f"{vehicle.id} waits for its way home, and lands where it is {in_s}."
+            return
         drift_m_s = self._drift_m_s(vehicle)
         below = self._below.of(vehicle, drift_m_s)
         names = _named(below.in_the_way)
-        latest = self._latest(vehicle, NOT_LOWER_S + WAITS_S[vehicle.phase] - stands_s)
+        latest = self._latest(NOT_LOWER_S + WAITS_S[vehicle.phase] - stands_s, sound=sound)
         if names and latest:
             self._waiting[vehicle] = f"{vehicle.id} waits for {names} below, and lands where it is {latest}."
             return
@@ -120,11 +128,16 @@ class InPlaceLandings:
         reported = {"vehicle": vehicle.id, "reason": because, "place": where}
         log.warning("lands_in_place", extra={**reported, "waited": waited, "hits": hits})
 
-    def _latest(self, vehicle: Vehicle, left_s: float) -> str:
-        """When it lands onto what is below; empty: now. One that can wait in the air hits nothing."""
+    def _is_sound(self, vehicle: Vehicle) -> bool:
+        """Whether it can wait in the air: nothing carries it off, and its battery is not low."""
         below = self._flight.config.failsafes.low_battery.below
         charged = float(self._flight.newest.telemetry.battery_remaining[vehicle.row]) > below  # False for NaN
-        if charged and self._headway.holds(vehicle):
+        return charged and self._headway.holds(vehicle)
+
+    def _latest(self, left_s: float, *, sound: bool) -> str:
+        """When it lands onto what is below; empty: now. One that can wait in the air hits nothing."""
+        if sound:
+            below = self._flight.config.failsafes.low_battery.below
             return f"once nothing is, or its battery is below {below:.0%}"
         return f"in {left_s:.0f} s at the latest" if left_s > 0.0 else ""
 
