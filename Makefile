@@ -18,7 +18,7 @@ demo: ready  ## fly the whole story with the fake fleet; ARGS="--vehicles 8 --se
 
 # What computes is a little nice, so that real-time flights are not late. With 10 it would get a tenth of a core beside
 # two other busy processes, and nothing at idle priority.
-NICE := nice -n 2
+NICE := nice -n 1
 
 test: ready  ## lint, types, import contracts, every test: what computes beside what flies in real time
 	@$(MAKE) --no-print-directory compiled
@@ -32,7 +32,7 @@ IN_CHECK := $(addprefix unit/test_,project_files.py packages.py decisions.py)
 
 # Folders without a test that computes are not collected (conftest.py refuses one there), nor is a plugin loaded
 # that only a soak test needs. In the order of the folders, flights first, the short tests fill what is left.
-COMPUTING = -m "not realtime and $(if $(SOAK),,not) soak" -p no:schemathesis -n 0 --forks 4 \
+COMPUTING = -m "not realtime and $(if $(SOAK),,not) soak" -p no:schemathesis -n 0 --forks 6 \
   $(addprefix --ignore=tests/,browser integration unit/api unit/recording $(IN_CHECK))
 
 computed: .venv/ready console

@@ -40,6 +40,7 @@ def mixed(tmp_path_factory: pytest.TempPathFactory) -> Rehearsal:
     return flight
 
 
+@pytest.mark.soak
 def test_drawing_and_sphere_take_turns(mixed: Rehearsal) -> None:
     verdict = judge(mixed)
     assert verdict.good, verdict.problems

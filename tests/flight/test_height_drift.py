@@ -70,7 +70,7 @@ async def landed(show: VirtualShow, drift: Drift) -> Landed:
     )
 
 
-@pytest.mark.keeps("by_receiver-px4")
+@pytest.mark.soak
 @pytest.mark.parametrize("autopilot", [PX4, ARDUPILOT])
 @pytest.mark.parametrize("drift", [by_receiver, by_barometer])
 def test_drifted_heights_touch_down_slowly(autopilot: str, drift: Drift) -> None:

@@ -108,7 +108,7 @@ def alarms(show: VirtualShow) -> list[str]:
     return [one.text for one in show.view.alarms if one.cause is AlarmCause.TIMECODE and one.lasts]
 
 
-@pytest.mark.keeps("Rate.FPS_29_97_DROP-0.999")
+@pytest.mark.soak
 @pytest.mark.parametrize(("rate", "speed"), [(Rate.FPS_25, 1.001), (Rate.FPS_29_97_DROP, 0.999)])
 def test_a_flying_show_is_within_20_ms_of_its_timecode(tmp_path: Path, rate: Rate, speed: float) -> None:
     """Delays of 3 ms with a long tail, drop-outs of 0.3 s, 0.1 % of drift; its beginning is in time too."""

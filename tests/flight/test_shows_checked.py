@@ -51,7 +51,7 @@ def checked(capsys: pytest.CaptureFixture[str], file: Path) -> tuple[int, dict[s
     return code, json.loads(capsys.readouterr().out)
 
 
-@pytest.mark.keeps("lighthouse")
+@pytest.mark.soak
 @pytest.mark.parametrize("path", shipped(), ids=lambda path: path.stem)
 def test_a_shipped_show_is_good_to_fly(path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, verdict = checked(capsys, path)

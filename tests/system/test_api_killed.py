@@ -83,7 +83,7 @@ async def lose_api(folder: Path, ticks: TickTimes, number: signal.Signals) -> tu
     return began_s, ended_s, sent
 
 
-@pytest.mark.keeps("9")
+@pytest.mark.soak
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 def test_lost_api_is_replaced_while_control_flies_on(
     tmp_path: Path, number: signal.Signals, caplog: pytest.LogCaptureFixture

@@ -20,6 +20,7 @@ ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.computes
 
 
+@pytest.mark.soak
 def test_wheel_contains_configurations_and_the_fake_fleet(tmp_path: Path) -> None:
     build = [sys.executable, "-m", "hatchling", "build", "--target", "wheel", "--directory", str(tmp_path)]
     subprocess.run(build, check=True, cwd=ROOT, capture_output=True)

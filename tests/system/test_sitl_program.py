@@ -175,6 +175,7 @@ def test_make_passes_the_simulator_on(given: str, expected: str) -> None:
     assert expected in " ".join(done.stdout.split())
 
 
+@pytest.mark.soak
 @pytest.mark.computes
 def test_without_a_program_it_says_what_to_get() -> None:
     empty = {"PX4": "", "ARDUPILOT": "", "PATH": "/nowhere", "HOME": "/nowhere"}
@@ -184,6 +185,7 @@ def test_without_a_program_it_says_what_to_get() -> None:
         assert words in printed
 
 
+@pytest.mark.soak
 @pytest.mark.computes
 def test_a_folder_without_px4_is_named(tmp_path: Path) -> None:
     code, _, printed = flown("--px4", str(tmp_path))

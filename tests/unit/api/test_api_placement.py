@@ -58,6 +58,7 @@ def test_pads_are_shown_beside_the_vehicles(api: Api, service: FakeService) -> N
     assert found["max_m"] == max(one["off_m"] for one in found["vehicles"] if one["off_m"] is not None)
 
 
+@pytest.mark.soak
 def test_the_fit_is_better_and_changes_nothing(api: Api, service: FakeService) -> None:
     text = api("GET", "/api/v1/shows/night").json()["text"]
     here = api("GET", f"{PLACEMENT}?x_m=40&y_m=0&turn_deg=10").json()

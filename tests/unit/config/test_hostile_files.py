@@ -18,6 +18,8 @@ from gcs.model.errors import SHOWN_MAX, FileError, InvalidError, RefusedError, q
 from gcs.service.check_process import answered
 from gcs.shows import parse as parse_show
 
+pytestmark = pytest.mark.usefixtures("prompt_checks")
+
 LEVELS = range(5, 10)
 MEMORY_MAX_BYTES = 4 << 20
 """Of what is read: the bomb of nine levels stands for 3 GB."""

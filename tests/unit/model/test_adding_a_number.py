@@ -79,6 +79,7 @@ def test_a_new_number_is_shown_everywhere(found: Any) -> None:
     assert found["places"] == {place: [-3.0, 4.5] for place in places}
 
 
+@pytest.mark.soak
 def test_a_new_number_takes_three_files_at_most(tree: Path, found: Any) -> None:
     console = tree / "api" / "console"
     (console / "node_modules").symlink_to(ROOT / "api" / "console" / "node_modules")

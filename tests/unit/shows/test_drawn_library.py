@@ -22,6 +22,8 @@ from gcs.shows.library import ShowLibrary
 from gcs.shows.loading import load, service_flaws
 from gcs.shows.service_rules import ServiceRules
 
+pytestmark = pytest.mark.usefixtures("prompt_checks")
+
 GIVEN = shipped_folder() / "shows" / "drawn-30.skyc"
 
 
