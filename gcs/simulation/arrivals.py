@@ -56,15 +56,7 @@ def _arrivals(record: FlightRecord) -> ArrivalFigures:
     else:
         off_pad_m = np.linalg.norm((path_m - record.goal_m)[:, :, :2], axis=2)
         there = ~np.array(record.in_air[begin:]) & (off_pad_m < AT_PAD_M)
-    ratio, took_s, straight_s = _ratios(record, path_m[0], record.goal_m, there)
-    return ArrivalFigures(
-        arrived=int(np.isfinite(took_s).sum()),
-        expected=int(record.expected.sum()),
-        median_ratio=rounded(float(np.median(ratio))),
-        worst_ratio=rounded(float(ratio.max())),
-        total_s=rounded(float(took_s.max())),
-        late_s=rounded(_late_s(record, took_s, straight_s)),
-    )
+    return _reached(record, path_m[0], record.goal_m, there)
 
 
 def _late_s(record: FlightRecord, took_s: Array, shortest_s: Array) -> float:
@@ -89,6 +81,19 @@ def _ratios(record: FlightRecord, start_m: Array, place_m: Array, there: Mask) -
     return took_s / np.maximum(straight_s, 1e-9), took_s, straight_s
 
 
+def _reached(record: FlightRecord, start_m: Array, place_m: Array, there: Mask) -> ArrivalFigures:
+    """When each of the expected vehicles was first `there`, and whether in time; as `_ratios`."""
+    ratio, took_s, shortest_s = _ratios(record, start_m, place_m, there)
+    return ArrivalFigures(
+        arrived=int(np.isfinite(took_s).sum()),
+        expected=int(record.expected.sum()),
+        median_ratio=rounded(float(np.median(ratio))),
+        worst_ratio=rounded(float(ratio.max())),
+        total_s=rounded(float(took_s.max())),
+        late_s=rounded(_late_s(record, took_s, shortest_s)),
+    )
+
+
 def _in_slots(record: FlightRecord) -> ArrivalFigures:
     """Vehicles in formation, and the most of them at their slots at one moment of the last seconds.
 
@@ -109,15 +114,7 @@ def _joined(record: FlightRecord) -> ArrivalFigures:
     """Of vehicles that join past boxes: when each first was within `THROUGH_M` of its slot, and in time."""
     begin = len(record.time_s) - len(record.off_slot_m)
     there = np.array(record.off_slot_m) < THROUGH_M
-    ratio, took_s, shortest_s = _ratios(record, record.path_m[begin], record.slot_m, there)
-    return ArrivalFigures(
-        arrived=int(np.isfinite(took_s).sum()),
-        expected=int(record.expected.sum()),
-        median_ratio=rounded(float(np.median(ratio))),
-        worst_ratio=rounded(float(ratio.max())),
-        total_s=rounded(float(took_s.max())),
-        late_s=rounded(_late_s(record, took_s, shortest_s)),
-    )
+    return _reached(record, record.path_m[begin], record.slot_m, there)
 
 
 def _assembled(figures: ArrivalFigures, record: FlightRecord) -> ArrivalFigures:

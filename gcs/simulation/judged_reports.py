@@ -36,7 +36,7 @@ class JudgedReports:
         )
 
     def with_standing(self, tasks: Tasks, fleet: FleetState) -> Tasks:
-        """The tasks of vehicles in formation, of which those stand whose positions jumped a moment ago."""
+        """The tasks of vehicles in formation; one with a position that jumped a moment ago stands."""
         formed = tasks.task == Task.FORMATION
         jumped = formed & (self._world.table.reset_time_s == fleet.time_s)
         self._frozen_until_s[jumped] = fleet.time_s + self._positioning.freeze_s

@@ -58,8 +58,8 @@ class Liars:
         kind: (n,) of its lies, "" of those that report truly.
         begins_s: (n,) when a sample arrives first that is a lie; inf: never.
         named_s: (n,) when the flight named it to its operator; inf: never.
-        flown_m: (n,) way that it truly flew in formation, by setpoints, while it lied: of those whose
-            position jumps until they were named, since others keep clear of both places then.
+        flown_m: (n,) way that it truly flew in formation, by setpoints, while it lied. A vehicle with a
+            position that jumps counts until it was named: others keep clear of both places then.
     """
 
     kind: NDArray[np.str_]
@@ -91,7 +91,7 @@ class Liars:
 
     @property
     def jumping(self) -> Mask:
-        """(n,) those whose position jumps."""
+        """(n,) vehicles with positions that jump."""
         return np.isin(self.kind, (JUMP, JUMPS))
 
     def note(self, now_s: float, named: Mask, steered: Mask, way_m: Array) -> None:

@@ -137,7 +137,7 @@ class Losses:
 
 
 class Unbelieved(Losses):
-    """The vehicles whose positions the flight does not believe, none of which is lost."""
+    """The vehicles with positions that the flight does not believe; none of them is lost."""
 
     def __init__(self, count: int, seed: int) -> None:
         super().__init__(ScenarioLoss(), count, seed)

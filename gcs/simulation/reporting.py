@@ -1,4 +1,4 @@
-"""A simulated world whose vehicles send MAVLink, read and judged by the code of the flight.
+"""A simulated world with vehicles that send MAVLink, read and judged by the code of the flight.
 
 Each vehicle sends its position, and answers the station's requests for its clock, over one link with one
 delay. The bytes pass `gcs.links.telemetry` and `gcs.estimation.fleet_state`, as in flight.
@@ -127,7 +127,7 @@ class ReportingWorld(TrueWorld):
         self._unled = self._unled & ~rows  # until it is commanded otherwise
 
     def _begin_lies(self, now_s: float) -> None:
-        """Let positions jump whose time has come."""
+        """Let the positions jump that are due."""
         lies, kind = self._lies, self.liars.kind
         most, length_m, every_s = lies.jumps
         passed_s = now_s - lies.from_s + 1e-9

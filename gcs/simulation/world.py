@@ -149,7 +149,7 @@ class TrueWorld:
         return self._world.telemetry_hz < self._world.tick_rate_hz
 
     def kept(self) -> Mask:
-        """(n,) whose telemetry of this tick is sent, and not lost; called once a tick."""
+        """(n,) vehicles with telemetry of this tick that is sent and not lost; called once a tick."""
         n, world, kept = len(self.ids), self._world, ~self._silent
         if world.loss:
             kept &= self._random.random(n) >= world.loss

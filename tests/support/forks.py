@@ -39,7 +39,7 @@ class Forks:
     def pytest_runtestloop(self, session: pytest.Session) -> bool | None:
         """Run all tests in copies of this process, and report what they report.
 
-        A test whose copy ended without a report has failed; so has each that none has run.
+        A test has failed if its copy ended without a report, or if no copy has run it.
         """
         if session.config.option.collectonly or session.testsfailed:
             return None
@@ -52,7 +52,7 @@ class Forks:
             reader, pid = _copied(session, files, left, number)
             pipes[reader] = pid
         os.close(left)
-        missing = {item.nodeid: item for item in session.items}
+        missing, ended = {item.nodeid: item for item in session.items}, False
         try:
             for line in _lines(pipes):
                 report = session.config.hook.pytest_report_from_serializable(
@@ -61,10 +61,10 @@ class Forks:
                 if report.when == "teardown":
                     missing.pop(report.nodeid, None)
                 session.config.hook.pytest_runtest_logreport(report=report)
-        except BaseException:
-            _interrupt(pipes.values())
-            raise
+            ended = True
         finally:
+            if not ended:
+                _interrupt(pipes.values())
             for pipe, pid in pipes.items():
                 pipe.close()
                 _ended(pid)
@@ -101,12 +101,13 @@ def _copied(
             _run(session, files, left, number, reports)
             reports.write(_END + b"\n")
         code = 0
-    except BaseException:  # noqa: BLE001  the process ends here, whatever it was
-        traceback.print_exc()
-    finally:
-        with suppress(BaseException):
+    finally:  # the process ends here, whatever happened
+        if code:
+            traceback.print_exc()
+        try:
             atexit._run_exitfuncs()
-        os._exit(code)
+        finally:
+            os._exit(code)
 
 
 class _Reports:
