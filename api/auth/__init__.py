@@ -1,1 +1,1 @@
-"""Who may call: tokens, rights, rate limits, audit; stands before every route."""
+"""Who may call: tokens, rights, rate limits, the size of bodies, audit; stands before every route."""

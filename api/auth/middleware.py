@@ -23,6 +23,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from gcs.api.auth.authorization import Authorization, Principal, Refusal, Request, is_emergency, needed
 from gcs.api.errors import echo, error_response, invalid_response, refuse
 from gcs.api.schemas import reports
+from gcs.api.schemas.requests import BODY_MAX_BYTES
 from gcs.model.errors import UNSEEN_IN_LINE, cut
 from gcs.service import CALLER, Audit, Call
 
@@ -72,9 +73,6 @@ class Audited:
         if changes and status < HTTPStatus.BAD_REQUEST and not await self._audit.kept():
             MutableHeaders(scope=start)["X-Recorded"] = "no"
 
-
-BODY_MAX_BYTES: Final = 64 * 1024
-"""Limit of a request body; the largest valid one, a start with thousands of names, is smaller."""
 
 BODY_S: Final = 10.0
 """Seconds for a whole body to arrive: an unfinished request holds a connection that others need."""

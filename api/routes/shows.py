@@ -20,7 +20,8 @@ Name = Annotated[str, Path(pattern=requests.NAME_PATTERN, examples=["lighthouse"
 YAML_BODY: Final[dict[str, Any]] = {
     "requestBody": {
         "required": True,
-        "description": "A show file, in UTF-8, at most 64 KiB. Kept as it is; its check finds what is wrong.",
+        "description": f"A show file, in UTF-8, at most {requests.BODY_MAX_BYTES // 1024} KiB. "
+        "Kept as it is; its check finds what is wrong.",
         "content": {
             "application/yaml": {
                 "schema": {},  # any YAML: the show's check reports its errors

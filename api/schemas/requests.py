@@ -16,6 +16,8 @@ NAME_MAX: Final = 64
 """Most characters of a name; the configuration allows 32 for vehicles."""
 VehicleName = Annotated[str, Field(max_length=NAME_MAX, examples=["d1"])]
 Vehicles = Annotated[list[VehicleName], Field(min_length=1, max_length=10_000, examples=[["d1", "d2"]])]
+BODY_MAX_BYTES: Final = 64 * 1024
+"""Limit of a request body; the largest valid one, a start with thousands of names, is smaller."""
 LENGTH_MAX_M: Final = 100_000.0
 """Largest coordinate: beyond it a flat show frame and its conversion to and from WGS84 are invalid."""
 SPEED_MAX_M_S: Final = 1_000.0

@@ -97,7 +97,7 @@ def _new(arguments: argparse.Namespace) -> int:
 
 def _check(arguments: argparse.Namespace) -> int:
     """Run the law's code in this process: a check is for the law's author."""
-    from gcs.flight.laws.process import BUDGET_SHARE  # noqa: PLC0415 (loads numpy)
+    from gcs.flight.features.laws.process import BUDGET_SHARE  # noqa: PLC0415 (loads numpy)
     from gcs.formation.laws.conformance import problems  # noqa: PLC0415
     from gcs.formation.laws.registry import allow_code, law_at, place_of  # noqa: PLC0415
 

@@ -1,4 +1,4 @@
-"""Descent of a vehicle with a height that may be wrong: where it is slow, when it has met the ground. Pure.
+"""Estimates from which height down a descending vehicle may be near the ground, and when it has met it. Pure.
 
 A barometer, and a receiver without corrections, drift by metres within a flight. A vehicle that is lower than
 its estimate says meets the ground before its height shows it.

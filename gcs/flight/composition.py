@@ -13,8 +13,11 @@ from gcs.failsafe import triggers
 from gcs.flight.commands.commander import Commander
 from gcs.flight.commands.plan_editor import PlanEditor, RestoredPlan
 from gcs.flight.commands.site_editor import SiteEditor, misfit_of, why_not_now
-from gcs.flight.features import features_of
-from gcs.flight.laws.guard import LawGuard
+from gcs.flight.features.composition import features_of
+from gcs.flight.features.laws.guard import LawGuard
+from gcs.flight.features.targets import Targets
+from gcs.flight.features.timecode import Timecode
+from gcs.flight.features.wind import WindWatch
 from gcs.flight.maneuvers.descent import Descent
 from gcs.flight.maneuvers.landing_places import LandingPlaces
 from gcs.flight.maneuvers.landings import Landings
@@ -22,18 +25,16 @@ from gcs.flight.maneuvers.maneuver_steps import Steps
 from gcs.flight.maneuvers.maneuvers import Maneuvers
 from gcs.flight.monitors.failsafe_monitor import FailsafeMonitor
 from gcs.flight.monitors.in_place import InPlaceLandings
+from gcs.flight.monitors.show_progress import ComeBack, ShowProgress
 from gcs.flight.monitors.telemetry_monitor import TelemetryMonitor
 from gcs.flight.preflight.go import CrewGo
 from gcs.flight.preflight.parameter_reader import ParameterReader
 from gcs.flight.preflight.preflight_gate import PreflightGate
-from gcs.flight.show_progress import ComeBack, ShowProgress
 from gcs.flight.shows.show_begin import ShowBegin
 from gcs.flight.shows.show_player import ShowPlayer
 from gcs.flight.state.flight import Flight
 from gcs.flight.state.refusals import Refusals
-from gcs.flight.state.targets import Targets
 from gcs.flight.state.ticker import TickClock
-from gcs.flight.state.wind import WindWatch
 from gcs.model.interrupted_flight import Interruption
 from gcs.planning import lost_space, silent_space
 from gcs.planning.return_paths import planner
@@ -102,6 +103,7 @@ class FlightParts:
         )
         self.site = site = site_editor_of(flight)
         watch = WindWatch(flight.config, flight.newest, flight.vehicles, go.wind_limits, lambda: go.wind)
+        flight.outside_clock = Timecode(flight.config.timecode)
         flight.features = [*features_of(flight, targets, guard, unix_minus_loop_s, group), go, site, watch]
         self.refusals = refusals = refusals_of(flight)
         places = landing_places_of(flight)

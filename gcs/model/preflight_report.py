@@ -1,6 +1,6 @@
 """Result of the preflight checks, of each vehicle and of the fleet, and the exclusion of a vehicle.
 
-Plain data for the service port. The checks themselves are in `gcs.preflight`.
+Types only, for all packages from the checks (`gcs.preflight`) to displays.
 """
 
 from collections.abc import Iterable, Sequence

@@ -15,7 +15,7 @@ from gcs.control.late_links import fleet_delay_s, for_late_links
 from gcs.control.law_step import LawRunner
 from gcs.failsafe.policy import Action
 from gcs.flight.commands.commander import STOPS_WITHIN_S
-from gcs.flight.laws.process import BEGINS_S, LawProcess
+from gcs.flight.features.laws.process import BEGINS_S, LawProcess
 from gcs.flight.state.ticker import garbage_between_ticks
 from gcs.formation.laws.registry import SHIPPED
 from gcs.formation.neighbours import Sight

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gcs.config.sections import OperationSettings
 from gcs.control import ControlSettings, Memory, Tasks, tick
 from gcs.control.law_step import LawRunner
-from gcs.flight.laws.process import LawProcess
+from gcs.flight.features.laws.process import LawProcess
 from gcs.formation.laws.registry import SHIPPED
 from gcs.model.lifecycle import Phase
 from gcs.model.plan import Plan

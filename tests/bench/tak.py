@@ -11,8 +11,8 @@ from contextlib import suppress
 import numpy as np
 
 from gcs.control import Memory
+from gcs.flight.features.tak import TakTracks
 from gcs.flight.state.newest import Newest
-from gcs.flight.state.tak import TakTracks
 from gcs.flight.state.vehicle import FlightVehicles, Vehicle
 from gcs.links.targets.cot import CotTraffic
 from gcs.model.state import FleetState

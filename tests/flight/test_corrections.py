@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pymavlink.dialects.v20 import common
 
-from gcs.flight.state.corrections import Corrections
+from gcs.flight.features.corrections import Corrections
 from gcs.links.intake import Arrived
 from gcs.links.link import FrameDirection
 from gcs.model.errors import RefusedError

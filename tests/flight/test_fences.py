@@ -7,8 +7,8 @@ from typing import Any, Final, cast
 import pytest
 
 from gcs.config.schema import Config
+from gcs.flight.features.fences import FenceUploads
 from gcs.flight.orchestrator import Orchestrator
-from gcs.flight.state.fences import FenceUploads
 from gcs.links.link import FrameDirection
 from gcs.links.settings import EXTRA_BYTES_PER_S
 from gcs.mavlink.fences import vertices_of

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from gcs.flight.laws.process import BEGINS_S, BUDGET_SHARE, LawProcess
+from gcs.flight.features.laws.process import BEGINS_S, BUDGET_SHARE, LawProcess
 from gcs.formation.laws import registry
 from gcs.formation.laws.conformance import sample
 from gcs.formation.laws.protocol import NoSettings
@@ -143,7 +143,7 @@ def test_no_child_of_a_law_is_left() -> None:
 SERVICE = f"""
 import time
 from pathlib import Path
-from gcs.flight.laws.process import BEGINS_S, LawProcess
+from gcs.flight.features.laws.process import BEGINS_S, LawProcess
 from gcs.formation.laws import registry
 from gcs.formation.laws.conformance import sample
 from gcs.formation.laws.protocol import NoSettings

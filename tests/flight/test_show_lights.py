@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from gcs.config.schema import Config
-from gcs.flight.shows.lights import FOUND, FULL, LOW, OFF
+from gcs.flight.features.lights import FOUND, FULL, LOW, OFF
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import ShowAction, VehicleAction

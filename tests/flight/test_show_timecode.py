@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 import pytest
 
+from gcs.flight.features.timecode import Timecode
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import ShowPhase
 from gcs.model.state import Array
@@ -63,6 +64,8 @@ class Source:
             task.cancel()
 
     async def _run(self, from_s: float) -> None:
+        clock = self.show.service.flight.outside_clock
+        assert isinstance(clock, Timecode)
         loop, midi = asyncio.get_running_loop(), MidiTimecode()
         begin_s = loop.time()
         self.zero_s = begin_s - from_s / self.speed
@@ -73,7 +76,7 @@ class Source:
             if self.drops(sent.at_s):
                 continue
             for reading in midi.take(sent.message):
-                self.show.service.flight.outside_clock.take(reading, loop.time())
+                clock.take(reading, loop.time())
 
     def true_s(self, now_s: float) -> float:
         """The show's time that belongs to the timecode."""

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gcs.config.schema import Config
-from gcs.flight.state.traffic import OtherTraffic
+from gcs.flight.features.traffic import OtherTraffic
 from gcs.formation.repulsion import energy
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import Phase, ShowPhase

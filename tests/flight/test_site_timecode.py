@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from gcs.config.schema import Config
+from gcs.flight.features.timecode import Timecode
 from gcs.model.errors import RefusedError
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import ShowAction
@@ -59,6 +60,8 @@ class Source:
             task.cancel()
 
     async def _run(self, from_s: float) -> None:
+        clock = self.show[self.station].service.local.flight.outside_clock
+        assert isinstance(clock, Timecode)
         loop, midi, delay_s = asyncio.get_running_loop(), MidiTimecode(), late(0.003, 5)
         begin_s, rate = loop.time(), Rate.FPS_25
         self.zero_s = begin_s - from_s
@@ -66,7 +69,7 @@ class Source:
         for sent in running(start, rate):
             await asyncio.sleep(begin_s + sent.at_s + delay_s() - loop.time())
             for reading in midi.take(sent.message):
-                self.show[self.station].service.local.flight.outside_clock.take(reading, loop.time())
+                clock.take(reading, loop.time())
 
 
 async def take_off(show: SiteShow) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from gcs.failsafe.policy import Cause
-from gcs.flight.state.traffic import ALARMS_MAX, OtherTraffic
+from gcs.flight.features.traffic import ALARMS_MAX, OtherTraffic
 from gcs.model.lifecycle import Phase, ShowPhase
 from gcs.model.plan import Formation
 from gcs.model.target_fix import TargetFix

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import pytest
 
-from gcs.flight.state.corrections import Corrections
+from gcs.flight.features.corrections import Corrections
 from gcs.flight.state.feature import Instant
 from gcs.links.features import RtkSettings
 from gcs.links.intake import Intake

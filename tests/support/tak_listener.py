@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from xml.etree import ElementTree as ET
 
+from gcs.flight.features.tak import TakTracks
 from gcs.flight.orchestrator import Orchestrator
-from gcs.flight.state.tak import TakTracks
 from gcs.links.tak.sender import CotSender
 from gcs.links.tak.settings import TakReceiver
 

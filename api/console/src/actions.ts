@@ -7,7 +7,7 @@ import { t as siteTexts } from "./site/texts";
 import { clockTime } from "./panels/format";
 import { texts } from "./texts";
 import type { Message } from "./messages";
-import { outcome, type Api, type Outcome } from "./schemas/rest";
+import { outcome, type Api, type Outcome } from "./connection/rest";
 import type { components } from "./schemas/schema";
 
 type Schemas = components["schemas"];

@@ -23,9 +23,9 @@ import { phaseColours } from "./scene/palette";
 import { initial, type State } from "./state";
 import { texts } from "./texts";
 import { update, type Message } from "./update";
-import { createApi } from "./schemas/rest";
-import { openStream } from "./schemas/stream";
-import { createTiles } from "./schemas/tiles";
+import { createApi } from "./connection/rest";
+import { openStream } from "./connection/stream";
+import { createTiles } from "./connection/tiles";
 
 /** Period of the panels; the effect of an operator's input is shown at once. */
 const DESK_MS = 100;

@@ -115,3 +115,6 @@ export interface Frame extends Numbers {
   green: Uint8Array;
   blue: Uint8Array;
 }
+
+/** Without a frame for so long, nothing that is shown is fresh; nor is a position that is older. */
+export const STALE_MS = 1000;

@@ -6,6 +6,7 @@ import type { DrawnPreview } from "./drawn/model";
 import type { Placing } from "./placing/model";
 import { NO_SITE, type SiteState } from "./site/model";
 import { NOTHING_SELECTED, type Selection } from "./selection";
+import { STALE_MS } from "./snapshot";
 import type { Features, ReportBody, Frame, KillArmed, Command, PreflightReport, FlightMarks, Status } from "./snapshot";
 
 export * from "./snapshot";
@@ -101,8 +102,6 @@ export interface State {
   panels: PanelState;
 }
 
-/** Without a frame for so long, nothing that is shown is fresh. */
-export const STALE_MS = 1000;
 export const HISTORY_STEP_S = 0.5;
 export const HISTORY_ROWS = 600;
 export const TOAST_MS = 6000;

@@ -4,7 +4,7 @@ import { createActions, type Actions } from "../src/actions";
 import type { Message } from "../src/messages";
 import type { PanelActions } from "../src/panels/actions";
 import { createDeskActions } from "../src/panels/createActions";
-import type { Api } from "../src/schemas/rest";
+import type { Api } from "../src/connection/rest";
 import { initial, type Access, type Right, type State } from "../src/state";
 import { update } from "../src/update";
 

@@ -2,7 +2,7 @@ import { expect, test } from "vitest";
 
 import { addressOf, choose, columnOf, fromShowFrame, placeAt, rowOf, toShowFrame, zoomFor, type Origin } from "../src/scene/mercator";
 import { HELD_MAX, RETRY_MS, TileCache } from "../src/scene/tileCache";
-import { requestFor } from "../src/schemas/tiles";
+import { requestFor } from "../src/connection/tiles";
 
 const ZURICH: Origin = { latitude_deg: 47.397742, longitude_deg: 8.545594, altitude_amsl_m: 488, heading_deg: 0 };
 const TURNED: Origin = { ...ZURICH, heading_deg: 30 };

@@ -2,7 +2,7 @@ import { describe, expect, test } from "vitest";
 
 import { fresh, HISTORY_ROWS, initial, STALE_MS, TOAST_MS, type State } from "../src/state";
 import { update, type Message } from "../src/update";
-import { read } from "../src/schemas/stream";
+import { read } from "../src/connection/stream";
 import { frame } from "./frames";
 import { COLUMNS, command, status } from "./statuses";
 

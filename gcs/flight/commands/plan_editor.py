@@ -7,11 +7,11 @@ from typing import TypeVar
 
 import numpy as np
 
+from gcs.flight.features.targets import Targets
 from gcs.flight.maneuvers.maneuvers import Maneuvers
 from gcs.flight.shows.show_player import ShowPlayer
 from gcs.flight.state.newest import InForce, Newest
 from gcs.flight.state.show_state import ShowState
-from gcs.flight.state.targets import Targets
 from gcs.flight.state.vehicle import FlightVehicles, Vehicle
 from gcs.formation.laws.registry import place_of
 from gcs.model.errors import GcsError, RefusedError, UnknownError

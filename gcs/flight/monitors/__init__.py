@@ -1,1 +1,1 @@
-"""What each tick looks at: telemetry, failsafes, alarms; and the view that displays get of it."""
+"""What each tick looks at: telemetry, failsafes, alarms, the show's progress; and the view of it."""

@@ -1,1 +1,1 @@
-"""The selected show: selection, beginning, lights."""
+"""The selected show: selection and beginning."""

@@ -1,4 +1,4 @@
-"""A clock that is not the station's, and that shows may follow."""
+"""What a flight needs to know of a clock that is not the station's, and that shows may follow."""
 
 from abc import ABC, abstractmethod
 

@@ -28,11 +28,11 @@ from gcs.estimation.positioning import uncertainty_m
 from gcs.estimation.touch_down import height_error_m
 from gcs.failsafe.autopilot_failsafe import TEXTS_COUNT_S, FailsafeInputs
 from gcs.flight.state.elsewhere import Elsewhere
+from gcs.flight.state.external_clock import ExternalClock
 from gcs.flight.state.feature import Feature, Instant
 from gcs.flight.state.newest import InForce, Newest
 from gcs.flight.state.show_state import ShowState
 from gcs.flight.state.start_hashes import start_hashes
-from gcs.flight.state.timecode import Timecode
 from gcs.flight.state.uncontrolled_space import UncontrolledSpace
 from gcs.flight.state.vehicle import SHOW_FLIES, FlightVehicles, Vehicle
 from gcs.formation.laws.protocol import GoalShape
@@ -189,7 +189,7 @@ class Flight:
         self.show = ShowState(lambda: self.newest.state.time_s)
         self.columns = ""  # how many pairs will be stacked, in words; as of the last start
         self.excluded: dict[VehicleId, Exclusion] = {}  # taken out of the show by an operator
-        self.outside_clock = Timecode(config.timecode)  # that shows follow
+        self.outside_clock: ExternalClock  # that shows follow; set as the flight gets its features
         self.features: list[Feature] = []
         self.newest.memory = Memory.fresh(len(self.vehicles), now_s)
         self.changed_parameters: dict[VehicleId, dict[str, str]] = {}  # changed from what preflight requires

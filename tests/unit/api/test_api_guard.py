@@ -6,7 +6,8 @@ import pytest
 
 from gcs.api.app import create_app
 from gcs.api.auth.authorization import Authorization
-from gcs.api.auth.middleware import BODY_MAX_BYTES, DRAIN_MAX_BYTES
+from gcs.api.auth.middleware import DRAIN_MAX_BYTES
+from gcs.api.schemas.requests import BODY_MAX_BYTES
 from gcs.model.lifecycle import ShowPhase
 from gcs.service import CommandRecord
 from tests.support.api_fake_service import FakeService

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from gcs.control import ControlSettings
+from gcs.flight.features.targets import Targets
 from gcs.flight.state.feature import Instant
 from gcs.flight.state.newest import InForce, Newest
-from gcs.flight.state.targets import Targets
 from gcs.formation.orbit import Center
 from gcs.links.tak.settings import OwnTracks
 from gcs.links.targets.settings import RestSource, TargetSettings

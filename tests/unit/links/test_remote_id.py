@@ -9,7 +9,7 @@ import pytest
 from pydantic import ValidationError
 from pymavlink.dialects.v20 import common
 
-from gcs.flight.state.remote_id import swarm_area
+from gcs.flight.features.remote_id import swarm_area
 from gcs.links.remote_id import messages
 from gcs.links.remote_id.messages import Operator, SwarmArea
 from gcs.links.remote_id.settings import BasicId, RemoteIdSettings

@@ -2,7 +2,7 @@
 
 import { commanded, lasts, type Overall } from "../alarms/model";
 import type { Frame, Phase, Status } from "../snapshot";
-import { MODES, PHASES, type Mode } from "../snapshot";
+import { MODES, PHASES, STALE_MS, type Mode } from "../snapshot";
 import { texts } from "../texts";
 
 export interface Row {
@@ -35,8 +35,6 @@ export interface Sort {
   descending: boolean;
 }
 
-/** A position older than this is shown as old. */
-export const STALE_S = 1.0;
 const FIX_3D = 3; // GPS_FIX_TYPE
 
 export type AlarmsByVehicle = ReadonlyMap<string, Overall>;
@@ -75,7 +73,7 @@ export function rowOf(status: Status, frame: Frame, nearest_m: ArrayLike<number>
 }
 
 export function isStale(row: Row): boolean {
-  return !(row.age_s <= STALE_S);
+  return !(row.age_s <= STALE_MS / 1000);
 }
 
 const LOW_BATTERY = 0.3;

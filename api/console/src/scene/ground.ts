@@ -7,7 +7,7 @@ import {
 
 import type { Status } from "../state";
 import { texts } from "../texts";
-import { TileError, type LoadTile } from "../schemas/tiles";
+import { TileError, type LoadTile } from "../connection/tiles";
 import { toScene } from "./axes";
 import type { Eye, Shared } from "./camera";
 import { material, ORDER } from "./materials";

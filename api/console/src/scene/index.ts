@@ -14,7 +14,7 @@ import { isGridSeen } from "../panels/layout";
 import type { Choice } from "../selection";
 import { fresh, indexOf, may, type Frame, type Placement, type Preview, type State, type Status } from "../state";
 import { texts } from "../texts";
-import type { LoadTile } from "../schemas/tiles";
+import type { LoadTile } from "../connection/tiles";
 import { north_rad } from "./axes";
 import { Backdrop } from "./backdrop";
 import { Billboards } from "./billboards";

@@ -6,16 +6,16 @@ from functools import partial
 
 import numpy as np
 
-from gcs.flight.laws.guard import LawGuard
-from gcs.flight.shows.lights import Lights
-from gcs.flight.state.corrections import Corrections
+from gcs.flight.features.corrections import Corrections
+from gcs.flight.features.fences import FenceUploads
+from gcs.flight.features.laws.guard import LawGuard
+from gcs.flight.features.lights import Lights
+from gcs.flight.features.remote_id import RemoteId
+from gcs.flight.features.tak import TakTracks
+from gcs.flight.features.targets import Targets
+from gcs.flight.features.traffic import OtherTraffic
 from gcs.flight.state.feature import Feature
-from gcs.flight.state.fences import FenceUploads
 from gcs.flight.state.flight import FLIES, Flight
-from gcs.flight.state.remote_id import RemoteId
-from gcs.flight.state.tak import TakTracks
-from gcs.flight.state.targets import Targets
-from gcs.flight.state.traffic import OtherTraffic
 from gcs.model.lifecycle import AIRBORNE
 from gcs.model.state import Mask
 

@@ -1,4 +1,4 @@
-"""The process of one law: `python -m gcs.flight.laws.worker`, begun by `gcs.flight.laws.process` only.
+"""The process of one law, begun by `gcs.flight.features.laws.process` only.
 
 An error of the law ends it; its last line says which. So do too much memory, and a call without end.
 """
@@ -20,7 +20,7 @@ from typing import BinaryIO, Final
 import numpy as np
 from pydantic import ValidationError
 
-from gcs.flight.laws.rows import ANSWER, Declared, line, received, table_in
+from gcs.flight.features.laws.rows import ANSWER, Declared, line, received, table_in
 from gcs.formation.laws.conformance import answered, sample
 from gcs.formation.laws.protocol import LawAnswer, LawInputs
 from gcs.formation.laws.registry import law_at

@@ -21,7 +21,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from gcs.flight.laws.rows import ANSWER, handed_over, size_of, table_in
+from gcs.flight.features.laws.rows import ANSWER, handed_over, size_of, table_in
 from gcs.formation.article import no_faster
 from gcs.formation.laws.conformance import why_wrong
 from gcs.formation.laws.protocol import GoalShape, LawAnswer, LawInputs, waits
@@ -88,7 +88,7 @@ class LawProcess:
         values = json.dumps(dict(settings))
         words = [place_of(name), code_folder(), values, str(memory_fd), str(size_of(rows_max))]
         self._process = subprocess.Popen(  # noqa: S603 (this program)
-            [sys.executable, "-m", "gcs.flight.laws.worker", *words],
+            [sys.executable, "-m", "gcs.flight.features.laws.worker", *words],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,

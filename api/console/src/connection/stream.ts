@@ -3,8 +3,8 @@
 import type { Access, Connection, FrameColumn, Status } from "../state";
 import { texts } from "../texts";
 import type { Message } from "../update";
-import { decode, FrameError } from "./frame";
-import type { components } from "./schema";
+import { decode, FrameError } from "../schemas/frame";
+import type { components } from "../schemas/schema";
 
 /** After this silence the shown data are old; with the grace and the next drawing it is less than a second. */
 const SILENT_MS = 800;

@@ -6,7 +6,7 @@ from math import inf
 from typing import Final
 
 from gcs.control.law_step import LawRunner
-from gcs.flight.laws.process import BEGINS_S, LawProcess
+from gcs.flight.features.laws.process import BEGINS_S, LawProcess
 from gcs.flight.state.feature import Feature, Instant
 from gcs.flight.state.newest import InForce
 from gcs.formation.laws.registry import SHIPPED

@@ -3,7 +3,7 @@
 import createClient, { type Client } from "openapi-fetch";
 
 import { texts } from "../texts";
-import type { components } from "./schema";
+import type { components } from "../schemas/schema";
 
 type Paths = components["schemas"]["Paths"];
 

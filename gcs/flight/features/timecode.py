@@ -1,4 +1,4 @@
-"""The timecode of one station: what arrived, and how the selected show stands to it."""
+"""The feature timecode of one station: what arrived, and how the selected show stands to it."""
 
 from collections.abc import Iterator
 from math import isnan, nan
