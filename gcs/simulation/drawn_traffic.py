@@ -34,6 +34,7 @@ from gcs.simulation.scenario import DrawnTraffic
 ORIGIN = ShowFrame(47.397742, 8.545594, 488.0, 40.0)
 STRETCH = np.array([1.0, 1.0, 1.5])  # of distances sideways, and up and down, for the same safety
 SPEED_MAX_M_S, CLIMB_MAX_M_S, SINK_MAX_M_S, ACCELERATION_MAX_M_S2 = 4.0, 2.2, 1.2, 2.0
+FACING_M_S2 = 1.0  # with which vehicles that come to rest facing each other brake at most
 TAKEOFF_HEIGHT_M, LEAST_HEIGHT_M, HOLD_S = 5.0, 8.0, 3.0
 
 KINDS = ("opposing", "crossing")
@@ -74,14 +75,14 @@ class Stage:
     positions_m: Array  # (n, 3) at its end
 
 
-def over_s(moves_m: Array) -> float:
+def over_s(moves_m: Array, acceleration_m_s2: float = ACCELERATION_MAX_M_S2) -> float:
     """Time in which no vehicle of a transition exceeds a limit."""
     sideways_m = float(np.linalg.norm(moves_m[:, :2], axis=1).max())
     climb_m, sink_m = float(np.max(-moves_m[:, 2], initial=0.0)), float(np.max(moves_m[:, 2], initial=0.0))
     whole_m = float(np.linalg.norm(moves_m, axis=1).max())
     limits = ((sideways_m, SPEED_MAX_M_S), (climb_m, CLIMB_MAX_M_S), (sink_m, SINK_MAX_M_S))
     longest_s = max(shortest_s(size_m, rate_m_s, np.inf) for size_m, rate_m_s in limits)
-    return float(np.ceil(max(longest_s, shortest_s(whole_m, np.inf, ACCELERATION_MAX_M_S2), 1.0) + 0.05))
+    return float(np.ceil(max(longest_s, shortest_s(whole_m, np.inf, acceleration_m_s2), 1.0) + 0.05))
 
 
 def squares(from_m: Array, to_m: Array) -> Array:
@@ -203,7 +204,7 @@ def traffic_show(traffic: DrawnTraffic, count: int, seed: int) -> DrawnShow:
     passing_s *= max(1.0, 1.875 * np.linalg.norm(end_m - begin_m, axis=1).max() / passing_s / fast_m_s)
     for name, to_m in (("apart", begin_m), ("through", end_m), ("back through", begin_m), ("back", pads_m)):
         here_m = stages[-1].positions_m
-        lasts_s = passing_s if "through" in name else over_s(to_m - here_m)
+        lasts_s = passing_s if "through" in name else over_s(to_m - here_m, FACING_M_S2)
         begin_s = stages[-1].end_s + HOLD_S
         stages.append(Stage(name, begin_s, begin_s + float(np.ceil(lasts_s)), to_m))
     return of_stages(stages, spacing)
