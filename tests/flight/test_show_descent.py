@@ -106,7 +106,7 @@ AWAY = {"x_m": 25.0, "y_m": 0.0}  # clear of all pads
 @pytest.mark.soak
 def test_abort_descends_in_clear_columns_away_from_obstacles() -> None:
     """No vehicle descends before those below are in their columns, nor onto an obstacle."""
-    descent = fly(abort_over_a_crate, show_config(4, target=AWAY))
+    descent = fly(abort_over_a_crate, show_config(4, target=AWAY), ideal=True)
     start_m, goals_m = descent.coming_down.true_m[0], places_m(descent)
     lowest = int(np.argmax(start_m[:, 2]))
     far = [
@@ -118,7 +118,7 @@ def test_abort_descends_in_clear_columns_away_from_obstacles() -> None:
     above = start_m[:, 2] < start_m[lowest, 2] - 3.0
     assert above.sum() == 2
     sunk_m = np.array(far)[:, above, 2] - start_m[above, 2]
-    assert sunk_m.max() < 0.7
+    assert sunk_m.max() < 0.1
     crate_m = start_m[lowest, :2]
     assert np.hypot(*(goals_m - crate_m).T).min() > 3.0
     assert descent.floor_violations == 0
