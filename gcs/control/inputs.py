@@ -6,6 +6,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.control.landing_beside import Ground, landing_beside
 from gcs.formation.laws.settings import FlownLawSettings
 from gcs.formation.obstacles import Ellipse
 from gcs.formation.orbit import Center
@@ -155,12 +156,6 @@ LONGEST_STEP_S = 0.2
 """Longest step of the commanded centre. After a longer pause the centre does not catch up."""
 
 
-OFF_PLACE_M = 2.0
-"""A descending vehicle that others pushed farther from its place than this and its margin goes back there
-above the least height. One that does not know its position lands where it is.
-"""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class TickInputs:
     """Inputs of one tick. Rows as in FleetState."""
@@ -179,7 +174,8 @@ class TickInputs:
     rows: NDArray[np.intp]  # (m,) of the vehicles in formation
     goers: NDArray[np.intp]  # (k,) of those on the way to a goal
     sphere: NDArray[np.intp]  # (s,) on the sphere that the law needs: `rows`, and those of other stations
-    descending: Mask  # (n,) descending to land, and above its place
+    descending: Mask  # (n,) descending to land, above its place or where it lands instead
+    low: Mask  # (n,) off its place beside others on the ground: it may stay below the least height
     ellipses: dict[str, Ellipse]  # the plan's obstacles, and slow traffic, at this time
     own: slice  # the rows that this station flies; after them come those of other stations
     pace: float = 1.0  # share of the orbit's speed with which other stations' vehicles keep up
@@ -292,6 +288,7 @@ class TickInputs:
             to_goal=self.to_goal[own],
             sphere=self.rows,
             descending=self.descending[own],
+            low=self.low[own],
         )
 
     def for_all(self, formed: Array, others: float) -> Array:
@@ -324,11 +321,16 @@ class TickInputs:
         roles = _roles(task, position_m, velocity_m_s, age_s, settings.telemetry_age_max_s)
         if follows:
             roles = (*roles[:-1], roles[3])
-        descending = tasks.descending
+        ellipses = ellipses_of(plan, settings, fleet.time_s, tasks.slow_traffic)
+        descending, low = tasks.descending, np.zeros(len(task), np.bool_)
         if np.count_nonzero(descending):
-            off_m = tasks.goal_m[:, :2] - position_m[:, :2]
-            margin_m = settings.safety.floor.deviations * traits.uncertainty_m
-            descending = descending & ~(np.hypot(off_m[:, 0], off_m[:, 1]) > OFF_PLACE_M + margin_m)
+            targets = (plan.target, *tasks.kept_clear)
+            about = tasks.segments_m, ellipses, targets, fleet.time_s
+            ground = Ground(position_m, tasks.goal_m, traits.uncertainty_m, *about)
+            landing = landing_beside(ground, descending, settings.safety)
+            descending, low = landing.descending, landing.low
+            if landing.goal_m is not tasks.goal_m:
+                tasks = replace(tasks, goal_m=landing.goal_m)
         return TickInputs(
             fleet,
             tasks,
@@ -340,7 +342,8 @@ class TickInputs:
             velocity_m_s,
             *roles,
             descending,
-            ellipses_of(plan, settings, fleet.time_s, tasks.slow_traffic),
+            low,
+            ellipses,
             slice(own),
             pace,
         )

@@ -371,6 +371,7 @@ def _surroundings(
         shared_m_s,
         (now.plan.target, *now.tasks.kept_clear),
         now.fleet.time_s,
+        now.low,
     )
 
 

@@ -119,6 +119,7 @@ class Surroundings:
     shared_m_s: Array | None = None  # (n, 3) what other stations' filters allowed last; NaN, None: not shared
     targets: tuple[Target, ...] = ()  # those with a clearance are kept clear of
     time_s: float = 0.0  # of all these
+    low: Mask | None = None  # (n,) do not descend, and may stay below the least height; None: none of them
 
     def over_link(self, delay_s: float) -> "Surroundings":
         """The same when stops begin a round trip of 2 `delay_s` later."""
@@ -230,6 +231,7 @@ def _pairs_of(
         drawn=None if here.drawn is None else here.drawn & own,
         desired_m_s=desired_m_s,
         response=here.response,
+        low_counts=own & ~here.descending,
     )
 
 
@@ -310,7 +312,7 @@ def _walls(
     fence = fence_constraints(
         position_m,
         here.commanded,
-        here.descending,
+        here.descending if here.low is None else here.descending | here.low,
         settings.fence,
         braking,
         velocity_m_s=here.velocity_m_s,

@@ -86,6 +86,7 @@ def separation_constraints(
     drawn: Mask | None = None,
     desired_m_s: Array | None = None,
     response: FleetResponse | None = None,
+    low_counts: Mask | None = None,
 ) -> Pairs:
     """Bound the closing speed of every pair that could come too close to the speed that can still be braked.
 
@@ -111,6 +112,8 @@ def separation_constraints(
         desired_m_s: (n, 3) velocities for which planes are chosen; None: `course_m_s`.
         response: (n,) in what vehicles differ from `braking`; None: in nothing. A pair stops as the slower
             of both.
+        low_counts: (n,) kept apart from others on and near the ground as well: it does not land. A pair of
+            others, both below `floor.pad_height_m`, is left out, as pads are near; None: all are such.
     """
     # numba compiles frozen arrays as another type
     position_m, uncertainty_m = np.array(position_m), np.array(uncertainty_m)
@@ -129,6 +132,7 @@ def separation_constraints(
             wander_m,
             np.ones(len(position_m), np.bool_) if only is None else only,
             np.zeros(len(position_m), np.bool_) if drawn is None else drawn & airborne,
+            np.zeros(len(position_m), np.bool_) if low_counts is None else low_counts,
             braking.of_each(len(position_m), response),
             _numbers_of(floor),
         )
@@ -278,6 +282,7 @@ def _found(
     wander_m: Array,
     only: Mask,
     drawn: Mask,
+    low_counts: Mask,
     each: Array,
     numbers: Numbers,
 ) -> tuple[Rows, Rows, Rows, Array, Array]:
@@ -294,8 +299,9 @@ def _found(
     motion = position_m, course_m_s, measured_m_s, desired_m_s
     own = uncertainty_m, wander_m, spare_m_s
     about, done = _side_by_side(first, second, motion, own, each), 0
+    masks = commanded, airborne, low_counts
     while done < count:
-        many, done = _relative(first, second, done, about, (commanded, airborne), numbers, worst, sides, seen)
+        many, done = _relative(first, second, done, about, masks, numbers, worst, sides, seen)
         _answers(many, seen, numbers, answers)
         for k in range(many):
             if answers[0, k] > answers[1, k]:
@@ -381,7 +387,7 @@ def _relative(
     second: Rows,
     done: int,
     about: Array,
-    masks: tuple[Mask, Mask],
+    masks: tuple[Mask, Mask, Mask],
     numbers: Numbers,
     worst: Worst,
     sides: NDArray[np.intp],
@@ -394,7 +400,7 @@ def _relative(
         second: (k,) rows.
         done: so many pairs were looked at before.
         about: (n, WIDE) of `_side_by_side`.
-        masks: commanded and airborne, (n,) each.
+        masks: commanded, airborne, and which count on and near the ground, (n,) each.
         numbers: of floor and margin.
         worst: of `_looks`.
         sides: (2, BLOCK) rows i, commanded, and j; changed.
@@ -402,7 +408,7 @@ def _relative(
 
     Returns: how many count, and how many pairs were looked at then.
     """
-    (commanded, airborne), (wide_m, _, _, pad_height_m, _, _, deviations) = masks, numbers
+    (commanded, airborne, low_counts), (wide_m, _, _, pad_height_m, _, _, deviations) = masks, numbers
     many = 0
     for k in range(done, len(first)):
         if many == BLOCK:
@@ -411,6 +417,7 @@ def _relative(
         if not commanded[i]:
             i, j = j, i
         low = -about[i, OFFSET + 2] < pad_height_m and -about[j, OFFSET + 2] < pad_height_m
+        low = low and not (low_counts[i] or low_counts[j])
         if low or not commanded[i] or not (airborne[i] or airborne[j]):
             continue
         mine_m, theirs_m = about[i, OWN_UNCERTAINTY], about[j, OWN_UNCERTAINTY]

@@ -44,3 +44,11 @@ def test_those_on_planned_paths_wait_for_boxes_that_pass(count: int, seed: int) 
     figures = report(prepared(Scenario.load("return-walls"), count, seed).fly())
     assert number(figures, "arrival.total_s") <= 90.0
     assert figure(figures, "obstacles.penetrations") == 0
+
+
+@pytest.mark.soak
+def test_one_that_a_box_pushes_aside_lands_where_it_is() -> None:
+    """0.1 m above the ground it had climbed to go back, and passed one on the ground at 1.92 m."""
+    figures = report(prepared(Scenario.load("land-walls"), 50, 6301).fly())
+    assert figure(figures, "separation.violations") == 0
+    assert figure(figures, "arrival.missing") == 0
