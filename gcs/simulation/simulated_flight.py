@@ -401,7 +401,8 @@ class SimulatedFlight:
         self.goal_m[arrived] = place_m[arrived]
 
     def _hand_over(self, flown: Mask, place_m: Array) -> None:
-        low = flown & may_hand_over(self.world.received_m, place_m, HANDOVER_HEIGHT_M)
+        low = may_hand_over(self.world.received_m, place_m, HANDOVER_HEIGHT_M)
+        low = flown & (low | ~self.world.in_air)  # or reported as landed, also beside its place
         self.task[low] = Task.NONE
         self.world.leave_to_themselves(low, TOUCHDOWN_M_S)
 
