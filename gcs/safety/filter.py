@@ -120,6 +120,7 @@ class Surroundings:
     targets: tuple[Target, ...] = ()  # those with a clearance are kept clear of
     time_s: float = 0.0  # of all these
     low: Mask | None = None  # (n,) do not descend, and may stay below the least height; None: none of them
+    pressed: Mask | None = None  # (n,) not held off `segments_m`, as a box comes on; None: not looked at
 
     def over_link(self, delay_s: float) -> "Surroundings":
         """The same when stops begin a round trip of 2 `delay_s` later."""
@@ -141,7 +142,7 @@ def filter_velocities(
 
     Returns: (n, 3) in m/s, and for each row why it was limited, "" when it was not. Rest where not commanded.
     """
-    here, limits = surroundings.over_link(settings.link_delay_s), settings.limits
+    here, limits, given_m_s = surroundings.over_link(settings.link_delay_s), settings.limits, desired_m_s
     braking = settings.braking.over_link(settings.link_delay_s)
     own = np.array(here.commanded)
     moved = own if here.shared_m_s is None else own | np.isfinite(here.shared_m_s[:, 0])
@@ -182,12 +183,36 @@ def filter_velocities(
         pairs, walls = pairs.joined(overlooked), Constraints.joined(walls, farther)
     else:
         allowed_m_s = np.zeros_like(allowed_m_s)
+    if here.pressed is None and len(here.segments_m):
+        pressed = _pressed(allowed_m_s, position_m, here, braking, limits.fastest_m_s)
+        if np.count_nonzero(pressed):
+            return filter_velocities(given_m_s, replace(surroundings, pressed=pressed), settings)
     changed_m_s = _lengths(desired_m_s, allowed_m_s)
     if not settings.fence.is_plain and len(judged):
         _raise_to_unmet(changed_m_s, allowed_m_s, judged.first, judged.normal, judged.bound_m_s)
     if moved is not own:
         allowed_m_s[~own], changed_m_s[~own] = 0.0, 0.0
     return allowed_m_s, _reasons(desired_m_s, changed_m_s, judged, pairs, joined, here.names)
+
+
+def _pressed(
+    allowed_m_s: Array, position_m: Array, here: Surroundings, braking: Braking, fastest_m_s: float
+) -> Mask:
+    """(n,) Vehicles that velocities (n, 3) would leave before a box that comes on.
+
+    Paths of lost vehicles hold them there. A lost vehicle may take its path, the box comes: it counts first.
+    """
+    pressed = np.zeros(len(allowed_m_s), np.bool_)
+    coming = {
+        name: each for name, each in here.ellipses.items() if each.velocity_x_m_s or each.velocity_y_m_s
+    }
+    if coming:
+        boxes = Constraints.joined(
+            *_obstacles(position_m, replace(here, ellipses=coming), braking, fastest_m_s)
+        )
+        broken = (boxes.bound_m_s > 0.0) & (boxes.slack_m_s(allowed_m_s) < -NOTICEABLE_M_S)
+        pressed[boxes.first[broken]] = True
+    return pressed
 
 
 def _first_pairs(
@@ -364,7 +389,7 @@ def _lost(position_m: Array, here: Surroundings, settings: SafetySettings, braki
         return Constraints.none()
     return keepout_constraints(
         position_m,
-        here.commanded,
+        here.commanded if here.pressed is None else here.commanded & ~here.pressed,
         here.segments_m,
         floor=settings.floor,
         braking=braking,

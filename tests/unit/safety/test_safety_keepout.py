@@ -1,9 +1,11 @@
 """What lost vehicles may sweep is kept clear."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from tests.support.safety_world import BRAKING, filtered, surroundings
+from tests.support.safety_world import BOX, BRAKING, filtered, surroundings
 
 
 def test_column_below_a_lost_vehicle_is_clear_at_every_height() -> None:
@@ -27,3 +29,14 @@ def test_vehicle_exactly_on_the_path_is_sent_off_it() -> None:
     column = np.array([[[0.0, 0.0, -30.0], [0.0, 0.0, 0.0]]])
     allowed = filtered(np.zeros((1, 3)), surroundings(np.array([[0.0, 0.0, -10.0]]), segments=column))
     assert np.hypot(*allowed[0, :2]) == pytest.approx(1.5, abs=2e-3)
+
+
+def test_a_box_that_comes_on_counts_before_a_lost_path() -> None:
+    """A vehicle between both is driven onto the path that a lost one may take, not left before the box."""
+    column = np.array([[[8.0, 0.0, -30.0], [8.0, 0.0, 0.0]]])
+    between = np.array([[5.0, 0.0, -10.0]])  # at the wall of the box, and at floor and margin of the path
+    for comes_m_s, expected_m_s in ((0.5, 0.5), (0.0, 0.0)):
+        box = replace(BOX, velocity_x_m_s=comes_m_s)
+        around = surroundings(between, segments=column, ellipses={"box": box})
+        allowed = filtered(np.zeros((1, 3)), around)
+        assert allowed[0] == pytest.approx((expected_m_s, 0.0, 0.0), abs=0.02)
