@@ -1,6 +1,6 @@
 """One control tick: law, safety filter, setpoint shaping; pure, imports safety and what lies below."""
 
-from gcs.control.inputs import ControlSettings, Task, Tasks, ellipses_of
+from gcs.control.inputs import ControlSettings, Task, Tasks, ellipses_of, ellipses_until
 from gcs.control.memory import Memory
 from gcs.control.tick_step import Tick, prepare, tick, warm_up
 
@@ -11,6 +11,7 @@ __all__ = [
     "Tasks",
     "Tick",
     "ellipses_of",
+    "ellipses_until",
     "prepare",
     "tick",
     "warm_up",

@@ -152,6 +152,9 @@ class ControlSettings(Settings):
     """A vehicle whose position is older gets no setpoint, in s."""
 
 
+STEPS_MOST = 64
+"""Most places along the ways of all boxes that are looked at: landing places are chosen between two ticks."""
+
 LONGEST_STEP_S = 0.2
 """Longest step of the commanded centre. After a longer pause the centre does not catch up."""
 
@@ -401,3 +404,21 @@ def ellipses_of(
         box.id: Ellipse.around(box, margin_m=margin_m, headroom_m=headroom_m, time_s=time_s)
         for box in (*plan.obstacles, *more)
     }
+
+
+def ellipses_until(
+    plan: Plan, settings: ControlSettings, time_s: float, until_s: float, more: tuple[Obstacle, ...] = ()
+) -> dict[str, Ellipse]:
+    """As `ellipses_of`, and those of boxes that move once more along their ways until `until_s`.
+
+    Next to each other by half their narrow axis, or farther where there would be more than `STEPS_MOST`.
+    """
+    ellipses = ellipses_of(plan, settings, time_s, more)
+    moving = {name: each for name, each in ellipses.items() if each.velocity_x_m_s or each.velocity_y_m_s}
+    for name, each in moving.items():
+        way_m = (until_s - time_s) * float(np.hypot(each.velocity_x_m_s, each.velocity_y_m_s))
+        steps = int(np.ceil(way_m / (0.5 * min(each.semi_x_m, each.semi_y_m))))
+        for later_s in np.linspace(0.0, until_s - time_s, min(steps, STEPS_MOST // len(moving)) + 1)[1:]:
+            x_m, y_m = each.x_m + later_s * each.velocity_x_m_s, each.y_m + later_s * each.velocity_y_m_s
+            ellipses[f"{name} in {later_s:.1f} s"] = replace(each, x_m=x_m, y_m=y_m)
+    return ellipses

@@ -19,6 +19,9 @@ RINGS = np.concatenate([np.arange(13) / 4.0, 3.0 * 1.1 ** np.arange(1, 48)]).res
 finer in radius than the directions on a ring. Six are examined at a time.
 """
 
+LANDS_WITHIN_S = 45.0
+"""From 30 m: 10 s sideways, and down. A box that moves is not to come to the site meanwhile."""
+
 TINY = 1e-6
 
 INSIDE_M = 1.0

@@ -10,7 +10,17 @@ import scipy
 from numpy.typing import NDArray
 
 from gcs.config.sections import OperationSettings
-from gcs.control import ControlSettings, Memory, Task, Tasks, ellipses_of, prepare, tick, warm_up
+from gcs.control import (
+    ControlSettings,
+    Memory,
+    Task,
+    Tasks,
+    ellipses_of,
+    ellipses_until,
+    prepare,
+    tick,
+    warm_up,
+)
 from gcs.control.late_links import fleet_delay_s, for_late_links
 from gcs.control.law_step import LawRunner
 from gcs.failsafe.policy import Action
@@ -23,7 +33,7 @@ from gcs.model.errors import ConfigError
 from gcs.model.plan import Obstacle, Plan
 from gcs.model.state import Array, FleetState, Mask, Traits
 from gcs.planning.feasibility import check_obstacle
-from gcs.planning.landing_sites import distinct_sites_m
+from gcs.planning.landing_sites import LANDS_WITHIN_S, distinct_sites_m
 from gcs.planning.return_paths.paths import (
     PathProgress,
     ReturnPaths,
@@ -371,7 +381,7 @@ class SimulatedFlight:
         taken_m = np.concatenate([self.world.home_m[~rows, :2], here_m[~rows, :2]])
         spacing_m = OperationSettings.model_fields["landing_site_spacing_m"].default
         sites_m = np.zeros_like(here_m)
-        ellipses = ellipses_of(self.plan, self.settings, self.time_s)
+        ellipses = ellipses_until(self.plan, self.settings, self.time_s, self.time_s + LANDS_WITHIN_S)
         fence, impact = self.settings.safety.fence, self.settings.safety.impact
         areas = fence.areas
         ground = ground_for_sites(fence.controlled_ground, impact, float(-here_m[rows, 2].min(initial=0.0)))

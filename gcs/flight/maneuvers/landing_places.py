@@ -8,7 +8,7 @@ from math import sqrt
 import numpy as np
 
 from gcs.config.sections import OperationSettings
-from gcs.control import ellipses_of
+from gcs.control import ellipses_until
 from gcs.flight.state.elsewhere import Elsewhere, Returning
 from gcs.flight.state.newest import InForce, Newest
 from gcs.flight.state.vehicle import FlightVehicles, Vehicle
@@ -16,7 +16,7 @@ from gcs.formation.obstacles import Ellipse
 from gcs.model.lifecycle import AIRBORNE, Phase
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array, Mask, VehicleId
-from gcs.planning.landing_sites import are_covered, distinct_sites_m
+from gcs.planning.landing_sites import LANDS_WITHIN_S, are_covered, distinct_sites_m
 from gcs.planning.return_paths.planner import closed_places, return_places_m
 from gcs.safety.controlled_ground import ground_for_sites
 from gcs.safety.target_clearance import kept_clear_m
@@ -34,8 +34,8 @@ class LandingPlaces:
     closed: Callable[[], tuple[Array, Array]]  # paths that lost vehicles may take
     elsewhere: Callable[[], Elsewhere]
 
-    def _ellipses(self) -> dict[str, Ellipse]:
-        """Obstacles, slow traffic and the space round targets: no place lies in these."""
+    def _ellipses(self, ahead_s: float = 0.0) -> dict[str, Ellipse]:
+        """Obstacles, slow traffic and the space round targets, for so long: no place lies in these."""
         plan, time_s = self.in_force.plan, self.newest.state.time_s
         floor, worst_m = self.in_force.control.safety.floor, self.newest.traits.uncertainty_m.max(initial=0.0)
         targets = [*self.newest.kept_clear.values(), plan.target]
@@ -45,7 +45,7 @@ class LandingPlaces:
             half_m, height_m = beside_m / sqrt(2.0), max(above_m + target.height_m, 1.0)
             x_m, y_m = target.position_m(time_s)
             boxes.append(Obstacle(f"target {number}", x_m, y_m, half_m, half_m, height_m, time_s=time_s))
-        return ellipses_of(plan, self.in_force.control, time_s, tuple(boxes))
+        return ellipses_until(plan, self.in_force.control, time_s, time_s + ahead_s, tuple(boxes))
 
     def sites_m(self, vehicles: Sequence[Vehicle]) -> dict[VehicleId, Array]:
         """(3,) For each vehicle: a landing position clear of obstacles, all pads, and the other positions."""
@@ -53,7 +53,7 @@ class LandingPlaces:
             return {}
         desired_m = np.array([self.newest.position_m(vehicle)[:2] for vehicle in vehicles])
         spacing_m = self.operation.landing_site_spacing_m
-        ellipses = self._ellipses()
+        ellipses = self._ellipses(LANDS_WITHIN_S)
         taken_m = self._taken_m(vehicles, frozenset({Phase.LANDING}))
         safety = self.in_force.control.safety
         rows = [vehicle.row for vehicle in vehicles]

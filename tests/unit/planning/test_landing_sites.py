@@ -1,18 +1,23 @@
 """Distinct places to come down on."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from gcs.control import ControlSettings, ellipses_of, ellipses_until
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse
-from gcs.model.plan import MAX_OBSTACLES, Obstacle
+from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle, Plan
 from gcs.model.state import Array, Mask
 from gcs.planning.landing_sites import (
     CLEAR_M,
+    LANDS_WITHIN_S,
     distinct_sites_m,
     open_places_m,
 )
 
 NO_ROW = np.zeros((0, 2))
+PLAN = Plan(Formation(10.0, 20.0))
 BOX = Ellipse.around(Obstacle("b", 0.0, 0.0, 3.0, 6.0, 10.0), margin_m=2.0, headroom_m=3.0)
 
 
@@ -143,3 +148,24 @@ def test_two_closed_pads_get_places_apart() -> None:
         pad_m, np.ones(2, dtype=bool), np.zeros((0, 2)), 4.0, {}, lambda place_m: place_m[:, 0] > 1e6
     )
     assert (nowhere_m == pad_m).all()
+
+
+def test_no_box_comes_to_a_site_while_vehicles_come_down() -> None:
+    """A slow box beside the vehicles, that would pass over where they are."""
+    box = Obstacle("crane", 0.0, -20.0, 4.0, 4.0, 60.0, velocity_y_m_s=0.6)
+    plan, settings = replace(PLAN, obstacles=(box,)), ControlSettings()
+    desired_m = np.array([[-2.0, 0.0], [3.0, 1.0], [1.0, 5.0]])
+    now = ellipses_of(plan, settings, 0.0)
+    assert distinct_sites_m(desired_m, NO_ROW, 4.0, now) == pytest.approx(desired_m, abs=1e-3)
+    ahead = ellipses_until(plan, settings, 0.0, LANDS_WITHIN_S)
+    sites_m = distinct_sites_m(desired_m, NO_ROW, 4.0, ahead)
+    for at_s in np.arange(0.0, LANDS_WITHIN_S, 1.0):
+        (passing,) = ellipses_of(plan, settings, float(at_s)).values()
+        assert passing.distance_m(sites_m).min() > CLEAR_M - 0.3
+    assert np.linalg.norm(sites_m - desired_m, axis=1).max() < 15.0
+
+
+def test_ways_of_many_boxes_stay_bounded() -> None:
+    boxes = tuple(Obstacle(f"b{k}", 9.0 * k, 0.0, 1.0, 1.0, 9.0, 0.0, 20.0) for k in range(MAX_OBSTACLES))
+    ahead = ellipses_until(replace(PLAN, obstacles=boxes), ControlSettings(), 0.0, LANDS_WITHIN_S)
+    assert len(ahead) <= MAX_OBSTACLES + 64
