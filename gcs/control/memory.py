@@ -124,6 +124,7 @@ class Memory:
     # the centre, NaN: they hold; None: it is not computed for others
     routes: GoalRoutes | None = None  # (all,) to goals and slots, None while no vehicle is lost
     ways: AreaWays | None = None  # (all,) within the fence's areas, None without any
+    no_way_s: Array | None = None  # (all,) since when no way round obstacles leads to a goal; inf: one may
 
     @property
     def slots(self) -> SlotsState | None:

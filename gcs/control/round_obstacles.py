@@ -5,14 +5,17 @@ tick takes the first corner of the shortest way: nothing is remembered, and a bo
 Out of the way of a box that moves, a vehicle flies straight; boxes then count as boxes, and not as ellipses.
 """
 
+from collections.abc import Mapping
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from gcs.control.center import Lead
-from gcs.control.inputs import TickInputs
-from gcs.formation.obstacles import Outlines
+from gcs.control.inputs import ControlSettings, TickInputs
+from gcs.formation.enclosures import Enclosures
+from gcs.formation.enclosures import warm_up as enclosures_warm_up
+from gcs.formation.obstacles import Ellipse, Outlines
 from gcs.formation.ways_round import (
     GAP_M,
     HORIZON_S,
@@ -166,6 +169,40 @@ def _held(now: TickInputs, rows: NDArray[np.intp], slot_m: Array) -> NDArray[np.
     return np.setdiff1d(now.rows[np.isfinite(slot_m[:, 0])], rows)
 
 
+def shut_in_by(
+    ellipses: Mapping[str, Ellipse], place_m: Array, goal_m: Array, settings: ControlSettings
+) -> Mask:
+    """(k,) Which vehicles at (k, 3) no way leads to (k, 3), round obstacles that stand or over them.
+
+    Those that move are no reason: they pass. A vehicle above an obstacle flies over it.
+    """
+    fence, avoidance = settings.safety.fence, settings.law.avoidance
+    over_m = fence.height_max_m - INSIDE_FENCE_M - OVER_M if avoidance.climbs else fence.height_min_m
+    enclosures = Enclosures.of(ellipses.values(), over_m)
+    if enclosures is None:
+        return np.zeros(len(place_m), np.bool_)
+    return enclosures.apart(place_m, goal_m) & (-place_m[:, 2] <= over_m)
+
+
+def without_way(now: TickInputs, before_s: Array | None) -> Array | None:
+    """(n,) Since when no way leads vehicles with goals of their own there, in s; inf: there may be one.
+
+    Args:
+        now: inputs of this tick.
+        before_s: as of the tick before; None: each may have one.
+
+    Returns: None without obstacles, or without such vehicles.
+    """
+    led = now.to_goal & ~now.descending
+    if not now.plan.obstacles or not led.any():
+        return None
+    boxes = {box.id: now.ellipses[box.id] for box in now.plan.obstacles}
+    shut = led & shut_in_by(boxes, now.position_m, now.tasks.goal_m, now.settings)
+    if before_s is None or len(before_s) != len(led):
+        before_s = np.full(len(led), np.inf)
+    return np.where(shut, np.minimum(before_s, now.fleet.time_s), np.inf)
+
+
 @kernel
 def _ways_out(
     place_m: Array,
@@ -275,6 +312,7 @@ def warm_up() -> None:
     """Compile or load the kernels, so that nothing is compiled in flight."""
     place_m, at_m = np.zeros((1, 3)), (np.array([[5.0, 0.0]]), np.zeros((1, 2)))
     box_m, top_m = np.ones((1, 2)), np.full(1, 50.0)
+    enclosures_warm_up()
     _aims(place_m, place_m + 10.0, at_m, box_m, top_m, 5.0, (100.0, 100.0), True)
     held, fence = np.zeros(1, np.bool_), (100.0, 100.0)
     _ways_out(place_m, place_m + 10.0, place_m, held, (*at_m, box_m), top_m, (5.0, 2.0), fence)

@@ -18,7 +18,7 @@ from gcs.control.inputs import ControlSettings, FormationState, Task, Tasks, Tic
 from gcs.control.law_step import LawRunner, Spread, slots_m, spread
 from gcs.control.memory import AreaWays, GoalRoutes, Memory
 from gcs.control.others import Others
-from gcs.control.round_obstacles import round_obstacles
+from gcs.control.round_obstacles import round_obstacles, without_way
 from gcs.control.round_obstacles import warm_up as obstacles_warm_up
 from gcs.control.setpoint_shaping import ShapedSetpoints, shape_setpoints
 from gcs.formation.law import begun_yaw, desired_yaw_rad, turn_towards
@@ -90,6 +90,7 @@ class Aims(NamedTuple):
     straight: Mask  # (n,) flies straight there: out of the way of a box that moves
     routes: GoalRoutes | None
     ways: AreaWays | None
+    no_way_s: Array | None  # (n,) as of `Memory`
 
 
 def tick(
@@ -168,8 +169,13 @@ def _aims(now: TickInputs, memory: Memory, lead: Lead, places: Spread) -> Aims:
     slot_m = slots_m(now, lead, places)
     aim_m, aiming, routes = follow_routes(now, memory.routes, slot_m)
     aim_m, aiming, ways = lead_within(now, memory.ways, aim_m, aiming, slot_m)
-    past = round_obstacles(now, aim_m, aiming, slot_m, lead)
-    return Aims(slot_m, *past, routes, ways)
+    aim_m, aiming, straight = round_obstacles(now, aim_m, aiming, slot_m, lead)
+    no_way_s = without_way(now, memory.no_way_s)
+    if no_way_s is not None:
+        rests = np.isfinite(no_way_s) & ~straight
+        if rests.any():  # it would fly to and fro before the obstacles
+            aim_m = np.where(rests[:, None], now.position_m, aim_m)
+    return Aims(slot_m, aim_m, aiming, straight, routes, ways, no_way_s)
 
 
 def _desired(now: TickInputs, lead: Lead, places: Spread, aims: Aims) -> Array:
@@ -244,6 +250,7 @@ def _remember(
         detour=lead.detour,
         routes=aims.routes,
         ways=aims.ways,
+        no_way_s=aims.no_way_s,
     )
 
 

@@ -437,9 +437,10 @@ CAUSES: Final[dict[AlarmCause, CauseRow]] = {
     ),
     AlarmCause.NO_WAY: CauseRow(
         C,
-        "No way for {vehicles} past the paths of lost vehicles",
+        "No way for {vehicles} past {about}",
         "Land [it|them] where [it is|they are], or get the links of the lost vehicles back.",
         action=X.LAND,
+        past="{vehicles} had no way past {about}",
     ),
     AlarmCause.RADIUS_SMALL: CauseRow(
         C,

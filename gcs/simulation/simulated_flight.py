@@ -23,6 +23,7 @@ from gcs.control import (
 )
 from gcs.control.late_links import fleet_delay_s, for_late_links
 from gcs.control.law_step import LawRunner
+from gcs.control.round_obstacles import shut_in_by
 from gcs.failsafe.policy import Action
 from gcs.flight.commands.commander import STOPS_WITHIN_S
 from gcs.flight.features.laws.process import BEGINS_S, LawProcess
@@ -500,6 +501,10 @@ class SimulatedFlight:
             self.record.expected = flying.copy()
             paths = self._return_paths(rows, takeoff_height_m)
             self._progress = PathProgress(paths, self.record.goal_m[rows])
+            ellipses = ellipses_of(self.plan, self.settings, self.time_s)
+            shut = rows[shut_in_by(ellipses, here_m[rows], self.record.goal_m[rows], self.settings)]
+            if len(shut):  # as in flight they leave the plan
+                self._lead_down(np.isin(np.arange(len(flying)), shut), self.record.goal_m, returns=True)
         pads_m, progress, rows = self.record.goal_m, self._progress, self._returning
         if progress is None:
             return

@@ -7,6 +7,8 @@ from typing import Final
 
 import numpy as np
 
+from gcs.control import ellipses_of
+from gcs.control.round_obstacles import shut_in_by
 from gcs.flight.maneuvers.landing_places import LandingPlaces
 from gcs.flight.state.elsewhere import Returning, ReturnsElsewhere
 from gcs.flight.state.newest import InForce, Newest
@@ -43,6 +45,9 @@ SHARED_WITHIN_S = 90.0
 TOGETHER_MAX = 1500
 """Larger fleets return without planned paths: their first plan would take more than half a minute."""
 
+LOOKS: Final = 2
+"""So many vehicles a tick are examined for whether a way still leads home."""
+
 FLYING = frozenset({Phase.FORMATION, Phase.HOLD, Phase.RETURN})
 
 
@@ -76,7 +81,9 @@ class CollectiveReturn:
         self._number = self._others.newest  # of an earlier return
         self._is_off = False  # no plan: the vehicles return one by one
         self._closing: frozenset[VehicleId] = frozenset()  # lost vehicles that the landing places allow for
-        self._left: set[VehicleId] = set()  # left the plan: their landing places were closed meanwhile
+        self._left: set[VehicleId] = set()  # left the plan: no way leads home, or their places were closed
+        self._shut_in = np.zeros(0, np.bool_)  # (n,) that no way leads home; written by the planning thread
+        self._looked = 0  # the next of the plan's rows whose way is examined
         self.problem = ""  # why the planner failed and what follows
         self._planner: Planner | None = None
         self._planned: Future[tuple[ReturnPaths, Array]] | None = None  # with (n, 3) landing positions
@@ -156,6 +163,8 @@ class CollectiveReturn:
 
     def _begin_following(self, paths: ReturnPaths, home_m: Array) -> None:
         self._home_m, self._followed_s = home_m, self._newest.state.time_s
+        shut_in = np.flatnonzero(self._shut_in[: len(self._places)]).tolist()
+        self._left.update(self._newest.state.ids[self._places[at]] for at in shut_in)
         self._progress = PathProgress(paths, self._home_m)
         if len(self._elsewhere):
             self._others.publish_paths(paths, self._elsewhere, self._home_m[len(self._places) :])
@@ -170,6 +179,7 @@ class CollectiveReturn:
         self._others.note_return(progress.time_s)
         progress.advance(step_s, position_m, flown, led_s)
         self._leave_closed_places()
+        self._leave_without_way()
 
     def _leave_closed_places(self) -> None:
         """Take vehicles out of the plan when their landing place was closed meanwhile."""
@@ -180,6 +190,17 @@ class CollectiveReturn:
             self._left.update(
                 self._newest.state.ids[self._places[at]] for at in np.flatnonzero(closed).tolist()
             )
+
+    def _leave_without_way(self) -> None:
+        """Take vehicles out of the plan that obstacles have shut in since: a few in each tick."""
+        if not self._in_force.plan.obstacles or not self._places:
+            return
+        looked = np.unique(np.arange(self._looked, self._looked + LOOKS) % len(self._places))
+        self._looked = (self._looked + LOOKS) % len(self._places)
+        control, here_m = self._in_force.control, self._newest.state.position_m[self._places][looked]
+        ellipses = ellipses_of(self._in_force.plan, control, self._newest.state.time_s)
+        shut_in = looked[shut_in_by(ellipses, here_m, self._home_m[looked], control)].tolist()
+        self._left.update(self._newest.state.ids[self._places[at]] for at in shut_in)
 
     def _fail(self, error: BaseException) -> None:
         """Log any error of the planner, and show it as an alarm: the fleet returns without a plan."""
@@ -272,8 +293,13 @@ class CollectiveReturn:
         def planner_for(home_m: Array) -> Planner:
             return return_planner(start_m.copy(), home_m, *about)
 
+        def shut_in_of(home_m: Array) -> Mask:
+            return shut_in_by(ellipses, start_m, home_m, control)
+
+        control = self._in_force.control
+        ellipses = ellipses_of(self._in_force.plan, control, self._newest.state.time_s)
         try:
-            self._planned = self._planning.submit(self._plan, places_m, planner_for)
+            self._planned = self._planning.submit(self._plan, places_m, planner_for, shut_in_of)
         except RuntimeError as error:  # no thread can be started
             self._fail(error)
 
@@ -301,9 +327,13 @@ class CollectiveReturn:
         return returning._replace(home_m=home_m[pads[count:]])
 
     def _plan(
-        self, places_m: Callable[[], Array], planner_for: Callable[[Array], Planner]
+        self,
+        places_m: Callable[[], Array],
+        planner_for: Callable[[Array], Planner],
+        shut_in_of: Callable[[Array], Mask],
     ) -> tuple[ReturnPaths, Array]:
         """Choose the landing positions (n, 3), and plan the ways to them. Called by the planning thread."""
         home_m = places_m()
         self._planner = planner_for(home_m)
+        self._shut_in = shut_in_of(home_m)
         return plan_return_paths(self._planner, lambda: self._enough), home_m

@@ -18,7 +18,7 @@ from gcs.failsafe.policy import Action, Cause
 from gcs.failsafe.triggers import OF_THE_SHOW
 from gcs.flight.monitors.accuracy_alarms import BLIND, NO_FIX, AccuracyAlarms
 from gcs.flight.monitors.ground_alarms import GroundAlarms
-from gcs.flight.monitors.space_alarms import SpaceAlarms, of_routes, of_the_centre
+from gcs.flight.monitors.space_alarms import SpaceAlarms, of_routes, of_the_centre, of_ways
 from gcs.flight.state.flight import FLIES, NOT_CHOSEN, Flight
 from gcs.flight.state.vehicle import Vehicle
 from gcs.model.interrupted_flight import InterruptedFlight
@@ -174,6 +174,7 @@ class AlarmMonitor:
             *findings.landings,
             *of_the_centre(tick),
             *of_routes(tick, self.flight.newest.state.ids + tick.elsewhere),
+            *of_ways(tick, self.flight.newest.state.ids + tick.elsewhere),
             *self._accuracy.of_positions(findings.failsafes),
             *self._accuracy.of_the_radius(),
             *self._accuracy.of_authority(tick),

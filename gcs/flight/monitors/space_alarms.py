@@ -16,7 +16,7 @@ from gcs.planning.feasibility import without_room_m
 from gcs.safety.floor import Floor
 from gcs.safety.neighbours import near_pairs
 from gcs.safety.target_clearance import away_m
-from gcs.service.alarms import AlarmCause, Condition, Limit, beyond
+from gcs.service.alarms import AlarmCause, AlarmSeverity, Condition, Limit, beyond
 
 CLOSE: Final = Limit(on=1.0, off=1.05)
 """Distance as a share of the minimum, in the metric in which the ellipsoid is a sphere."""
@@ -84,6 +84,14 @@ def inside_margins(
     top_m = np.array([box.height_m for box in boxes]) + headroom_m
     beside: Mask = (np.abs(position_m[:, None, :2] - center_m) < half_m).all(axis=2)
     return np.asarray(beside & (-position_m[:, 2, None] < top_m))
+
+
+PATHS: Final = "the paths of lost vehicles"
+STANDING: Final = "obstacles that stand"
+W: Final = AlarmSeverity.WARNING
+
+SURE_S: Final = 2.0
+"""So long no way is found before that is said."""
 
 
 @dataclass(eq=False)
@@ -167,4 +175,19 @@ def of_routes(tick: Tick, ids: Sequence[str]) -> Iterator[Condition]:
     for row in [] if routes is None else np.flatnonzero(routes.no_way).tolist():
         because = "none keeps the minimum separation from them"
         consequence = "[It stays|They stay] clear of the paths, and [looks|look] for a way again."
-        yield Condition(AlarmCause.NO_WAY, because, (ids[row],), consequence)
+        yield Condition(AlarmCause.NO_WAY, because, (ids[row],), consequence, about=PATHS)
+
+
+def of_ways(tick: Tick, ids: Sequence[str]) -> Iterator[Condition]:
+    """Yield vehicles that no way leads to their goals past obstacles that stand."""
+    since_s = tick.memory.no_way_s
+    if since_s is None:
+        return
+    for row in np.flatnonzero(tick.memory.time_s - since_s >= SURE_S).tolist():
+        because = "none leads round them, nor over them below the greatest height"
+        consequence = (
+            "[It rests|They rest] in the air, and [goes|go] on once there is one. Without one"
+            " [it lands|they land] where [it is|they are] on the way home, after two minutes."
+        )
+        advice = "Remove obstacles that are gone, or land [it|them] where [it is|they are]."
+        yield Condition(AlarmCause.NO_WAY, because, (ids[row],), consequence, advice, W, about=STANDING)

@@ -1,0 +1,138 @@
+"""Which places obstacles shut off from each other: boxes that stand, and are too high to be flown over. Pure.
+
+A way past ellipses may not be seen although there is one, from a place between two of them. So this says only
+what is sure: boxes with their margins, on a grid, leave no gap. What is connected is filled, once for each
+set of boxes.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from gcs.formation.obstacles import Ellipse, Outlines
+from gcs.model.jit import kernel
+from gcs.model.state import Array, Mask
+
+Labels: TypeAlias = NDArray[np.int32]
+
+CELL_M: Final = 0.5
+CELLS_MAX: Final = 40_000
+"""Edge of a cell; longer where there would be more cells than that."""
+
+OUTSIDE: Final = 1
+"""The label of all that lies around the boxes; 0 is inside one."""
+
+RINGS: Final = 40
+"""From a place inside a box, so many cells around are examined for where it is led out."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Enclosures:
+    """What boxes enclose, show frame."""
+
+    label: Labels  # (k, l) cells along x and y; equal where a way leads from one to the other
+    low_m: Array  # (2,) the corner of the first cell
+    cell_m: float
+
+    @staticmethod
+    def of(ellipses: Iterable[Ellipse], over_m: float) -> "Enclosures | None":
+        """Of those that stand and have a top higher than `over_m`; None: there are none."""
+        walls = tuple(each for each in ellipses if each.top_height_m > over_m and not each.velocity_m_s.any())
+        return _enclosures(walls) if walls else None
+
+    def apart(self, place_m: Array, goal_m: Array) -> Mask:
+        """(k,) Between which places (k, 2 or 3) no way leads; False where one is not known."""
+        located: Mask = np.asarray(np.isfinite(place_m[:, :2] + goal_m[:, :2]).all(axis=1))
+        begins, ends = (
+            self._cells(np.where(located[:, None], each[:, :2], 0.0)) for each in (place_m, goal_m)
+        )
+        apart: Mask = _apart(self.label, begins, ends) & located
+        return apart
+
+    def _cells(self, place_m: Array) -> NDArray[np.int64]:
+        """(k, 2) cells of places (k, 2); those outside are on the edge, which is outside of all boxes."""
+        last = np.array(self.label.shape) - 1
+        return np.clip((place_m - self.low_m) / self.cell_m, 0, last).astype(np.int64)
+
+
+@lru_cache(maxsize=4)
+def _enclosures(walls: tuple[Ellipse, ...]) -> Enclosures:
+    outlines = Outlines.of({str(number): each for number, each in enumerate(walls)})
+    center_m, half_m = np.array(outlines.center_m), outlines.half_length_m
+    low_m, high_m = (center_m - half_m).min(axis=0), (center_m + half_m).max(axis=0)
+    cell_m = max(CELL_M, float(np.sqrt(np.prod(high_m - low_m) / CELLS_MAX)))
+    low_m, high_m = low_m - 2.0 * cell_m, high_m + 2.0 * cell_m
+    count_x, count_y = np.ceil((high_m - low_m) / cell_m).astype(np.int64).tolist()
+    label = np.full((count_x, count_y), -1, np.int32)
+    for middle_m, size_m in zip(center_m, half_m - 0.5 * cell_m, strict=True):
+        first, last = (np.ceil((middle_m + sign * size_m - low_m) / cell_m - 0.5) for sign in (-1.0, 1.0))
+        (x, y), (past_x, past_y) = first.astype(np.int64).tolist(), last.astype(np.int64).tolist()
+        label[x:past_x, y:past_y] = 0
+    _fill(label)
+    return Enclosures(label, low_m, cell_m)
+
+
+@kernel
+def _fill(label: Labels) -> None:
+    """Number what is connected where the cells (k, l) are negative: from `OUTSIDE` on, a corner first."""
+    wide, high = label.shape
+    stack, number = np.empty((wide * high, 2), np.int64), OUTSIDE
+    for x in range(wide):
+        for y in range(high):
+            if label[x, y] >= 0:
+                continue
+            label[x, y], stack[0, 0], stack[0, 1], left = number, x, y, 1
+            while left:
+                left -= 1
+                at_x, at_y = stack[left, 0], stack[left, 1]
+                for step_x, step_y in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+                    to_x, to_y = at_x + step_x, at_y + step_y
+                    if 0 <= to_x < wide and 0 <= to_y < high and label[to_x, to_y] < 0:
+                        label[to_x, to_y] = number
+                        stack[left, 0], stack[left, 1] = to_x, to_y
+                        left += 1
+            number += 1
+
+
+@kernel
+def _apart(label: Labels, begins: NDArray[np.int64], ends: NDArray[np.int64]) -> Mask:
+    """(k,) Between which cells (k, 2) no way leads."""
+    apart = np.zeros(len(begins), np.bool_)
+    for i in range(len(begins)):
+        one, other = label[begins[i, 0], begins[i, 1]], label[ends[i, 0], ends[i, 1]]
+        if one > 0 and other > 0:
+            apart[i] = one != other
+            continue
+        from_one, from_other = _led_out(label, begins[i]), _led_out(label, ends[i])
+        apart[i] = len(from_one) > 0 and len(from_other) > 0
+        for each in from_one:
+            for another in from_other:
+                apart[i] = apart[i] and each != another
+    return apart
+
+
+@kernel
+def _led_out(label: Labels, cell: NDArray[np.int64]) -> Labels:
+    """(k,) The labels of the nearest cells outside the boxes, of a cell (2,); none: they are too far."""
+    for ring in range(RINGS):
+        around, count = np.empty(8 * ring + 8, np.int32), 0
+        for x in range(max(cell[0] - ring, 0), min(cell[0] + ring + 1, label.shape[0])):
+            for y in range(max(cell[1] - ring, 0), min(cell[1] + ring + 1, label.shape[1])):
+                on_ring = max(abs(x - cell[0]), abs(y - cell[1])) == ring
+                if on_ring and label[x, y] > 0:
+                    around[count] = label[x, y]
+                    count += 1
+        if count:
+            return around[:count]
+    return np.empty(0, np.int32)
+
+
+def warm_up() -> None:
+    """Compile or load the kernels, so that nothing is compiled in flight."""
+    enclosures = Enclosures.of([Ellipse(0.0, 0.0, 5.0, 5.0, 50.0)], 0.0)
+    if enclosures is not None:
+        enclosures.apart(np.zeros((1, 3)), np.ones((1, 3)))
