@@ -152,7 +152,8 @@ def filter_velocities(
         settings.link_delay_s,
     )
     desired_m_s = cap(desired_m_s, limits, here.speed_max_m_s)
-    here = replace(here, commanded=moved)
+    if moved is not own:
+        here = replace(here, commanded=moved)
     pairs_of = _pairs_of(position_m, desired_m_s, own, here, settings.floor, braking)
     pairs, involved = _first_pairs(pairs_of, desired_m_s, own, here)
     confined = here if involved is moved else replace(here, commanded=involved)
@@ -440,7 +441,7 @@ def _reach(here: Surroundings, walls: Constraints, settings: SafetySettings) -> 
     least = settings.authority
     return reach_constraints(
         np.array(here.velocity_m_s),
-        here.commanded,
+        np.array(here.commanded),
         here.lack_m_s,
         walls,
         least.lack_m_s,

@@ -267,8 +267,9 @@ class AlarmMonitor:
 
     def _of_features(self, failsafes: Sequence[ActiveFailsafe]) -> Iterator[Condition]:
         gives_way = next((each for each in failsafes if each.cause == Cause.MANNED_AIRCRAFT), None)
+        instant = self.flight.instant
         for feature in self.flight.features:
-            for each in feature.conditions(self.flight.instant):
+            for each in feature.conditions(instant):
                 if each.cause is AlarmCause.TRAFFIC_MANNED and gives_way is not None:
                     follows, command_id = SHOW_FOLLOWS[Action(gives_way.action)], gives_way.command_id
                     yield replace(each, consequence=follows, command_id=command_id)

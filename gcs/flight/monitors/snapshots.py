@@ -52,6 +52,7 @@ def fleet_view(
     `flight` is as of that tick: a shallow copy, where commands may have changed it since.
     """
     center, fleet, show_run = tick.memory.center, flight.newest.state, flight.show.run
+    instant = flight.instant
     return FleetView(
         time_s=fleet.time_s,
         unix_time_s=unix_time_s,
@@ -79,7 +80,7 @@ def fleet_view(
         countdown_s=None if start_unix_s is None else max(0.0, start_unix_s - unix_time_s),
         failsafes=tuple(failsafes),
         alarms=tuple(alarms),
-        features=Features(**{each.name: each.view(flight.instant) for each in flight.features if each.name}),  # type: ignore[arg-type]
+        features=Features(**{each.name: each.view(instant) for each in flight.features if each.name}),  # type: ignore[arg-type]
     )
 
 

@@ -8,6 +8,8 @@ from math import inf
 from operator import attrgetter
 from typing import Any, ClassVar, Final, TypeAlias
 
+import numpy as np
+
 from gcs.control import Task
 from gcs.failsafe.autopilot_failsafe import TERMINATED, FailsafeCause
 from gcs.flight.state.flags import Flags
@@ -15,7 +17,7 @@ from gcs.links.autopilots import DEFAULT, Autopilot
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.lifecycle import AIRBORNE, FLOWN, Event, Phase, ShowPhase, advance
 from gcs.model.setpoint_loss import WithoutSetpoints
-from gcs.model.state import Array, Landed, Mode, VehicleId
+from gcs.model.state import Array, Landed, Mask, Mode, VehicleId
 
 log = logging.getLogger(__name__)
 
@@ -236,6 +238,11 @@ class VehicleStates:
     @cached_property
     def phases(self) -> list[Phase]:
         return [vehicle.phase for vehicle in self._vehicles]
+
+    @cached_property
+    def airborne(self) -> Mask:
+        """(n,) in the air under this service's control."""
+        return np.array([phase in AIRBORNE for phase in self.phases], dtype=np.bool_)
 
     @cached_property
     def modes(self) -> list[frozenset[Mode]]:
