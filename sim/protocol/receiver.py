@@ -101,7 +101,9 @@ class Receiver:
             meant &= (component == BROADCAST) | (component == AUTOPILOT_COMPONENT)
         itself = (sender[:, 0] == self._state.system_id[row]) & (sender[:, 1] == AUTOPILOT_COMPONENT)
         meant &= ~itself
-        self._store(row[meant], messages[meant], sender[meant, 0])
+        if np.count_nonzero(meant) < len(meant):
+            row, messages, sender = row[meant], messages[meant], sender[meant]
+        self._store(row, messages, sender[:, 0])
         read = {place for place, whole in zip(places, fit.tolist(), strict=True) if whole}
         for place in read:
             valid[place] = True
