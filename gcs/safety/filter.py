@@ -381,6 +381,8 @@ def _obstacles(
     position_m: Array, here: Surroundings, braking: Braking, fastest_m_s: float
 ) -> tuple[Constraints, Constraints]:
     """Constraints of obstacles, and of slow traffic, which holds up no vehicle that lands."""
+    if not here.ellipses:
+        return Constraints.none(), Constraints.none()
     slow = set() if here.near_traffic is None else {box.id for box in here.near_traffic.boxes}
 
     def around(is_slow: bool, commanded: Mask) -> Constraints:
@@ -459,10 +461,10 @@ def cap(
 
     Rows of `landing` (n,) keep their descent, and only their level part is shortened; None: none does.
     """
-    own_m_s = np.full(len(velocity_m_s), speed_max_m_s) if np.ndim(speed_max_m_s) == 0 else speed_max_m_s
+    is_each = isinstance(speed_max_m_s, np.ndarray)
     return _capped(
         np.array(velocity_m_s),
-        np.array(own_m_s),
+        np.array(speed_max_m_s) if is_each else np.full(len(velocity_m_s), speed_max_m_s),
         np.zeros(len(velocity_m_s), np.bool_) if landing is None else landing,
         limits.horizontal_m_s,
         limits.up_m_s,

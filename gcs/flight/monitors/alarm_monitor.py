@@ -293,12 +293,11 @@ class AlarmMonitor:
             yield Condition(AlarmCause.NO_HEARTBEAT, lacks, (vehicle_id,), FLOWN_ON)
         share = flight.link_quality.share
         self._poor = beyond(self._poor, share, POOR_LINK)
-        if self._poor.any():
-            for row in np.flatnonzero(self._poor).tolist():
-                vehicle = flight.vehicles.rows[row]
-                if vehicle.phase in FLIES:
-                    because = f"{share[row]:.0%} of [its|their] positions arrive"
-                    yield Condition(AlarmCause.POOR_LINK, because, (vehicle.id,))
+        for row in self._poor.nonzero()[0].tolist():
+            vehicle = flight.vehicles.rows[row]
+            if vehicle.phase in FLIES:
+                because = f"{share[row]:.0%} of [its|their] positions arrive"
+                yield Condition(AlarmCause.POOR_LINK, because, (vehicle.id,))
 
     def _of_the_ground(self) -> Iterator[Condition]:
         flight = self.flight

@@ -240,6 +240,15 @@ class VehicleStates:
         return [vehicle.phase for vehicle in self._vehicles]
 
     @cached_property
+    def reasons(self) -> list[str]:
+        return [vehicle.reason for vehicle in self._vehicles]
+
+    @cached_property
+    def homes_m(self) -> list[Array | None]:
+        """(3,) of each, where it took off."""
+        return [vehicle.home_m for vehicle in self._vehicles]
+
+    @cached_property
     def airborne(self) -> Mask:
         """(n,) in the air under this service's control."""
         return np.array([phase in AIRBORNE for phase in self.phases], dtype=np.bool_)
@@ -274,6 +283,9 @@ class FlightVehicles(dict[VehicleId, Vehicle]):
     def __init__(self, vehicles: Iterable[Vehicle]) -> None:
         self.rows = tuple(vehicles)
         super().__init__((vehicle.id, vehicle) for vehicle in self.rows)
+        self.system_ids = tuple(vehicle.system_id for vehicle in self.rows)
+        self.links = tuple(vehicle.link for vehicle in self.rows)
+        self.autopilots = tuple(vehicle.autopilot.name for vehicle in self.rows)
         self._states = VehicleStates(self.rows)
 
     def named(self, vehicle_id: VehicleId) -> Vehicle:
