@@ -218,7 +218,7 @@ class Fleet:
         """The estimates, but for faults of the reports alone."""
         state, sensors = self.state, self.sensors
         repeats = ~np.isnan(state.repeated_m[:, 0])
-        if not repeats.any() and (state.velocity_times == 1.0).all():
+        if not np.count_nonzero(repeats | (state.velocity_times != 1.0)):
             return sensors
         back_m = np.where(repeats[:, None], state.repeated_m - sensors.estimate_m, 0.0)
         velocity_m_s = np.where(repeats[:, None], state.repeated_m_s, sensors.velocity_m_s)

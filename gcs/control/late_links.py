@@ -49,7 +49,7 @@ def fleet_delay_s(delay_s: Array, flying: Mask, before_s: float = 0.0) -> float:
         before_s: the result of the tick before.
     """
     flying_s = delay_s[flying]
-    if not (flying_s >= LATE_S - KEPT_S).any():  # as nearly always: the quantile takes longer
+    if not np.count_nonzero(flying_s >= LATE_S - KEPT_S):  # as nearly always: the quantile takes longer
         return 0.0
     fleet_s = float(np.quantile(flying_s, SHARE))
     if before_s and max(before_s - STEP_S, LATE_S) - KEPT_S < fleet_s <= before_s + KEPT_S:

@@ -123,7 +123,7 @@ def tick(
     """
     now, mine, memory = _inputs(fleet, tasks, plan, traits, memory, settings, others, shared)
     authority = _authority(mine, memory)
-    if authority.slow.any():
+    if np.count_nonzero(authority.slow):
         now, mine = (replace(each, traits=authority.limit(each.traits)) for each in (now, mine))
     lead = move_center(now, memory, shared)
     places = spread(now, lead, memory, sight, shared, runner)

@@ -333,7 +333,7 @@ class Table:
         self._stepped_m = np.zeros(n)
         self.reset_time_s, self.jumped_m = np.full(n, -np.inf), np.zeros(n)
         self._contradictions = Contradictions(n)
-        self._not_asked = _unknown(n)
+        self._not_known, self._never_s = _unknown(n), np.full(n, -np.inf)
 
     @property
     def doubts(self) -> Doubts:
@@ -353,9 +353,9 @@ class Table:
             asked_m_s: (n, 3) setpoints of the last tick, NaN: not commanded; None: no vehicle was.
         """
         n = len(self.ids)
-        position_m, velocity_m_s = _unknown(n), _unknown(n)
-        yaw_rad = np.full(n, np.nan)
-        time_s, exists, armed = np.full(n, -np.inf), np.zeros(n, np.bool_), np.zeros(n, np.bool_)
+        position_m, velocity_m_s = self._not_known.copy(), self._not_known.copy()
+        yaw_rad, time_s = self._not_known[:, 0].copy(), self._never_s.copy()
+        exists, armed = np.zeros(n, np.bool_), np.zeros(n, np.bool_)
         resets = self._resets.copy()
         self._links = [
             self._columns(part, before)
@@ -375,7 +375,7 @@ class Table:
                 (position_m, velocity_m_s, yaw_rad, time_s, exists, armed, resets),
             )
         contradictions = self._contradictions
-        asked_m_s = self._not_asked if asked_m_s is None else asked_m_s
+        asked_m_s = self._not_known if asked_m_s is None else asked_m_s
         contradictions.look(now_s, (position_m, velocity_m_s, time_s, armed, late_s), asked_m_s)
         self.reset_time_s = self.reset_time_s.copy()  # holders of the old arrays keep them unchanged
         self.jumped_m = self.jumped_m.copy()

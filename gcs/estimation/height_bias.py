@@ -7,6 +7,7 @@ the first fix, so that only its change since the vehicle stood counts. What all 
 """
 
 from dataclasses import dataclass
+from math import ceil, floor
 from typing import Final
 
 import numpy as np
@@ -235,6 +236,6 @@ def _common(off: Array) -> float:
 
     Where estimates agree with their receivers, they are right.
     """
-    least = np.quantile(off, 0.25, method="lower")
-    most = np.quantile(off, 0.75, method="higher")
-    return float(np.clip(0.0, least, most))
+    in_order, last = np.sort(off), len(off) - 1
+    least, most = in_order[floor(0.25 * last)], in_order[ceil(0.75 * last)]
+    return float(min(max(0.0, least), most))

@@ -76,20 +76,23 @@ class LinkDelay:
             now_s: our clock.
         """
         answered = (round_trip_s != self._answers_s[:, -1]) & ~np.isnan(round_trip_s)
-        if answered.any():
+        has_answered = np.count_nonzero(answered) > 0
+        if has_answered:
             self._answers_s[answered, :-1] = self._answers_s[answered, 1:]
             self._answers_s[answered, -1] = round_trip_s[answered]
             self._soonest_answer_s = np.fmin(self._soonest_answer_s, round_trip_s)
-        self._note_clocks(clock_base_s, now_s)
+        if not (self._note_clocks(clock_base_s, now_s) or has_answered):
+            return
         has_answer = np.isfinite(self._soonest_answer_s)
         constant_s = 0.5 * np.fmin.reduce(self._answers_s, axis=1, initial=np.inf)
         least_s = np.where(has_answer, 0.5 * self._soonest_answer_s, 0.0)
         self.delay_s = np.maximum(np.where(has_answer, constant_s, 0.0), least_s + self.late_s)
 
-    def _note_clocks(self, clock_base_s: Array, now_s: float) -> None:
+    def _note_clocks(self, clock_base_s: Array, now_s: float) -> bool:
+        """Add new samples of the clocks. Returns: whether there were any."""
         new = (clock_base_s != self._base_s) & ~np.isnan(clock_base_s)
-        if not new.any():
-            return
+        if not np.count_nonzero(new):
+            return False
         level_s = clock_base_s - self.rate * (now_s - self._origin_s)
         soonest_s = self._soonest_s - FORGETS * np.nan_to_num(now_s - self._sampled_s)
         late_s = soonest_s - level_s
@@ -107,6 +110,7 @@ class LinkDelay:
         self._peak[sooner] = np.stack([level_s, np.full(len(new), now_s), late_s], axis=1)[sooner]
         if (ended := new & (now_s - self._window_s >= WINDOW_S)).any():
             self._end_windows(np.flatnonzero(ended), now_s)
+        return True
 
     def _begin(self, anew: Mask, now_s: float) -> None:
         """Forget the rate of clocks that are new or were set."""

@@ -77,6 +77,7 @@ class PadPlaces:
         """`up_share` is `Floor.vertical_uncertainty`."""
         self._share = np.array([1.0, up_share])
         self._due_s = -np.inf
+        self._none_stands = False
         self._reboots = np.zeros(count, np.int64)
         self._place_m, self._deviation_m = np.full((count, 3), np.nan), np.full(count, np.nan)
         self._held_m, self._held_s = self._place_m.copy(), np.full(count, np.inf)
@@ -97,6 +98,10 @@ class PadPlaces:
             now_s: loop's time.
         """
         self._due_s = now_s + PERIOD_S
+        none_stood, self._none_stands = self._none_stands, all(telemetry.armed)
+        self._none_stands &= Landed.ON_GROUND not in telemetry.landed
+        if none_stood and self._none_stands:
+            return  # all places are forgotten already
         landed = np.array([each is Landed.ON_GROUND for each in telemetry.landed])
         restarted = self._reboots != np.array(telemetry.reboot_count)
         self._reboots = np.array(telemetry.reboot_count)

@@ -101,11 +101,14 @@ class Positioning(Settings):
             jumped_m: (n,) how far.
             deviations: `Floor.deviations`.
         """
+        lately = since_s < self.reset_margin_s
+        if not np.count_nonzero(lately):
+            return usual_m
         grown_m, pair_m = jumped_m / deviations, np.hypot(usual_m, usual_m.max(initial=0.0))
         wide_m = np.sqrt(usual_m**2 + 2.0 * grown_m * pair_m + grown_m**2)
         wide_m = np.maximum(wide_m, usual_m + self.reset_uncertainty_m)
         most_m = np.maximum(usual_m, self.uncertainty_max_m)
-        return np.where(since_s < self.reset_margin_s, np.minimum(wide_m, most_m), usual_m)
+        return np.where(lately, np.minimum(wide_m, most_m), usual_m)
 
     def accepted_m(self, fix_type: Array) -> float:
         """Accuracy that a receiver may report before take-off: it counts as `uncertainty_max_m`.

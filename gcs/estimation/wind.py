@@ -20,6 +20,7 @@ ICRA 2010 (rotor drag is linear); of the filter: the identity of state variable 
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -102,7 +103,7 @@ PRIOR_PER_S, PRIOR_SHARE, GIVEN_SHARE = 0.35, 1.0, 0.15
 """The drag before any is measured, and its deviation as a share of it: of none, and of one that is given."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class WindEstimate:
     """The wind that a fleet measures. NaN: not known at all."""
 
@@ -116,23 +117,23 @@ class WindEstimate:
     vehicles: int = 0  # that counted
     is_known: bool = False  # well enough to be believed
 
-    @property
+    @cached_property
     def speed_m_s(self) -> float:
         return float(np.hypot(self.north_m_s, self.east_m_s))
 
-    @property
+    @cached_property
     def from_deg(self) -> float:
         """Where it comes from, clockwise from north."""
         return float(np.degrees(np.arctan2(-self.east_m_s, -self.north_m_s)) % 360.0)
 
-    @property
+    @cached_property
     def with_gusts_m_s(self) -> float:
         """What its gusts reach, with what the estimate may be off; NaN while it is not known."""
         if not self.is_known:
             return np.nan
         return self.speed_m_s + MARGIN * float(np.hypot(self.deviation_m_s, self.gust_m_s))
 
-    @property
+    @cached_property
     def at_least_m_s(self) -> float:
         """What it surely has, also where it is not known well; 0: perhaps none."""
         least_m_s = self.speed_m_s - MARGIN * self.deviation_m_s

@@ -189,7 +189,7 @@ def look(seen: Seen, memory: Known, settings: FailsafePolicy) -> tuple[Known, Ma
     late_s = memory.late_s + share * (late_s - memory.late_s)
     jumped = seen.reset_time_s > memory.jumps_s[-1]
     jumps_s = memory.jumps_s
-    if jumped.any():
+    if np.count_nonzero(jumped):
         jumps_s = np.where(jumped, np.vstack([jumps_s[1:], seen.reset_time_s]), jumps_s)
     wind, links, position = settings.wind, settings.links_late, settings.bad_position
     battery, fence = settings.low_battery, settings.fence
@@ -216,12 +216,11 @@ def look(seen: Seen, memory: Known, settings: FailsafePolicy) -> tuple[Known, Ma
     many_poor = bool(poor and poor >= links.share * commanded)
     weather = Weather(windy=too_windy and not by_links, late=many_poor or (too_windy and by_links))
     doubts = memory.doubts
-    if doubts.any() or seen.doubts.any():  # kept while the failsafe lasts: it is doubted until it moves only
+    if np.count_nonzero(doubts | seen.doubts):
+        # kept while the failsafe lasts: it is doubted until it moves only
         kept = np.where(memory.vehicles.active[SUDDEN], doubts, Doubt.NONE)
         doubts = np.where(seen.unbelieved & (seen.doubts != Doubt.NONE), seen.doubts, kept)
-    averages = replace(
-        memory, time_s=seen.time_s, error_m_s=error_m_s, late_s=late_s, jumps_s=jumps_s, doubts=doubts
-    )
+    averages = Known(seen.time_s, error_m_s, late_s, jumps_s, doubts, memory.vehicles, memory.show)
     return averages, on, weather
 
 
@@ -309,9 +308,10 @@ def warm_up() -> None:
 
 def is_calm(on: Mask, memory: Known, seen: Seen, settings: FailsafePolicy, weather: Weather) -> bool:
     """Whether no condition holds or is active: then `advance` would change nothing."""
-    happens = bool(on.any()) or weather.windy or weather.late or memory.late_s > settings.service_late.late_s
+    happens = bool(np.count_nonzero(on)) or weather.windy or weather.late
+    late = memory.late_s > settings.service_late.late_s
     stale = seen.target_age_s > settings.target_stale.after_s  # False for NaN
-    return memory.vehicles.is_idle and memory.show.is_idle and not (happens or stale or seen.manned)
+    return memory.vehicles.is_idle and memory.show.is_idle and not (happens or late or stale or seen.manned)
 
 
 def advance(

@@ -171,7 +171,9 @@ class Orchestrator:
             if self._heart is not None and self._control_alive:
                 self._heart.beat()
             self._estimating.refresh(len(self.maneuvers.waiting), self.commands.home_left_s)
-            own, hooks = cache(self._promised_view(result)), self.flight.elsewhere.hooks
+            own, hooks = self._promised_view(result), self.flight.elsewhere.hooks
+            if self._record is not None:
+                own = cache(own)
             self.view.promise(partial(hooks.whole, own, result))
             if self._record is not None:
                 run = self.flight.show.run
@@ -193,8 +195,9 @@ class Orchestrator:
             self._telemetry_monitor.resume()
         self._telemetry_monitor.look()
         self.player.lead()
+        instant = flight.instant
         for feature in flight.features:
-            feature.lead(flight.instant)
+            feature.lead(instant)
         result = self._decide()
         if hooks.may_send:
             self._routing.send(result.setpoints)

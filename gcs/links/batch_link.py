@@ -406,7 +406,7 @@ class Link(ABC):
             self._listed = setpoints.ids, np.array(list(ours.values()), int), np.array(list(ours), int)
         _, at, rows = self._listed
         may_receive = self._connected(now_s) & self._commandable & ~self._telemetry.is_foreign
-        if self._climbs_alone.any():
+        if np.count_nonzero(self._climbs_alone):
             may_receive &= ~(self._climbs_alone & (self._telemetry.landed == Landed.TAKEOFF))
         for row in self._killed:
             may_receive[row] &= not self._latch.is_shut(int(self._system_ids[row]))
@@ -434,7 +434,7 @@ class Link(ABC):
         if self._ready is None:
             return
         batch, samples_s = self._ready
-        end = int(np.searchsorted(samples_s, sample_s, side="right"))
+        end = int(samples_s.searchsorted(sample_s, side="right"))
         self._ready = batch.part(slice(end, None)), samples_s[end:]
         self._send_setpoints(batch.part(slice(end)))
 

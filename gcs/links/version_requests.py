@@ -40,11 +40,11 @@ class VersionRequests:
             now_s: the link's clock.
         """
         new = connection_count != self._connection_count
-        if new.any():
+        if np.count_nonzero(new):
             self._connection_count = connection_count.copy()
             self._due |= new
             self._since_s[new], self._tries[new], self._requested_s[new] = now_s, 0, -np.inf
-        if not self._due.any():
+        if not np.count_nonzero(self._due):
             return
         self._due &= (version_time_s < self._since_s) & (self._tries < _TRIES)
         rows = np.flatnonzero(self._due & connected & (now_s - self._requested_s >= _ANSWER_S))

@@ -74,6 +74,8 @@ class FleetResponse:
 
     def rows(self, rows: NDArray[np.intp] | slice) -> "FleetResponse":
         """Those in rows (m,)."""
+        if isinstance(rows, slice) and rows == slice(len(self)):
+            return self
         return FleetResponse(*(getattr(self, field.name)[rows] for field in fields(self)))
 
     def joined(self, others: "FleetResponse") -> "FleetResponse":
@@ -92,7 +94,7 @@ class FleetResponse:
             reaction_s: least one of these vehicles, as of `gcs.safety.constraints.Braking`.
             besides: (n,) vehicles that stay as they are; None: none.
         """
-        if not self.blind_s.any():
+        if not np.count_nonzero(self.blind_s):
             return self
         longer = self.blind_s > 0.0 if besides is None else (self.blind_s > 0.0) & ~besides
         begins_s = np.maximum(self.swings_s, reaction_s) + BLIND_SHARE * self.blind_s

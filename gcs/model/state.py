@@ -7,6 +7,7 @@ show's heading, y to its right, z down; see ``gcs.model.frames``.
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields
 from enum import IntEnum, StrEnum
+from operator import attrgetter
 from typing import Annotated, Final, TypeAlias
 
 import numpy as np
@@ -115,8 +116,7 @@ class Telemetry:
 
     def __post_init__(self) -> None:
         n = len(self.ids)
-        for name in _TELEMETRY:
-            column = getattr(self, name)
+        for name, column in zip(_TELEMETRY, _TELEMETRY_COLUMNS(self), strict=True):
             if isinstance(column, np.ndarray):
                 if column.shape != ((n, 3) if name in ("velocity_ned_m_s", "attitude_rad") else (n,)):
                     raise ShapeError(f"{name}: {column.shape} for {n} vehicles")
@@ -126,6 +126,7 @@ class Telemetry:
 
 
 _TELEMETRY: Final = tuple(field.name for field in fields(Telemetry))
+_TELEMETRY_COLUMNS: Final = attrgetter(*_TELEMETRY)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -169,9 +169,8 @@ def measured(
         settings: thresholds and times.
         response: (n,) by how much vehicles may answer later than `settings` have it; None: not at all.
     """
-    answer_s = np.full(len(commanded), settings.answer_s + 4.0 * link_delay_s)
-    if response is not None:
-        answer_s += RAMPS_M_S / response.acceleration_m_s2
+    ramps_s = np.zeros(len(commanded)) if response is None else RAMPS_M_S / response.acceleration_m_s2
+    answer_s = settings.answer_s + 4.0 * link_delay_s + ramps_s
     return Authority(
         *_measured(
             np.array(before.least_m_s),

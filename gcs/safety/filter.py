@@ -154,7 +154,8 @@ def filter_velocities(
         settings.link_delay_s,
     )
     desired_m_s = cap(desired_m_s, limits, here.speed_max_m_s)
-    here = replace(here, commanded=moved)
+    if moved is not own:
+        here = replace(here, commanded=moved)
     pairs_of = _pairs_of(position_m, desired_m_s, own, here, settings.floor, braking)
     pairs, involved = _first_pairs(pairs_of, desired_m_s, own, here)
     confined = here if involved is moved else replace(here, commanded=involved)
@@ -407,6 +408,8 @@ def _obstacles(
     position_m: Array, here: Surroundings, braking: Braking, fastest_m_s: float
 ) -> tuple[Constraints, Constraints]:
     """Constraints of obstacles, and of slow traffic, which holds up no vehicle that lands."""
+    if not here.ellipses:
+        return Constraints.none(), Constraints.none()
     slow = set() if here.near_traffic is None else {box.id for box in here.near_traffic.boxes}
 
     def around(is_slow: bool, commanded: Mask) -> Constraints:
@@ -467,7 +470,7 @@ def _reach(here: Surroundings, walls: Constraints, settings: SafetySettings) -> 
     least = settings.authority
     return reach_constraints(
         np.array(here.velocity_m_s),
-        here.commanded,
+        np.array(here.commanded),
         here.lack_m_s,
         walls,
         least.lack_m_s,
@@ -485,10 +488,10 @@ def cap(
 
     Rows of `landing` (n,) keep their descent, and only their level part is shortened; None: none does.
     """
-    own_m_s = np.full(len(velocity_m_s), speed_max_m_s) if np.ndim(speed_max_m_s) == 0 else speed_max_m_s
+    is_each = isinstance(speed_max_m_s, np.ndarray)
     return _capped(
         np.array(velocity_m_s),
-        np.array(own_m_s),
+        np.array(speed_max_m_s) if is_each else np.full(len(velocity_m_s), speed_max_m_s),
         np.zeros(len(velocity_m_s), np.bool_) if landing is None else landing,
         limits.horizontal_m_s,
         limits.up_m_s,

@@ -68,7 +68,10 @@ class Floor(Settings):
         """`reserve_m` of the least certain two of (n,); without them, of two that report nothing."""
         if uncertainty_m is None or len(uncertainty_m) == 0:
             return float(self.reserve_m(self.uncertainty_m, self.uncertainty_m))
-        second_m, first_m = np.partition(np.append(uncertainty_m, 0.0), -2)[-2:]
+        each_m = np.zeros(1 + len(uncertainty_m))
+        each_m[1:] = uncertainty_m
+        each_m.partition(-2)
+        second_m, first_m = each_m[-2:]
         return float(self.reserve_m(first_m, second_m))
 
     def kept_m(self, reserve_m: float) -> tuple[float, float]:

@@ -88,7 +88,7 @@ class VirtualPorts(Ports):
         self._fleet = fleet
         self._clock = clock
         self._is_open = False
-        self._port = np.full(len(fleet.autopilots), PORT)  # of each vehicle now
+        self._port = [PORT] * len(fleet.autopilots)  # of each vehicle now
         self._deaf: set[VehicleId] = set()  # it receives nothing
         self._mute: set[VehicleId] = set()  # nothing is received from it
         self._to_vehicles: deque[tuple[float, int, bytes]] = deque()
@@ -190,15 +190,16 @@ class VirtualPorts(Ports):
     ) -> NDArray[np.bool_]:
         """See `Ports.send`."""
         now_s = self._clock()
-        left: NDArray[np.bool_] = (destination >= 0) & self._is_open & (now_s <= until_s)
+        left: NDArray[np.bool_] = (destination >= 0) & (self._is_open and now_s <= until_s)
         rows = (destination >> 16 & 0xFFFFFFFF) - VEHICLES_AT
-        reached = left & (rows >= 0) & (rows < len(self._port))
-        reached[reached] = destination[reached] & 0xFFFF == self._port[rows[reached]]
-        for at in np.flatnonzero(reached).tolist():
-            row, datagram = int(rows[at]), data[at, : length[at]].tobytes()
-            if self._delivers(row, datagram, now_s):
-                self._to_vehicles.append((now_s, row, datagram))
-        if left.any() and _message_id(data[0]) == common.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
+        sent = left.nonzero()[0].tolist()
+        ports = (destination[left] & 0xFFFF).tolist()
+        for at, row, port in zip(sent, rows[left].tolist(), ports, strict=True):
+            if 0 <= row < len(self._port) and port == self._port[row]:
+                datagram = data[at, : length[at]].tobytes()
+                if self._delivers(row, datagram, now_s):
+                    self._to_vehicles.append((now_s, row, datagram))
+        if sent and _message_id(data[0].tobytes()) == common.MAVLINK_MSG_ID_SET_POSITION_TARGET_LOCAL_NED:
             self._unread.append((now_s, rows[left], data[left, : length[0]].tobytes()))
         return left
 
@@ -221,7 +222,7 @@ class VirtualPorts(Ports):
 
     def _arrive(self, first_host: int, row: int, datagram: bytes) -> None:
         if self._is_open and datagram and self._ids[row] not in self._mute:
-            port = int(self._port[row]) if first_host == VEHICLES_AT else PORT
+            port = self._port[row] if first_host == VEHICLES_AT else PORT
             source = source_of(first_host + row, port, 0)
             self._to_station.append((self._fleet.time_s, source, datagram))
 
@@ -326,8 +327,8 @@ class VirtualLink(NativeLink):
         raise await self.failures.get()
 
 
-def _message_id(frame: Bytes | bytes) -> int:
-    return int(frame[7]) | int(frame[8]) << 8 | int(frame[9]) << 16
+def _message_id(frame: bytes) -> int:
+    return int.from_bytes(frame[7:10], "little")
 
 
 def _verb(sent: Any, autopilot: Autopilot) -> Verb | None:

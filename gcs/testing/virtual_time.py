@@ -5,9 +5,10 @@ from collections.abc import Awaitable, Callable
 from concurrent.futures import Executor, Future
 from contextlib import closing
 from contextvars import Context, ContextVar, copy_context
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
 import async_solipsism
+from async_solipsism.selector import Selector
 
 T = TypeVar("T")
 
@@ -49,11 +50,31 @@ def as_process(name: str) -> Context:
     return context
 
 
+LONGEST_S: Final = 3600.0
+"""A longer wait is left to async_solipsism, which refuses those without end."""
+
+
+class ClockSelector(Selector):  # type: ignore[misc] # it has no types
+    """Advances the clock at once, and looks at sockets only where there are some."""
+
+    def select(self, timeout: float | None = None) -> list[Any]:
+        if self._fd_to_key or timeout is None or timeout > LONGEST_S:
+            ready: list[Any] = super().select(timeout)
+            return ready
+        if timeout > 0.0:
+            self.clock.advance(timeout)
+        return []
+
+
 class ProcessLoop(async_solipsism.EventLoop):  # type: ignore[misc] # it has no types
     """An event loop in which processes stand still, as one does between SIGSTOP and SIGCONT."""
 
+    _selector: Any
+
     def __init__(self) -> None:
         super().__init__()
+        self._selector = ClockSelector(self._selector.clock)
+        self.time = self._selector.clock.time  # asked for 45 times a tick
         self._stopped: dict[str, list[tuple[Context, Callable[..., Any], tuple[Any, ...]]]] = {}
 
     def stop_process(self, name: str) -> None:

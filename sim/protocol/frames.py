@@ -21,6 +21,7 @@ MAGIC = 0xFD
 OLD_MAGIC = b"\xfe"
 HEADER_LENGTH = 10
 CHECKSUM_LENGTH = 2
+CHECKSUM_BEGINS = 0xFFFF  # of CRC-16/MCRF4XX
 SIGNATURE_LENGTH = 13
 SIGNED = 0x01
 AUTOPILOT_COMPONENT = 1
@@ -111,7 +112,7 @@ def pack(form: Message, fields: Fields, system_id: Bytes, sequence: Bytes) -> li
         payload = data[at : at + size].rstrip(b"\0") or b"\0"
         head = bytes((len(payload), 0, 0, number, system, AUTOPILOT_COMPONENT))
         checked = head + kind + payload
-        checksum = common.x25crc(checked + extra).crc
+        checksum: int = common.mcrf4xx(checked + extra, CHECKSUM_BEGINS)
         packed.append(b"\xfd" + checked + checksum.to_bytes(CHECKSUM_LENGTH, "little"))
     return packed
 
@@ -131,7 +132,7 @@ def setpoints(raw: bytes) -> tuple[NDArray[np.void], Bytes, Mask] | None:
         end = start + SETPOINT_FRAME - CHECKSUM_LENGTH
         if raw[start : start + 3] != SETPOINT_BEGINS or raw[start + 7 : start + HEADER_LENGTH] != SETPOINT_ID:
             return None
-        checksum = common.x25crc(raw[start + 1 : end] + extra).crc  # without the magic byte
+        checksum = common.mcrf4xx(raw[start + 1 : end] + extra, CHECKSUM_BEGINS)  # without the magic byte
         good.append(checksum == raw[end] | raw[end + 1] << 8)
     body = np.ascontiguousarray(frames[:, HEADER_LENGTH:-CHECKSUM_LENGTH])
     return body.view(layout(SETPOINT)).reshape(count), frames[:, 5:7], np.array(good)
@@ -160,5 +161,5 @@ def as_version_1(frame: bytes, forms: Mapping[int, Message]) -> bytes | None:
     length = form.unpacker.size
     payload = frame[HEADER_LENGTH:-CHECKSUM_LENGTH].ljust(length, b"\0")[:length]
     checked = bytes((len(payload), *frame[4:7], message_id)) + payload
-    checksum = common.x25crc(checked + bytes([form.crc_extra])).crc
+    checksum = common.mcrf4xx(checked + bytes([form.crc_extra]), CHECKSUM_BEGINS)
     return bytes(OLD_MAGIC + checked + checksum.to_bytes(CHECKSUM_LENGTH, "little"))

@@ -37,12 +37,12 @@ class Receiver:
         self._autopilots = autopilots
         self._codec = Codec()
         self._rows = [[row] for row in range(len(autopilots))]
-        self._row_of = np.full((len(autopilots), ADDRESSES), NO_ROW, dtype=np.int32)
+        self._row_of = np.full((len(autopilots), ADDRESSES), NO_ROW, dtype=np.intp)
         self._row_of[np.arange(len(autopilots)), state.system_id] = np.arange(len(autopilots))
 
     def circle(self, rows: Sequence[int]) -> int:
         """Let these vehicles share a socket. Returns: the circle's number."""
-        row_of = np.full((1, ADDRESSES), NO_ROW, dtype=np.int32)
+        row_of = np.full((1, ADDRESSES), NO_ROW, dtype=np.intp)
         self._row_of = np.concatenate([self._row_of, row_of])
         self._rows.append([])
         self.regroup(len(self._rows) - 1, rows)
@@ -95,13 +95,15 @@ class Receiver:
             fit = np.ones(len(places), dtype=np.bool_)
             fit[owner[~meant]] = False
             circle, meant = circle[owner], fit[owner]
-        row = self._row_of[circle, system].astype(np.intp)
+        row = self._row_of[circle, system]
         meant = meant & (row != NO_ROW)
         if not self._any_component:
             meant &= (component == BROADCAST) | (component == AUTOPILOT_COMPONENT)
         itself = (sender[:, 0] == self._state.system_id[row]) & (sender[:, 1] == AUTOPILOT_COMPONENT)
         meant &= ~itself
-        self._store(row[meant], messages[meant], sender[meant, 0])
+        if np.count_nonzero(meant) < len(meant):
+            row, messages, sender = row[meant], messages[meant], sender[meant]
+        self._store(row, messages, sender[:, 0])
         read = {place for place, whole in zip(places, fit.tolist(), strict=True) if whole}
         for place in read:
             valid[place] = True

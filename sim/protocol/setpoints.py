@@ -3,16 +3,19 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from gcs.sim.protocol.frames import SETPOINT_PAYLOAD
 from gcs.sim.vehicle.dynamics import Array, Mask
 from gcs.sim.vehicle.state import Rows, State
 
 LOCAL_NED, BODY_NED = 1, 8  # MAV_FRAME
 IGNORE_YAW, IGNORE_YAW_RATE = 0x400, 0x800
-NUMBERS_AT, NUMBERS = 4, 11
-"""Of the payload: nine axes of position, velocity and acceleration, yaw and yaw rate."""
+AS_NUMBERS = np.dtype(
+    {"names": ["numbers"], "formats": [("<f4", (11,))], "offsets": [4], "itemsize": SETPOINT_PAYLOAD}
+)
+"""The payload: nine axes of position, velocity and acceleration, yaw and yaw rate."""
 
-IGNORE_BIT = np.array((*range(9), 10, 11), dtype=np.uint16)
-"""Bit of the mask with which each of the numbers is ignored."""
+IGNORE_BIT = np.array([1 << bit for bit in (*range(9), 10, 11)], dtype=np.uint16)
+"""In the mask; with it each of the numbers is ignored."""
 
 
 def store_setpoints(state: State, rows: Rows, messages: NDArray[np.void]) -> Rows:
@@ -26,24 +29,24 @@ def store_setpoints(state: State, rows: Rows, messages: NDArray[np.void]) -> Row
     """
     frame = messages["coordinate_frame"]
     supported = (frame == LOCAL_NED) | (frame == BODY_NED)
-    if not supported.all():
+    if np.count_nonzero(supported) < len(rows):
         rows, messages, frame = rows[supported], messages[supported], frame[supported]
     numbers = numbers_given(messages)
-    messages_si = np.ascontiguousarray(numbers[:, :9].reshape(-1, 3, 3).transpose(1, 0, 2))
-    position_m, velocity_m_s, acceleration_m_s2 = messages_si
+    messages_si = numbers[:, :9].reshape(-1, 3, 3)  # a copy
+    position_m, velocity_m_s, acceleration_m_s2 = messages_si[:, 0], messages_si[:, 1], messages_si[:, 2]
     yaw_rad, rate_rad_s = numbers[:, 9], numbers[:, 10]
     body = frame == BODY_NED
-    if body.any():
+    if np.count_nonzero(body):
         heading_rad = state.yaw_rad[rows[body]]
         position_m[body] = np.nan
         velocity_m_s[body] = turned(velocity_m_s[body], heading_rad)
         acceleration_m_s2[body] = turned(acceleration_m_s2[body], heading_rad)
         yaw_rad[body] += heading_rad
     given: Mask = ~np.isnan(messages_si)
-    axes: Mask = np.any(given, axis=0)
-    says: Mask = np.any(axes, axis=1)
+    axes: Mask = given[:, 0] | given[:, 1] | given[:, 2]
+    says: Mask = np.asarray(axes.any(axis=1))
     pairs: Mask = given[:, :, 0] == given[:, :, 1]  # north and east come together
-    flyable: Mask = np.all(pairs, axis=0) & np.all(axes, axis=1)
+    flyable: Mask = np.asarray(pairs.all(axis=1) & axes.all(axis=1))
     silent = rows[~says]
     if len(silent):
         rows, position_m, velocity_m_s = rows[says], position_m[says], velocity_m_s[says]
@@ -60,10 +63,10 @@ def store_setpoints(state: State, rows: Rows, messages: NDArray[np.void]) -> Row
 
 def numbers_given(messages: NDArray[np.void]) -> Array:
     """(m, 11): axes, yaw and yaw rate, NaN where one is ignored or not a number."""
-    raw = messages.view(np.uint8).reshape(len(messages), messages.itemsize)
-    values = np.ascontiguousarray(raw[:, NUMBERS_AT : NUMBERS_AT + 4 * NUMBERS]).view("<f4")
-    ignored = messages["type_mask"][:, np.newaxis] >> IGNORE_BIT & 1
-    return np.where((ignored != 0) | ~np.isfinite(values), np.nan, values.astype(np.float64))
+    numbers: Array = messages.view(AS_NUMBERS)["numbers"].astype(np.float64)
+    ignored = messages["type_mask"][:, np.newaxis] & IGNORE_BIT != 0
+    numbers[ignored | ~np.isfinite(numbers)] = np.nan
+    return numbers
 
 
 def finite(values: NDArray[np.float32]) -> Array:

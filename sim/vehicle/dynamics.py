@@ -69,7 +69,7 @@ class Mass:
         Returns: (n,) True where a vehicle touches the ground and does not climb.
         """
         touching: Mask = (self.position_m[:, 2] >= 0.0) & (self.velocity_m_s[:, 2] >= 0.0)
-        if touching.any():
+        if np.count_nonzero(touching):
             down = touching[:, np.newaxis]
             self.position_m = np.where(down, self.position_m * (1.0, 1.0, 0.0), self.position_m)
             self.velocity_m_s = np.where(down, 0.0, self.velocity_m_s)
@@ -131,6 +131,8 @@ class PointMasses(Mass):
             velocity_error_m_s: (n, 3), error of the vehicle's own velocity estimate.
             powered: (n,), False where the motors stand still and the vehicle falls; all powered without it.
         """
+        if powered is not None and np.count_nonzero(powered) == len(powered):
+            powered = None
         for _ in range(self._parts):
             self._advance(command_m_s, wind_m_s, velocity_error_m_s, powered)
 
@@ -148,7 +150,7 @@ class PointMasses(Mass):
         measured_m_s = self.velocity_m_s + velocity_error_m_s
         thrust_m_s2, integral_m_s2 = self._control(delayed_m_s - measured_m_s)
         acceleration_m_s2 = self.acceleration_m_s2 + self._blend * (thrust_m_s2 - self.acceleration_m_s2)
-        if powered is not None and not powered.all():
+        if powered is not None:
             on = powered[:, np.newaxis]
             acceleration_m_s2 = np.where(on, acceleration_m_s2, FALL_M_S2)
             integral_m_s2 = np.where(on, integral_m_s2, 0.0)
@@ -164,7 +166,7 @@ class PointMasses(Mass):
         size_m_s2 = np.abs(desired_m_s2)
         size_m_s2[:, :2] = np.hypot(desired_m_s2[:, 0], desired_m_s2[:, 1])[:, np.newaxis]
         gain_m_s2 = self._step_s * self._integral_gains * error_m_s
-        if not (size_m_s2 > self._limits).any():
+        if not np.count_nonzero(size_m_s2 > self._limits):
             return desired_m_s2, self.integral_m_s2 + gain_m_s2
         scale = np.minimum(1.0, self._limits / np.maximum(size_m_s2, 1e-12))
         winding = (scale < 1.0) & (error_m_s * desired_m_s2 > 0.0)

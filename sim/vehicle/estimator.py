@@ -50,17 +50,17 @@ class Estimator:
         state = self.state
         if self.resets:
             due = state.powered & ~state.heading_aligned & (height_m >= ALIGNED_ABOVE_M)
-            if due.any():
+            if np.count_nonzero(due):
                 waits_s = np.where(state.mode == Mode.TAKEOFF.number, TAKEOFF_ALIGNED_S, ALIGNED_S)
                 due &= state.now_s - state.airborne_since_s >= waits_s
-            if due.any():
+            if np.count_nonzero(due):
                 state.heading_aligned |= due
                 state.reset_counter += due.astype(np.uint8)
                 state.yaw_rad = np.where(due, state.yaw_rad + state.heading_turn_rad, state.yaw_rad)
             state.heading_aligned &= ~state.landed
         has_gps = state.fix_type >= FIX_3D
         drifting = state.gps_lost_s < np.inf
-        if has_gps.all() and not drifting.any():
+        if not np.count_nonzero(~has_gps | drifting):
             return drifting
         back = has_gps & drifting
         state.reset_counter += back.astype(np.uint8)

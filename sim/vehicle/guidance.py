@@ -253,7 +253,7 @@ class Guidance:
         high_m_s = p.axes("MPC_XY_VEL_MAX", "MPC_Z_VEL_MAX_DN")[rows]
         airborne_s = state.now_s - state.airborne_since_s[rows]
         ramp = airborne_s / np.maximum(p["MPC_TKO_RAMP_T"][rows], TINY)
-        if (ramp < 1.0).any():
+        if np.count_nonzero(ramp < 1.0):
             climb_m_s = -low_m_s[:, 2]
             ramped_m_s = np.maximum(TAKEOFF_START_M_S + ramp * (climb_m_s - TAKEOFF_START_M_S), 0.0)
             low_m_s[:, 2] = -np.where(ramp < 1.0, ramped_m_s, climb_m_s)

@@ -190,7 +190,8 @@ class Batteries:
     def charge_state(self) -> Numbers:
         """(n,), by the three thresholds BAT_LOW_THR, BAT_CRIT_THR, BAT_EMERGEN_THR."""
         remaining, p = self.state.remaining, self.parameters
-        charge = np.where(remaining < p["BAT_LOW_THR"], Charge.LOW, Charge.OK)
+        charge: Numbers = np.full(len(remaining), int(Charge.OK))
+        charge[remaining < p["BAT_LOW_THR"]] = Charge.LOW
         charge[remaining < p["BAT_CRIT_THR"]] = Charge.CRITICAL
         charge[remaining < p["BAT_EMERGEN_THR"]] = Charge.EMERGENCY
         return charge

@@ -42,7 +42,7 @@ class Transitions:
         state = self.state
         armed = awake & state.armed
         self._watch_health(awake & ~state.armed)
-        if armed.any():
+        if np.count_nonzero(armed):
             self._watch_setpoints(armed)
             self._watch_station(armed)
             self._watch_transponders(armed)
@@ -59,10 +59,10 @@ class Transitions:
                 self.commanders[row].weaken(int(charge[row]))
         waiting = awake & state.armed & state.landed
         self._watch_landing(awake & ~state.landed, contact, climb_m_s)
-        if waiting.any():
+        if np.count_nonzero(waiting):
             self._watch_takeoff(waiting, climb_m_s)
         standing = awake & state.armed & state.landed
-        if standing.any():
+        if np.count_nonzero(standing):
             self._watch_disarming(standing)
 
     def landed_state(self) -> Numbers:
@@ -75,7 +75,7 @@ class Transitions:
 
     def _watch_health(self, waiting: Mask) -> None:
         now, before = self.state.unhealthy_sensors, self._unhealthy
-        if before is None or (now != before).any():
+        if before is None or np.count_nonzero(now != before):
             self._unhealthy = now.copy()
             for row in (waiting & (now != (0 if before is None else before))).nonzero()[0].tolist():
                 self.commanders[row].complain()
@@ -95,7 +95,7 @@ class Transitions:
         """Apply NAV_DLL_ACT, once, COM_DL_LOSS_T after the last heartbeat of a ground station."""
         state, p = self.state, self.parameters
         silent = state.now_s - state.station_s > p["COM_DL_LOSS_T"]
-        if not silent.any():
+        if not np.count_nonzero(silent):
             state.station_lost[:] = False
             return
         due = armed & ~state.landed & silent & ~state.station_lost & (p["NAV_DLL_ACT"] > 0)
@@ -130,13 +130,13 @@ class Transitions:
     def _watch_landing(self, flying: Mask, contact: Mask, climb_m_s: Array) -> None:
         """On the ground with a descent demanded: landed after a while, at once when the motors are off."""
         state = self.state
-        if not contact.any():
+        if not np.count_nonzero(contact):
             state.down_since_s[flying] = np.inf
             return
         carried = state.armed & ~state.terminated
         down = flying & contact & ~(carried & (climb_m_s >= 0.0))
         state.down_since_s[flying & ~down] = np.inf
-        if not down.any():
+        if not np.count_nonzero(down):
             return
         state.down_since_s[down] = np.minimum(state.down_since_s[down], state.now_s)
         wait_s = np.where(carried, LANDING_STAGES * self.parameters["LNDMC_TRIG_TIME"], 0.0)

@@ -91,7 +91,7 @@ class AccuracyAlarms:
     def of_positions(self, failsafes: Sequence[ActiveFailsafe]) -> Iterator[Condition]:
         """Yield vehicles whose positions are in doubt, but for those about which a failsafe says so."""
         doubtful, jumped = self.newest.state.doubtful, self._jumped_wide()
-        if not (doubtful.any() or jumped.any()):
+        if not np.count_nonzero(doubtful | jumped):
             return
         named = {name for each in failsafes if each.cause == Cause.BAD_POSITION for name in each.vehicles}
         for row in np.flatnonzero(doubtful | jumped).tolist():
@@ -169,7 +169,7 @@ class AccuracyAlarms:
     def of_heights(self) -> Iterator[Condition]:
         """Yield vehicles with heights that differ from their receivers', or from the ground under them."""
         biases = self.heights.found
-        for row in np.flatnonzero(biases.named).tolist() if biases.named.any() else ():
+        for row in biases.named.nonzero()[0].tolist():
             vehicle = self.vehicles.rows[row]
             if vehicle.phase in FLIES:
                 consequence = "Others keep so much farther above and below [it|them]."
@@ -180,7 +180,7 @@ class AccuracyAlarms:
         self._on_pad_m = np.where(reported_m, self._on_pad_m + share * (reported_m - self._on_pad_m), 0.0)
         height_m = self._on_pad_m
         self._off_ground = beyond(self._off_ground, np.abs(height_m), OFF_GROUND_M)
-        for row in np.flatnonzero(self._off_ground).tolist():
+        for row in self._off_ground.nonzero()[0].tolist():
             side = "above" if height_m[row] > 0.0 else "below"
             because = f"stands on its start, and reports {abs(height_m[row]):.1f} m {side} it"
             vehicle_id = self.newest.state.ids[row]
@@ -203,7 +203,7 @@ class AccuracyAlarms:
         authority, safety = tick.memory.authority, self.control_now().safety
         wider_m = safety.floor.worst_reserve_m(authority.wander_m(safety.authority))
         self._wide = beyond(self._wide, np.array([wider_m]), WIDE_M)
-        lack_m_s = np.linalg.norm(authority.lack_m_s, axis=1)
+        lack_m_s = np.sqrt((authority.lack_m_s * authority.lack_m_s).sum(axis=1))
         blown = self._blown(lack_m_s > safety.authority.lack_m_s)
         if self._wide[0] and len(blown):
             gusts = authority.fleet_wander_m_s > safety.authority.free_m_s
@@ -215,13 +215,13 @@ class AccuracyAlarms:
             consequence = f"Pairs keep up to {wider_m:.1f} m more than usual."
             yield Condition(AlarmCause.LITTLE_AUTHORITY, because, consequence=consequence)
         fastest_m_s = np.minimum(self.newest.traits.speed_max_m_s, safety.limits.horizontal_m_s)
-        for row in np.flatnonzero(authority.slow[: len(fastest_m_s)]).tolist():
+        for row in authority.slow[: len(fastest_m_s)].nonzero()[0].tolist():
             reached_m_s = authority.speed_max_m_s[row]
             because = f"reaches {reached_m_s:.1f} of {fastest_m_s[row]:g} m/s"
             consequence = "[Its limit is|Their limits are] lowered until [it is|they are] faster again."
             yield Condition(AlarmCause.SLOW_VEHICLE, because, (self.newest.state.ids[row],), consequence)
         least_m_s2 = slowest_m_s2(self.newest.traits.response)
-        for row in np.flatnonzero(tick.memory.answers.slow[: len(fastest_m_s)]).tolist():
+        for row in tick.memory.answers.slow[: len(fastest_m_s)].nonzero()[0].tolist():
             vehicle = self.vehicles.rows[row]
             because = f"{vehicle.autopilot.title}, less than {least_m_s2[row]:.1f} m/s^2"
             consequence = "[Its stops|Their stops] may be longer than the safety filter counts on."
@@ -237,7 +237,7 @@ class AccuracyAlarms:
         lacks = lacks & ~self.newest.state.doubtful & (jumped_s > self.config.positioning.reset_margin_s)
         self._lacks_since_s = np.where(lacks, np.minimum(self._lacks_since_s, now_s), np.inf)
         self._lacked_s = np.where(lacks, now_s, self._lacked_s)
-        blown = np.flatnonzero(now_s - self._lacked_s <= LACKED_S).tolist()
+        blown = (now_s - self._lacked_s <= LACKED_S).nonzero()[0].tolist()
         if len(blown) == 1 and not now_s - self._lacks_since_s[blown[0]] >= LASTS_S:
             return []
         return blown

@@ -268,8 +268,9 @@ class AlarmMonitor:
 
     def _of_features(self, failsafes: Sequence[ActiveFailsafe]) -> Iterator[Condition]:
         gives_way = next((each for each in failsafes if each.cause == Cause.MANNED_AIRCRAFT), None)
+        instant = self.flight.instant
         for feature in self.flight.features:
-            for each in feature.conditions(self.flight.instant):
+            for each in feature.conditions(instant):
                 if each.cause is AlarmCause.TRAFFIC_MANNED and gives_way is not None:
                     follows, command_id = SHOW_FOLLOWS[Action(gives_way.action)], gives_way.command_id
                     yield replace(each, consequence=follows, command_id=command_id)
@@ -293,12 +294,11 @@ class AlarmMonitor:
             yield Condition(AlarmCause.NO_HEARTBEAT, lacks, (vehicle_id,), FLOWN_ON)
         share = flight.link_quality.share
         self._poor = beyond(self._poor, share, POOR_LINK)
-        if self._poor.any():
-            for row in np.flatnonzero(self._poor).tolist():
-                vehicle = flight.vehicles.rows[row]
-                if vehicle.phase in FLIES:
-                    because = f"{share[row]:.0%} of [its|their] positions arrive"
-                    yield Condition(AlarmCause.POOR_LINK, because, (vehicle.id,))
+        for row in self._poor.nonzero()[0].tolist():
+            vehicle = flight.vehicles.rows[row]
+            if vehicle.phase in FLIES:
+                because = f"{share[row]:.0%} of [its|their] positions arrive"
+                yield Condition(AlarmCause.POOR_LINK, because, (vehicle.id,))
 
     def _of_the_ground(self) -> Iterator[Condition]:
         flight = self.flight

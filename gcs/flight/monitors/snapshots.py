@@ -52,6 +52,7 @@ def fleet_view(
     `flight` is as of that tick: a shallow copy, where commands may have changed it since.
     """
     center, fleet, show_run = tick.memory.center, flight.newest.state, flight.show.run
+    instant = flight.instant
     return FleetView(
         time_s=fleet.time_s,
         unix_time_s=unix_time_s,
@@ -79,7 +80,7 @@ def fleet_view(
         countdown_s=None if start_unix_s is None else max(0.0, start_unix_s - unix_time_s),
         failsafes=tuple(failsafes),
         alarms=tuple(alarms),
-        features=Features(**{each.name: each.view(flight.instant) for each in flight.features if each.name}),  # type: ignore[arg-type]
+        features=Features(**{each.name: each.view(instant) for each in flight.features if each.name}),  # type: ignore[arg-type]
     )
 
 
@@ -110,21 +111,22 @@ def measured(newest: Newest, link_quality: LinkQuality) -> dict[str, Array]:
 
 def _rows(flight: Flight, tick: Tick) -> VehicleTable:
     fleet, telemetry, show_run = flight.newest.state, flight.newest.telemetry, flight.show.run
-    vehicles, complete = flight.vehicles.values(), flight.known  # only those with all data can be ready
-    setpoint_m_s = np.full((len(fleet.ids), 3), np.nan)
-    if tick.setpoints.ids:
-        row_of = {name: row for row, name in enumerate(fleet.ids)}
-        setpoint_m_s[[row_of[name] for name in tick.setpoints.ids]] = tick.setpoints.velocity_m_s
+    vehicles, complete = flight.vehicles, flight.known  # only those with all data can be ready
+    setpoint_m_s = tick.setpoints.velocity_m_s
+    if tick.setpoints.ids != fleet.ids:
+        rows = [vehicles[name].row for name in tick.setpoints.ids]
+        setpoint_m_s = np.full((len(fleet.ids), 3), np.nan)
+        setpoint_m_s[rows] = tick.setpoints.velocity_m_s
     colour, lit = np.zeros((len(fleet.ids), 3), np.uint8), np.zeros(len(fleet.ids), np.bool_)
     if show_run is not None:
         colour, lit = show_run.colours(fleet.ids, fleet.time_s)
     return VehicleTable(
         ids=fleet.ids,
-        system_ids=[vehicle.system_id for vehicle in vehicles],
-        links=[vehicle.link for vehicle in vehicles],
-        autopilots=[vehicle.autopilot.name for vehicle in vehicles],
-        phases=[vehicle.phase for vehicle in vehicles],
-        reasons=[vehicle.reason for vehicle in vehicles],
+        system_ids=vehicles.system_ids,
+        links=vehicles.links,
+        autopilots=vehicles.autopilots,
+        phases=vehicles.states.phases,
+        reasons=vehicles.states.reasons,
         modes=telemetry.mode,
         armed=telemetry.armed,
         landed=telemetry.landed,
@@ -138,7 +140,7 @@ def _rows(flight: Flight, tick: Tick) -> VehicleTable:
         limited_by=tick.limited_by[: len(fleet.ids)],
         colour=colour,
         lit=lit,
-        homes_m=[vehicle.home_m for vehicle in vehicles],
+        homes_m=vehicles.states.homes_m,
         stations=(),
     )
 

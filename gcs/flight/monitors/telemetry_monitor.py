@@ -73,7 +73,7 @@ class TelemetryMonitor:
     def look(self) -> None:
         """Let the telemetry change phases, and end maneuvers that no longer apply; called once a tick."""
         now_s, telemetry = self.newest.state.time_s, self.newest.telemetry
-        for row in np.flatnonzero(self.table.reset_time_s == now_s).tolist():
+        for row in (self.table.reset_time_s == now_s).nonzero()[0].tolist():
             self._mind_reset(self.vehicles.rows[row])
         fresh = self._judge(now_s, telemetry)
         self._forget_heartbeats(fresh)

@@ -122,14 +122,15 @@ class ParameterReader:
             self._reported_columns = np.array(received.reboot_count), np.array(received.armed)
             self._note_versions(received)
         reboot_count, armed = self._reported_columns
-        for row in np.flatnonzero((absent & ~self._absent) | (reboot_count != self._reboot_count)).tolist():
+        anew = (absent & ~self._absent) | (reboot_count != self._reboot_count)
+        for row in anew.nonzero()[0].tolist():
             self._forget(self._vehicles.rows[row])
         self._reboot_count, self._absent = reboot_count, absent
         self._due |= armed  # others may change parameters during a flight
         self._outdated |= armed
         waits = self._reading | armed | absent | (now_s < self._not_before_s)
-        room = AT_ONCE_MAX - int(self._reading.sum())
-        for row in np.flatnonzero(self._due & ~waits)[: max(room, 0)].tolist():
+        room = AT_ONCE_MAX - np.count_nonzero(self._reading)
+        for row in (self._due & ~waits).nonzero()[0][: max(room, 0)].tolist():
             self._begin(self._vehicles.rows[row])
 
     def _note_versions(self, received: Telemetry) -> None:

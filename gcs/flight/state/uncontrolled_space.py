@@ -59,7 +59,7 @@ class UncontrolledSpace:
 
     def silent(self, age_s: Array, age_max_s: float) -> Rows:
         """(k,) Airborne vehicles without commands because their positions (n,) are too old, not lost yet."""
-        late = np.flatnonzero((age_s > age_max_s) & np.isfinite(self.seen_m[:, 0]))
+        late = ((age_s > age_max_s) & np.isfinite(self.seen_m[:, 0])).nonzero()[0]
         if len(late) == 0:
             return late
         return late[[self._vehicles[row].phase in AIRBORNE for row in late.tolist()]]

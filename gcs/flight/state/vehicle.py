@@ -8,6 +8,8 @@ from math import inf
 from operator import attrgetter
 from typing import Any, ClassVar, Final, TypeAlias
 
+import numpy as np
+
 from gcs.control import Task
 from gcs.failsafe.autopilot_failsafe import TERMINATED, FailsafeCause
 from gcs.flight.state.flags import Flags
@@ -15,7 +17,7 @@ from gcs.links.autopilots import DEFAULT, Autopilot
 from gcs.model.errors import RefusedError, UnknownError
 from gcs.model.lifecycle import AIRBORNE, FLOWN, Event, Phase, ShowPhase, advance
 from gcs.model.setpoint_loss import WithoutSetpoints
-from gcs.model.state import Array, Landed, Mode, VehicleId
+from gcs.model.state import Array, Landed, Mask, Mode, VehicleId
 
 log = logging.getLogger(__name__)
 
@@ -238,6 +240,20 @@ class VehicleStates:
         return [vehicle.phase for vehicle in self._vehicles]
 
     @cached_property
+    def reasons(self) -> list[str]:
+        return [vehicle.reason for vehicle in self._vehicles]
+
+    @cached_property
+    def homes_m(self) -> list[Array | None]:
+        """(3,) of each, where it took off."""
+        return [vehicle.home_m for vehicle in self._vehicles]
+
+    @cached_property
+    def airborne(self) -> Mask:
+        """(n,) in the air under this service's control."""
+        return np.array([phase in AIRBORNE for phase in self.phases], dtype=np.bool_)
+
+    @cached_property
     def modes(self) -> list[frozenset[Mode]]:
         """Of each vehicle those that a command explains."""
         return [vehicle.modes for vehicle in self._vehicles]
@@ -267,6 +283,9 @@ class FlightVehicles(dict[VehicleId, Vehicle]):
     def __init__(self, vehicles: Iterable[Vehicle]) -> None:
         self.rows = tuple(vehicles)
         super().__init__((vehicle.id, vehicle) for vehicle in self.rows)
+        self.system_ids = tuple(vehicle.system_id for vehicle in self.rows)
+        self.links = tuple(vehicle.link for vehicle in self.rows)
+        self.autopilots = tuple(vehicle.autopilot.name for vehicle in self.rows)
         self._states = VehicleStates(self.rows)
 
     def named(self, vehicle_id: VehicleId) -> Vehicle:

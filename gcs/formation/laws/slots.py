@@ -43,7 +43,7 @@ class Slots(FormationLaw):
             place = inputs.led_place.copy()
             place[inputs.rows] = slots.place
         offset_m = distance_m[:, None] * direction - inputs.radius_m * slots.place
-        fastest_m_s = inputs.stopping_speed_m_s(np.linalg.norm(offset_m, axis=1))
+        fastest_m_s = inputs.stopping_speed_m_s(np.sqrt((offset_m * offset_m).sum(axis=1)))
         own_m_s = slot_velocity(
             direction,
             distance_m,
