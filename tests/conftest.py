@@ -47,6 +47,9 @@ NOT_COMPUTED = (BROWSER, HERE / "integration", *BY_THE_CLOCK)  # `make computed`
 ALL_SOAK = "\npytestmark = pytest.mark.soak\n"
 REAL_TIME = (*NOT_COMPUTED, HERE / "system")
 
+# Made once before `--forks` copies the process, where several files need it: 2 s of a processor for each copy.
+ONCE = {"gcs.testing.virtual_show": "load_machine_code", "tests.support.written_show": "check_once"}
+
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--forks", type=int, default=0, help="collect once, run in so many copies")
@@ -158,14 +161,33 @@ def _is_in(folders: tuple[Path, ...], module: Path) -> bool:
     return any(folder in module.parents for folder in folders)
 
 
+def _importers(items: list[pytest.Item], module: str) -> int:
+    """The number of collected files that import that module, or a function or class of it."""
+    collected = {item.path: item.module for item in items if isinstance(item, pytest.Function)}
+    return sum(
+        any(
+            module in (getattr(value, "__module__", ""), getattr(value, "__name__", ""))
+            for value in vars(each).values()
+        )
+        for each in collected.values()
+    )
+
+
 def pytest_collection_finish(session: pytest.Session) -> None:
     """The garbage collector skips what collection made: these objects live as long as the process."""
     gc.freeze()
     gc.enable()
-    started = sys.modules.get("tests.support.started")
     forks = session.config.pluginmanager.getplugin("forks")
-    if forks is not None and started is not None and any(map(_keeps_time, session.items)):
-        forks.prepare(started.loaded)  # one for all workers: 3 s of a processor each
+    if forks is None:
+        return
+    if not any(map(_keeps_time, session.items)):
+        for module, work in ONCE.items():
+            if _importers(session.items, module) > 1:
+                forks.prepare(getattr(sys.modules[module], work))
+    elif "tests.support.started" in sys.modules:
+        forks.prepare(
+            sys.modules["tests.support.started"].loaded
+        )  # one for all workers: 3 s of a processor each
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
