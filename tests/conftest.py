@@ -47,7 +47,7 @@ NOT_COMPUTED = (BROWSER, HERE / "integration", *BY_THE_CLOCK)  # `make computed`
 ALL_SOAK = "\npytestmark = pytest.mark.soak\n"
 REAL_TIME = (*NOT_COMPUTED, HERE / "system")
 
-# Made once before `--forks` copies the process, where several files need it: 2 s of a processor for each copy.
+# Made once before `--forks` copies the process, where several files need it: 2 s of a processor for each.
 ONCE = {"gcs.testing.virtual_show": "load_machine_code", "tests.support.written_show": "check_once"}
 
 
