@@ -37,9 +37,10 @@ COMPUTING = -m "not realtime and $(if $(SOAK),,not) soak" -p no:schemathesis -n 
 computed: .venv/ready console compiled
 	$(NICE) $(BIN)/pytest $(COMPUTING) --timeout 1800  # it may wait long for its turn
 
-# Long files first; the many short ones fill what is left at the end. Four at once: most of the time they wait.
+# Long files first, the show flown by the page before all; the many short ones fill what is left at the end. Four at
+# once: most of the time they wait.
 FLOWN := -o cache_dir=.pytest_cache/flown -m "realtime and not soak" -p no:schemathesis -n 0 \
-  $(addprefix tests/,system browser integration unit/api unit/recording)
+  $(addprefix tests/,browser system integration unit/api unit/recording)
 
 # A real-time test fails when it fails twice, the second time alone, with fixtures of its own. A real defect ends
 # the second run at once. docs/testing.md
@@ -76,9 +77,7 @@ tested-with: .venv/ready  ## docs/reference/tested-with.md, from the tables of v
 	$(BIN)/python -m gcs.links.autopilots.versions.page > docs/reference/tested-with.md
 
 compiled: .venv/ready  ## the law as machine code, so that no flight waits for the compiler
-	@$(BIN)/python -c "from gcs.flight import composition; from gcs.mavlink import codec, reports; \
-	  from gcs.stations import publishing; \
-	  [each.warm_up() for each in (composition, publishing, codec, reports)]"
+	@$(BIN)/python -m tests.support.machine_code
 
 check: .venv/ready  ## vocabulary, ruff, mypy, import contracts, the project's own files
 	$(BIN)/python -m tests.vocabulary
