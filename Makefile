@@ -21,7 +21,6 @@ demo: ready  ## fly the whole story with the fake fleet; ARGS="--vehicles 8 --se
 NICE := nice -n 1
 
 test: ready  ## lint, types, import contracts, every test: what computes beside what flies in real time
-	@$(MAKE) --no-print-directory compiled
 	@$(MAKE) --no-print-directory -j3 --output-sync=target checked computed flown
 	@$(BIN)/python -m tests.support.browsers  # its last line says when the console was not tested
 
@@ -32,19 +31,20 @@ IN_CHECK := $(addprefix unit/test_,project_files.py packages.py decisions.py)
 
 # Folders without a test that computes are not collected (conftest.py refuses one there), nor is a plugin loaded
 # that only a soak test needs. In the order of the folders, flights first, the short tests fill what is left.
-COMPUTING = -m "not realtime and $(if $(SOAK),,not) soak" -p no:schemathesis -n 0 --forks 6 \
+COMPUTING = -m "not realtime and $(if $(SOAK),,not) soak" -p no:schemathesis -n 0 --forks 8 \
   $(addprefix --ignore=tests/,browser integration unit/api unit/recording $(IN_CHECK))
 
-computed: .venv/ready console
+computed: .venv/ready console compiled
 	$(NICE) $(BIN)/pytest $(COMPUTING) --timeout 1800  # it may wait long for its turn
 
-# Long files first; the many short ones fill what is left at the end. Four at once: most of the time they wait.
+# Long files first, the show flown by the page before all; the many short ones fill what is left at the end. Four at
+# once: most of the time they wait.
 FLOWN := -o cache_dir=.pytest_cache/flown -m "realtime and not soak" -p no:schemathesis -n 0 \
-  $(addprefix tests/,system browser integration unit/api unit/recording)
+  $(addprefix tests/,browser system integration unit/api unit/recording)
 
 # A real-time test fails when it fails twice, the second time alone, with fixtures of its own. A real defect ends
 # the second run at once. docs/testing.md
-flown: .venv/ready console
+flown: .venv/ready console compiled
 	@rm -rf .pytest_cache/flown
 	$(BIN)/pytest $(FLOWN) --forks 4 || { [ $$? = 1 ] && echo "Again, one by one:" && \
 	  $(BIN)/pytest $(FLOWN) --again --exitfirst; }
@@ -77,9 +77,7 @@ tested-with: .venv/ready  ## docs/reference/tested-with.md, from the tables of v
 	$(BIN)/python -m gcs.links.autopilots.versions.page > docs/reference/tested-with.md
 
 compiled: .venv/ready  ## the law as machine code, so that no flight waits for the compiler
-	@$(BIN)/python -c "from gcs.flight import composition; from gcs.mavlink import codec, reports; \
-	  from gcs.stations import publishing; \
-	  [each.warm_up() for each in (composition, publishing, codec, reports)]"
+	@$(BIN)/python -m tests.support.machine_code
 
 check: .venv/ready  ## vocabulary, ruff, mypy, import contracts, the project's own files
 	$(BIN)/python -m tests.vocabulary

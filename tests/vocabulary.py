@@ -72,7 +72,11 @@ def python_names(source: str) -> Iterator[tuple[int, str]]:
 
 def pronouns(source: str) -> Iterator[tuple[int, str]]:
     """Variables and parameters of functions that say nothing, each with its line."""
-    for function in ast.walk(ast.parse(source)):
+    tree = ast.parse(source)
+    used = {getattr(node, "id", getattr(node, "arg", None)) for node in ast.walk(tree)}
+    if used.isdisjoint(TABLE["pronouns"]):  # in most files; below a function is walked twice
+        return
+    for function in ast.walk(tree):
         if not isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef):
             continue
         lines: dict[str, int] = {}

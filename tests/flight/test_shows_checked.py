@@ -13,6 +13,7 @@ from gcs.shows import LoadedShow, load, shipped
 from gcs.shows.service_rules import ServiceRules
 from gcs.simulation.rehearsal import Rehearsal, rehearse
 from gcs.simulation.scenario import Adversity
+from tests.support.written_show import TEXT
 
 _rehearsed: dict[tuple[str, int], Rehearsal] = {}
 
@@ -111,8 +112,15 @@ def test_the_table_names_every_cue(capsys: pytest.CaptureFixture[str]) -> None:
     assert all(name in reported for name in ("begin", "change", "end", "battery", "closest"))
 
 
-def test_vertical_overlaps_are_named(capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["show", "check", "lighthouse"]) == 0
+def test_vertical_overlaps_are_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Six stand on a sphere, one above another."""
+    file, cue = (
+        tmp_path / "short.yaml",
+        "{cue: stand, at_s: 0, radius_m: 8, height_m: 16, target: {x_m: 3, y_m: 1}}",
+    )
+    begin = TEXT.partition("timeline:")[0].replace("vehicles: 4", "vehicles: 6").replace("42.0", "10.0")
+    file.write_text(f"{begin}timeline:\n  - {cue}\n")
+    assert main(["show", "check", str(file)]) == 0
     (line,) = [reported for reported in capsys.readouterr().out.splitlines() if "columns of" in reported]
     assert "pairs overlap: " in line
     assert " above " in line

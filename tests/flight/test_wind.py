@@ -21,6 +21,8 @@ from gcs.service.go import WeatherEntry
 from gcs.testing.virtual_show import FLEET_STEP_S, READY_AT_ONCE, VirtualShow, fly
 from tests.flight.test_show_autopilots import ARDUPILOT, PX4, config_of
 
+pytestmark = pytest.mark.soak
+
 FLEETS: Final = {"px4": (PX4, PX4), "ardupilot": (ARDUPILOT, ARDUPILOT), "mixed": (PX4, ARDUPILOT)}
 FROM_RAD: Final = 2.0
 """Where the air moves, from north over east."""
@@ -78,7 +80,6 @@ def flown(story: Any, kinds: str, count: int, **sections: Any) -> Any:
 ALL = [(kinds, count, m_s) for kinds in FLEETS for count in (1, 4, 20) for m_s in (3.0, 6.0, 9.0)]
 
 
-@pytest.mark.keeps("ardupilot-1-6.0")
 @pytest.mark.parametrize(("kinds", "count", "speed_m_s"), ALL)
 def test_an_orbit_shows_the_wind_within_30_s(kinds: str, count: int, speed_m_s: float) -> None:
     async def story(show: VirtualShow) -> float:
@@ -93,7 +94,6 @@ def test_an_orbit_shows_the_wind_within_30_s(kinds: str, count: int, speed_m_s: 
     assert flown(story, kinds, count) <= 1.5
 
 
-@pytest.mark.soak
 @pytest.mark.parametrize("kinds", ["px4", "ardupilot"])
 def test_a_step_of_wind_beyond_the_limit_is_named_within_15_s(kinds: str) -> None:
     """Until the operator has brought the show home, the alarm says how much it is and how much is allowed."""
@@ -123,7 +123,6 @@ def test_a_step_of_wind_beyond_the_limit_is_named_within_15_s(kinds: str) -> Non
     flown(story, kinds, 4)
 
 
-@pytest.mark.soak
 def test_weather_that_was_entered_too_low_is_contradicted() -> None:
     async def story(show: VirtualShow) -> None:
         await show.standby()
@@ -140,7 +139,6 @@ def test_weather_that_was_entered_too_low_is_contradicted() -> None:
     flown(story, "px4", 4, go={"weather": {"wind_max_m_s": 12.0, "kp_max": 4.0, "age_max_s": 3600.0}})
 
 
-@pytest.mark.soak
 @pytest.mark.parametrize("kinds", ["px4", "ardupilot"])
 def test_calm_raises_no_alarm_of_the_wind(kinds: str) -> None:
     async def story(show: VirtualShow) -> float:
@@ -159,7 +157,6 @@ def test_calm_raises_no_alarm_of_the_wind(kinds: str) -> None:
 FIELD_M: Final = ((-70.0, -70.0), (70.0, -70.0), (70.0, 70.0), (-70.0, 70.0))
 
 
-@pytest.mark.soak
 def test_more_wind_than_allowed_counts_for_where_vehicles_fall() -> None:
     """The discs grow with what was measured, and stay so for the flight; ways round walls remain."""
 
@@ -200,7 +197,6 @@ def over_a_field(count: int) -> dict[str, Any]:
     return control
 
 
-@pytest.mark.soak
 def test_a_silent_moment_of_the_only_vehicle_ends_no_flight() -> None:
     """Its reports come 1.4 s later from then on: where it may fall is no smaller for that."""
 
@@ -222,7 +218,6 @@ def test_a_silent_moment_of_the_only_vehicle_ends_no_flight() -> None:
     flown(story, "ardupilot", 1, control=over_a_field(1))
 
 
-@pytest.mark.soak
 def test_the_flight_report_has_the_greatest_wind(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     plan = config("ardupilot", 2)
 

@@ -25,6 +25,7 @@ from gcs.shows.timecode import Chase, Rate, Reading
 from gcs.shows.timecode.receiver import MIDI, bound_of, keep_receiving
 from gcs.shows.timecode.smpte import Label
 from tests.support.machine import free_ports
+from tests.support.started import run
 from tests.support.timecode import INVITATION, SYNC, pcm, rtp, running, sound
 
 START, RATE = Label(1, 0, 0, 0), Rate.FPS_25
@@ -171,8 +172,8 @@ def test_gcs_timecode_prints_a_file(tmp_path: Path) -> None:
         file.setsampwidth(2)
         file.setframerate(SAMPLES_PER_S)
         file.writeframes(pcm(sound(START, RATE, 3.0, SAMPLES_PER_S)))
-    words = [sys.executable, "-m", "gcs", "timecode", str(path), "--json"]
-    done = subprocess.run(words, capture_output=True, text=True, check=True, timeout=120)
+    done = run("gcs", "timecode", str(path), "--json", timeout_s=120.0)
+    assert done.returncode == 0
     lines = [json.loads(line) for line in done.stdout.splitlines()]
     assert [line["label"][:8] for line in lines] == ["01:00:00", "01:00:01", "01:00:02"]
     assert {line["frame_rate"] for line in lines} == {"25"}
@@ -191,8 +192,7 @@ def test_gcs_timecode_refuses_what_is_no_sound(
 ) -> None:
     path = tmp_path / "file.wav"
     path.write_bytes(content)
-    command = [sys.executable, "-m", "gcs", "timecode", str(path), *words]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    done = run("gcs", "timecode", str(path), *words, timeout_s=120.0)
     assert done.returncode != 0
     assert says in done.stderr
     assert "Traceback" not in done.stderr

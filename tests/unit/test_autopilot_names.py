@@ -57,6 +57,8 @@ def compared(node: ast.AST) -> Iterator[str]:
 
 def places(source: str) -> list[str]:
     """Lines of a module that name an autopilot, or compare one."""
+    if not NAMED.search(source) and not any(word in source for word in DECIDES):  # not worth parsing
+        return []
     return [
         f"{getattr(node, 'lineno', 0)}: {name}"
         for node in ast.walk(ast.parse(source))

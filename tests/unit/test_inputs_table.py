@@ -46,6 +46,8 @@ def dotted(function: ast.expr) -> str:
 
 def opening(source: str) -> Iterator[str]:
     """Calls in a source that open an input."""
+    if not any(name in source for name in OPENS):  # not worth parsing
+        return
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Call):
             for name in map(dotted, (node.func, *node.args)):  # or another thread calls it

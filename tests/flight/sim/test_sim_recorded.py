@@ -39,7 +39,7 @@ def build(kind: list[Any]) -> Any:
 def play(name: str) -> tuple[Bench, float, dict[str, Any]]:
     """Feed the recorded station's messages at their times; the bench, and when the recording began."""
     recording = digest(name)
-    bench = Bench(STEP_S)
+    bench = Bench()
     bench.heartbeats = False
     bench.ready()
     for message_id in QUIET:  # their frames are not compared here, and cost time

@@ -8,6 +8,8 @@ import pytest
 from gcs.model.state import Array
 from tests.bench.race.methods import Barrier, Memoryless, Method, Rvo2, orca, voronoi_cells
 
+pytestmark = pytest.mark.soak
+
 DT_S, SPEED_M_S = 0.05, 2.0
 FLOOR_M = 3.0
 NONE = np.zeros((0, 7))
@@ -32,7 +34,6 @@ def flown(
     return here_m, least_m
 
 
-@pytest.mark.soak
 @pytest.mark.parametrize("name", METHODS)
 def test_two_that_meet_pass_and_arrive(name: str) -> None:
     start_m = np.array([[-20.0, 0.0, -30.0], [20.0, 0.3, -30.0]])
