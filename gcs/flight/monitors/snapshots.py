@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from math import isfinite
 from typing import Final
 
 import numpy as np
@@ -28,7 +29,7 @@ from gcs.service.vehicle_table import VehicleTable
 
 
 def finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+    return float(value) if isfinite(value) else None
 
 
 def fleet_view(
