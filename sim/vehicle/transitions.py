@@ -54,7 +54,8 @@ class Transitions:
                     self.commanders[row].lose_position()
             charge = batteries.charge_state()
             if self.commanders[0].firmware_release >= failsafe.WORSE_THAN_AT_ARMING:
-                state.charge = np.where(armed & ~state.flown, charge, state.charge)
+                waits = armed & ~state.flown
+                state.charge[waits] = charge[waits]
             weak = armed & ~state.landed & (charge > state.charge)
             for row in weak.nonzero()[0].tolist():
                 self.commanders[row].weaken(int(charge[row]))
