@@ -188,10 +188,10 @@ class Fleet:
         estimate_m = self._scale * self.bodies.position_m + self._error.position_m
         estimate_m += state.offset_m + state.drift_m
         estimate_m[:, 2] -= state.barometer_m
-        frozen_m = state.frozen_m
-        estimate_m = np.where(np.isnan(frozen_m), estimate_m, frozen_m)
         received_m = self.bodies.position_m + self._receiver_error.position_m + state.offset_m
-        received_m = np.where(np.isnan(frozen_m), received_m, frozen_m)
+        frozen = ~np.isnan(state.frozen_m)
+        if np.count_nonzero(frozen):
+            estimate_m[frozen] = received_m[frozen] = state.frozen_m[frozen]
         if self._lost:
             unknown = np.isnan(self._local_origin_m[:, 0])
             fresh = (self.time_s >= state.fix_at_s) & unknown

@@ -221,8 +221,14 @@ def _remember(
 ) -> Memory:
     """State for the next tick."""
     law_state = places.answer.next_state()
-    commanded_m_s, unfiltered_m_s, asked_m_s = _of_commanded(
-        mine.commanded, sent.allowed_m_s, sent.reached_m_s, sent.desired_m_s, sent.yields
+    commanded_m_s, unfiltered_m_s, asked_m_s, setpoint_m_s = _of_commanded(
+        mine.commanded,
+        sent.allowed_m_s,
+        sent.reached_m_s,
+        sent.desired_m_s,
+        sent.yields,
+        sent.setpoint_m_s,
+        memory.trim_m_s,
     )
     trim_m_s, expected_m_s, pace = shaped.learn()
     return Memory(
@@ -232,7 +238,7 @@ def _remember(
         desired_m_s=commanded_m_s,
         unfiltered_m_s=unfiltered_m_s,
         asked_m_s=asked_m_s,
-        setpoint_m_s=np.where(mine.commanded[:, None], sent.setpoint_m_s - memory.trim_m_s, np.nan),
+        setpoint_m_s=setpoint_m_s,
         yaw_rad=yaw[0],
         held_yaw_rad=yaw[1],
         engaged_time_s=lead.engaged_time_s,
@@ -326,16 +332,23 @@ def _authority(now: TickInputs, memory: Memory) -> Authority:
 
 @kernel
 def _of_commanded(
-    commanded: Mask, allowed_m_s: Array, reached_m_s: Array, desired_m_s: Array, yields: Mask
-) -> tuple[Array, Array, Array]:
-    """(n, 3) velocities as `desired_m_s`, `unfiltered_m_s` and `asked_m_s` of Memory."""
+    commanded: Mask,
+    allowed_m_s: Array,
+    reached_m_s: Array,
+    desired_m_s: Array,
+    yields: Mask,
+    sent_m_s: Array,
+    trim_m_s: Array,
+) -> tuple[Array, Array, Array, Array]:
+    """(n, 3) velocities as `desired_m_s`, `unfiltered_m_s`, `asked_m_s` and `setpoint_m_s` of Memory."""
     commanded_m_s, asked_m_s = np.full_like(allowed_m_s, np.nan), np.full_like(allowed_m_s, np.nan)
-    unfiltered_m_s = np.full_like(allowed_m_s, np.nan)
+    unfiltered_m_s, setpoint_m_s = np.full_like(allowed_m_s, np.nan), np.full_like(allowed_m_s, np.nan)
     for i in range(len(commanded)):
         if commanded[i]:
             commanded_m_s[i], unfiltered_m_s[i] = allowed_m_s[i], reached_m_s[i]
             asked_m_s[i] = desired_m_s[i] if yields[i] else allowed_m_s[i]
-    return commanded_m_s, unfiltered_m_s, asked_m_s
+            setpoint_m_s[i] = sent_m_s[i] - trim_m_s[i]
+    return commanded_m_s, unfiltered_m_s, asked_m_s, setpoint_m_s
 
 
 def _surroundings(

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
+from math import isfinite
 from typing import Final
 
 import numpy as np
@@ -411,6 +412,5 @@ def _unknown(n: int) -> Array:
 
 def tuple3(row: Array) -> tuple[float, float, float] | None:
     """A finite (3,) row as floats, else None."""
-    if not np.isfinite(row).all():
-        return None
-    return float(row[0]), float(row[1]), float(row[2])
+    x, y, z = row.tolist()
+    return (x, y, z) if isfinite(x) and isfinite(y) and isfinite(z) else None

@@ -73,6 +73,11 @@ class CorrectionSender:
             self._waiting.popleft()
             self.dropped += 1
 
+    @property
+    def waits(self) -> bool:
+        """Whether there is something to send."""
+        return bool(self._waiting)
+
     def send(self, now_s: float) -> None:
         """Send what waits and has room."""
         copies, parts = 0, list[Records]()

@@ -78,7 +78,9 @@ class SetpointRouting:
         if setpoints.ids != self._ids:
             self._ids, self._parts = setpoints.ids, self._cut(setpoints.ids, len(self._parts))
         return [
-            Setpoints(setpoints.time_s, ids, setpoints.velocity_m_s[rows], setpoints.yaw_rad[rows])
+            setpoints
+            if ids == setpoints.ids
+            else Setpoints(setpoints.time_s, ids, setpoints.velocity_m_s[rows], setpoints.yaw_rad[rows])
             for ids, rows in self._parts
         ]
 

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from operator import attrgetter
 from typing import Any, Final
 
 import numpy as np
@@ -12,6 +13,8 @@ from gcs.model.state import Array, Counts, Landed, Mask, Mode, VehicleId, counts
 from gcs.model.vehicle_columns import COLUMNS, VehicleNumbers, unknown
 
 VECTORS: Final = ("position_m", "velocity_m_s", "setpoint_m_s")
+
+_NUMBERS: Final = attrgetter(*COLUMNS)
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -44,8 +47,8 @@ class VehicleTable(VehicleNumbers):
         n = len(self.ids)
         for name in VECTORS:
             freeze(getattr(self, name), (n, 3), name)
-        for name in COLUMNS:
-            freeze(getattr(self, name), (n,), name)
+        for name, column in zip(COLUMNS, _NUMBERS(self), strict=True):
+            freeze(column, (n,), name)
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Homes as one array: a thousand small ones would take as long as all other columns."""

@@ -110,7 +110,7 @@ class Px4:
         powered = state.powered
         self._guidance.turn(powered, step_s)
         self._batteries.drain(powered, step_s)
-        state.demanded_m_s = np.where(state.armed[:, np.newaxis], demand_m_s, np.nan)
+        state.demanded_m_s = demand_m_s
         self.bodies.step(
             demand_m_s,
             wind_m_s=disturbance.wind_m_s,

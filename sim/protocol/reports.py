@@ -45,6 +45,7 @@ ARMED, GUIDED = 128, 16
 UNKNOWN_CELL_MV = 65535
 THROTTLE_HOVER = 0.5
 NAN = math.nan
+DEGREES = np.array((1e7, 1e7, 1e3))  # and metres, as messages have them
 
 
 def _diagonal(*values: float) -> list[float]:
@@ -137,7 +138,7 @@ def ping(s: Snapshot) -> Fields:
 
 def system_time(s: Snapshot) -> Fields:
     unix_s = np.where(s.has_fix, s.unix_s + s.state.unix_ahead_s[s.rows], 0.0)  # known from GPS
-    return {"time_unix_usec": np.round(unix_s * 1e6), "time_boot_ms": s.boot_ms}
+    return {"time_unix_usec": np.rint(unix_s * 1e6), "time_boot_ms": s.boot_ms}
 
 
 def timesync(s: Snapshot) -> Fields:
@@ -171,7 +172,8 @@ def position_target_local_ned(s: Snapshot) -> Fields:
         "z": NAN,
         "yaw": s.yaw_rad,
     }
-    return fields | _split(("vx", "vy", "vz"), s.state.demanded_m_s[s.rows])
+    demanded_m_s = np.where(s.state.armed[s.rows, np.newaxis], s.state.demanded_m_s[s.rows], NAN)
+    return fields | _split(("vx", "vy", "vz"), demanded_m_s)
 
 
 def highres_imu(s: Snapshot) -> Fields:
@@ -196,11 +198,11 @@ def highres_imu(s: Snapshot) -> Fields:
 
 def global_position_int(s: Snapshot) -> Fields:
     above_home_m = s.state.home_m[s.rows, 2] - s.position_m[:, 2]
-    fields = {"time_boot_ms": s.boot_ms, "relative_alt": np.round(above_home_m * 1e3), "hdg": s.heading_cdeg}
+    fields = {"time_boot_ms": s.boot_ms, "relative_alt": np.rint(above_home_m * 1e3), "hdg": s.heading_cdeg}
     return (
         fields
-        | _split(("lat", "lon", "alt"), np.round(s.place * (1e7, 1e7, 1e3)))
-        | _split(("vx", "vy", "vz"), np.round(100.0 * s.velocity_m_s))
+        | _split(("lat", "lon", "alt"), np.rint(s.place * DEGREES))
+        | _split(("vx", "vy", "vz"), np.rint(100.0 * s.velocity_m_s))
     )
 
 
@@ -244,7 +246,7 @@ def altitude(s: Snapshot) -> Fields:
 
 def distance_sensor(s: Snapshot) -> Fields:
     """A rangefinder that looks down, in centimetres."""
-    height_cm = np.clip(np.round(s.sensors.height_m[s.rows] * 100.0), 0, 65535)
+    height_cm = np.clip(np.rint(s.sensors.height_m[s.rows] * 100.0), 0, 65535)
     return {
         "time_boot_ms": s.boot_ms,
         "max_distance": 10000,
@@ -268,18 +270,18 @@ def gps_raw_int(s: Snapshot) -> Fields:
     received = s.sensors.locate(s.sensors.received_m[s.rows])
     course_deg = np.degrees(np.arctan2(s.velocity_m_s[:, 1], s.velocity_m_s[:, 0]))
     state, rows = s.state, s.rows
-    place = _split(("lat", "lon", "alt"), np.round(received * (1e7, 1e7, 1e3)))
+    place = _split(("lat", "lon", "alt"), np.rint(received * DEGREES))
     return place | {
         "time_usec": s.boot_us,
         "fix_type": state.fix_type[rows],
-        "eph": np.round(100.0 * state.hdop[rows]),
-        "epv": np.round(100.0 * state.vdop[rows]),
-        "vel": np.minimum(np.round(s.ground_speed_m_s * 100.0), 65534),
-        "cog": np.round(course_deg * 100.0) % 36000,
+        "eph": np.rint(100.0 * state.hdop[rows]),
+        "epv": np.rint(100.0 * state.vdop[rows]),
+        "vel": np.minimum(np.rint(s.ground_speed_m_s * 100.0), 65534),
+        "cog": np.rint(course_deg * 100.0) % 36000,
         "satellites_visible": np.where(state.fix_type[rows] > NO_FIX, 10, 0),
         "alt_ellipsoid": place["alt"],
-        "h_acc": np.round(1e3 * state.horizontal_accuracy_m[rows]),
-        "v_acc": np.round(1e3 * state.vertical_accuracy_m[rows]),
+        "h_acc": np.rint(1e3 * state.horizontal_accuracy_m[rows]),
+        "v_acc": np.rint(1e3 * state.vertical_accuracy_m[rows]),
         "vel_acc": 400,
     }
 
@@ -287,7 +289,7 @@ def gps_raw_int(s: Snapshot) -> Fields:
 def home_position(s: Snapshot) -> Fields:
     state, rows = s.state, s.rows
     level = np.zeros(len(rows))
-    places = np.round(state.home_place[rows] * (1e7, 1e7, 1e3))
+    places = np.rint(state.home_place[rows] * DEGREES)
     return {
         **_split(("latitude", "longitude", "altitude"), places),
         **_split(("x", "y", "z"), state.home_m[rows]),

@@ -58,7 +58,7 @@ class Snapshot:
 
     @property
     def heading_cdeg(self) -> Array:
-        heading_cdeg: Array = np.round(np.degrees(self.yaw_rad) % 360.0 * 100.0) % 36000
+        heading_cdeg: Array = np.rint(np.degrees(self.yaw_rad) % 360.0 * 100.0) % 36000
         return heading_cdeg
 
     @cached_property

@@ -101,7 +101,7 @@ class PointMasses(Mass):
         step_s /= self._parts
         self._step_s, self._response = step_s, response
         self._blend = -math.expm1(-step_s / response.lag_s)  # share of the way to the desired acceleration
-        self._gains, self._integral_gains, self._limits = (
+        self._gains, integral_gains, self._limits = (
             np.array((level, level, upright))
             for level, upright in (
                 (response.proportional_per_s, response.vertical_proportional_per_s),
@@ -109,6 +109,7 @@ class PointMasses(Mass):
                 (response.acceleration_limit_m_s2, response.vertical_acceleration_limit_m_s2),
             )
         )
+        self._step_gains = step_s * integral_gains  # of the integrator
         steps = response.delay_s / step_s  # between two steps the delay interpolates
         self._late = math.floor(steps + 1e-9)
         self._share = max(steps - self._late, 0.0)
@@ -165,7 +166,7 @@ class PointMasses(Mass):
         desired_m_s2 = self._gains * error_m_s + self.integral_m_s2
         size_m_s2 = np.abs(desired_m_s2)
         size_m_s2[:, :2] = np.hypot(desired_m_s2[:, 0], desired_m_s2[:, 1])[:, np.newaxis]
-        gain_m_s2 = self._step_s * self._integral_gains * error_m_s
+        gain_m_s2 = self._step_gains * error_m_s
         if not np.count_nonzero(size_m_s2 > self._limits):
             return desired_m_s2, self.integral_m_s2 + gain_m_s2
         scale = np.minimum(1.0, self._limits / np.maximum(size_m_s2, 1e-12))

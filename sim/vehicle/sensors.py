@@ -185,7 +185,7 @@ class Batteries:
         """(n,), at the pack: recorded 16200 when full, 15300 at half."""
         p = self.parameters
         cell_v = p["BAT1_V_EMPTY"] + self.state.remaining * (p["BAT1_V_CHARGED"] - p["BAT1_V_EMPTY"])
-        return np.round(1000.0 * p["BAT1_N_CELLS"] * cell_v)
+        return np.rint(1000.0 * p["BAT1_N_CELLS"] * cell_v)
 
     def charge_state(self) -> Numbers:
         """(n,), by the three thresholds BAT_LOW_THR, BAT_CRIT_THR, BAT_EMERGEN_THR."""

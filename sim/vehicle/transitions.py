@@ -48,12 +48,14 @@ class Transitions:
             self._watch_transponders(armed)
             for row in (armed & (state.now_s >= state.acts_at_s)).nonzero()[0].tolist():
                 self.commanders[row].act()
-            lost = armed & ~state.landed & state.position_lost & ~state.blind & ~BY_HAND[state.mode]
-            for row in (lost & ~state.terminated).nonzero()[0].tolist():
-                self.commanders[row].lose_position()
+            if np.count_nonzero(state.position_lost):
+                lost = armed & ~state.landed & state.position_lost & ~state.blind & ~BY_HAND[state.mode]
+                for row in (lost & ~state.terminated).nonzero()[0].tolist():
+                    self.commanders[row].lose_position()
             charge = batteries.charge_state()
             if self.commanders[0].firmware_release >= failsafe.WORSE_THAN_AT_ARMING:
-                state.charge = np.where(armed & ~state.flown, charge, state.charge)
+                waits = armed & ~state.flown
+                state.charge[waits] = charge[waits]
             weak = armed & ~state.landed & (charge > state.charge)
             for row in weak.nonzero()[0].tolist():
                 self.commanders[row].weaken(int(charge[row]))

@@ -52,7 +52,7 @@ class Corrections(Feature):
 
     def send(self) -> None:
         for link, sender in self._senders:
-            if (reached := link.reached()) is not None:
+            if sender.waits and (reached := link.reached()) is not None:
                 sender.send(reached[0])
 
     def why_stopped(self, now_s: float) -> str:

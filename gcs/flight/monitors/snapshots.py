@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from math import isfinite
 from typing import Final
 
 import numpy as np
@@ -28,7 +29,7 @@ from gcs.service.vehicle_table import VehicleTable
 
 
 def finite(value: float) -> float | None:
-    return float(value) if np.isfinite(value) else None
+    return float(value) if isfinite(value) else None
 
 
 def fleet_view(
@@ -90,6 +91,13 @@ def _reason(reason: str, failsafes: Sequence[ActiveFailsafe]) -> str:
     return reason if lower is None else f"flies lower: {lower.reason}; {reason}"
 
 
+def _arrived(newest_s: Array, values: Array) -> Array:
+    """A copy of (n,) values, NaN where nothing has arrived until now: at -inf."""
+    values = values.copy()
+    values[newest_s == -np.inf] = np.nan
+    return values
+
+
 def measured(newest: Newest, link_quality: LinkQuality) -> dict[str, Array]:
     """(n,) each: the numbers of `gcs.model.vehicle_columns`, as of the newest tick."""
     fleet, telemetry = newest.state, newest.telemetry
@@ -103,8 +111,8 @@ def measured(newest: Newest, link_quality: LinkQuality) -> dict[str, Array]:
         "battery_remaining": telemetry.battery_remaining,
         "position_age_s": fleet.age_s,
         "heartbeat_age_s": fleet.time_s - telemetry.heartbeat_time_s,
-        "uncertainty_m": np.where(telemetry.position_time_s > -np.inf, newest.traits.uncertainty_m, np.nan),
-        "link_quality": np.where(telemetry.life_time_s > -np.inf, link_quality.share, np.nan),
+        "uncertainty_m": _arrived(telemetry.position_time_s, newest.traits.uncertainty_m),
+        "link_quality": _arrived(telemetry.life_time_s, link_quality.share),
         "fix_type": telemetry.fix_type,
     }
 

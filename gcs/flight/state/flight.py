@@ -270,9 +270,8 @@ class Flight:
             self.newest.state = replace(self.newest.state, position_m=position_m)
         jumps = now_s - self.table.reset_time_s, self.table.jumped_m
         about = self.uncertainty_on_pads_m, *jumps, self.in_force.control.safety.floor.deviations
-        self.newest.traits = replace(
-            self.newest.traits, uncertainty_m=self.config.positioning.after_jumps_m(*about)
-        )
+        uncertain_m, traits = self.config.positioning.after_jumps_m(*about), self.newest.traits
+        self.newest.traits = Traits(traits.charge, traits.speed_max_m_s, uncertain_m, traits.response)
         return self.newest.state
 
     @property

@@ -104,8 +104,8 @@ def sys_status(s: Snapshot) -> Fields:
         "onboard_control_sensors_present": SENSORS | fenced,
         "onboard_control_sensors_enabled": SENSORS & ~disabled | guarded,
         "onboard_control_sensors_health": SENSORS_HEALTHY & ~unhealthy,
-        "voltage_battery": np.round(1e3 * s.batteries.voltage_v()[rows]),
-        "current_battery": np.round(1e2 * s.batteries.current_a()[rows]),
+        "voltage_battery": np.rint(1e3 * s.batteries.voltage_v()[rows]),
+        "current_battery": np.rint(1e2 * s.batteries.current_a()[rows]),
         "battery_remaining": s.batteries.remaining_percent()[rows],
     }
 
@@ -114,14 +114,14 @@ def battery_status(s: Snapshot) -> Fields:
     """The first voltage is the whole pack's (habit 52)."""
     voltages_mv = np.full((len(s.rows), 10), UNKNOWN_CELL_MV)
     voltage_v = s.batteries.voltage_v()[s.rows]
-    voltages_mv[:, 0] = np.round(1e3 * voltage_v)
+    voltages_mv[:, 0] = np.rint(1e3 * voltage_v)
     used_mah = s.batteries.used_mah()[s.rows]
     return {
         "temperature": 32767,
         "voltages": voltages_mv,
-        "current_battery": np.round(1e2 * s.batteries.current_a()[s.rows]),
-        "current_consumed": np.round(used_mah),
-        "energy_consumed": np.round(0.036 * used_mah * voltage_v),
+        "current_battery": np.rint(1e2 * s.batteries.current_a()[s.rows]),
+        "current_consumed": np.rint(used_mah),
+        "energy_consumed": np.rint(0.036 * used_mah * voltage_v),
         "battery_remaining": s.batteries.remaining_percent()[s.rows],
     }
 
@@ -133,7 +133,7 @@ def extended_sys_state(s: Snapshot) -> Fields:
 def system_time(s: Snapshot) -> Fields:
     lost_s = (s.state.now_s - s.state.boot_s[s.rows]) * (1.0 - s.state.clock_rate[s.rows])  # simulated time
     unix_s = np.where(s.has_fix, s.unix_s + s.state.unix_ahead_s[s.rows] - lost_s, 0.0)  # known from GPS
-    return {"time_unix_usec": np.round(unix_s * 1e6), "time_boot_ms": s.boot_ms}
+    return {"time_unix_usec": np.rint(unix_s * 1e6), "time_boot_ms": s.boot_ms}
 
 
 def timesync(s: Snapshot) -> Fields:
@@ -151,13 +151,13 @@ def global_position_int(s: Snapshot) -> Fields:
     velocity_m_s = np.where(s.has_position[:, np.newaxis], s.velocity_m_s, 0.0)
     fields = {
         "time_boot_ms": s.boot_ms,
-        "relative_alt": np.round(-1e3 * s.from_home_m[:, 2]),
+        "relative_alt": np.rint(-1e3 * s.from_home_m[:, 2]),
         "hdg": s.heading_cdeg,
     }
     return (
         fields
-        | _split(("lat", "lon", "alt"), np.round(s.place * DEGREES))
-        | _split(("vx", "vy", "vz"), np.round(100.0 * velocity_m_s))
+        | _split(("lat", "lon", "alt"), np.rint(s.place * DEGREES))
+        | _split(("vx", "vy", "vz"), np.rint(100.0 * velocity_m_s))
     )
 
 
@@ -175,16 +175,16 @@ def gps_raw_int(s: Snapshot) -> Fields:
     course_deg = np.degrees(np.arctan2(s.velocity_m_s[:, 1], s.velocity_m_s[:, 0]))
     state, rows = s.state, s.rows
     disabled = s.parameters["SIM_GPS_DISABLE"][rows] > 0
-    return _split(("lat", "lon", "alt"), np.round(received * DEGREES)) | {
+    return _split(("lat", "lon", "alt"), np.rint(received * DEGREES)) | {
         "time_usec": s.boot_us,
         "fix_type": np.where(disabled, 1, state.fix_type[rows]),
-        "eph": np.round(100.0 * state.hdop[rows]),
-        "epv": np.round(100.0 * state.vdop[rows]),
-        "vel": np.minimum(np.round(s.ground_speed_m_s * 100.0), 65534),
-        "cog": np.round(course_deg * 100.0) % 36000,
+        "eph": np.rint(100.0 * state.hdop[rows]),
+        "epv": np.rint(100.0 * state.vdop[rows]),
+        "vel": np.minimum(np.rint(s.ground_speed_m_s * 100.0), 65534),
+        "cog": np.rint(course_deg * 100.0) % 36000,
         "satellites_visible": np.where(disabled, 0, 10),
-        "h_acc": np.round(1e3 * state.horizontal_accuracy_m[rows]),
-        "v_acc": np.round(1e3 * state.vertical_accuracy_m[rows]),
+        "h_acc": np.rint(1e3 * state.horizontal_accuracy_m[rows]),
+        "v_acc": np.rint(1e3 * state.vertical_accuracy_m[rows]),
         "vel_acc": 40,
     }
 
@@ -192,7 +192,7 @@ def gps_raw_int(s: Snapshot) -> Fields:
 def home_position(s: Snapshot) -> Fields:
     """Always at its own (0, 0, 0), level (habit 34)."""
     state, rows = s.state, s.rows
-    places = np.round(state.home_place[rows] * DEGREES)
+    places = np.rint(state.home_place[rows] * DEGREES)
     level = np.tile((1.0, 0.0, 0.0, 0.0), (len(rows), 1))
     names = ("latitude", "longitude", "altitude")
     return _split(names, places) | {"q": level, "time_usec": s.boot_us}
@@ -201,7 +201,7 @@ def home_position(s: Snapshot) -> Fields:
 def gps_global_origin(s: Snapshot) -> Fields:
     """Where the EKF started: home moves, this does not (habit 34)."""
     place = s.located(np.zeros((len(s.rows), 3)))
-    return _split(("latitude", "longitude", "altitude"), np.round(place * DEGREES)) | {"time_usec": s.boot_us}
+    return _split(("latitude", "longitude", "altitude"), np.rint(place * DEGREES)) | {"time_usec": s.boot_us}
 
 
 def ekf_status_report(s: Snapshot) -> Fields:
@@ -272,7 +272,7 @@ def vibration(s: Snapshot) -> Fields:
 def scaled_imu3(s: Snapshot) -> Fields:
     """The third unit is a compass only."""
     north, east = 236.0 * np.cos(s.yaw_rad), -236.0 * np.sin(s.yaw_rad)
-    return {"time_boot_ms": s.boot_ms, "xmag": np.round(north), "ymag": np.round(east), "zmag": 393}
+    return {"time_boot_ms": s.boot_ms, "xmag": np.rint(north), "ymag": np.rint(east), "zmag": 393}
 
 
 def fence_status(s: Snapshot) -> Fields:
@@ -285,7 +285,7 @@ def fence_status(s: Snapshot) -> Fields:
         "breach_type": np.where(
             breach & (CIRCLE | POLYGON), BOUNDARY_BREACH, np.where(breach & HEIGHT, HEIGHT_BREACH, 0)
         ),
-        "breach_time": np.round(1e3 * breached_s),
+        "breach_time": np.rint(1e3 * breached_s),
         "breach_mitigation": 1,
     }
 
