@@ -26,6 +26,7 @@ from gcs.safety.constraints import (
     any_broken,
     nearest,
     shortened,
+    slack_m_s,
     tightest,
 )
 from gcs.safety.controlled_ground import ground_constraints, ground_margins
@@ -50,6 +51,9 @@ SOLUTIONS, ATTEMPTS = 3, 6
 close too, at last with all pairs of up to `FEW` vehicles. After that the velocities are only shortened. If
 they still break a constraint of an overlooked pair then, all vehicles brake.
 """
+
+YIELDS = 2
+"""That often velocities are filtered at most: once more where constraints contradict each other."""
 
 
 class Limits(Settings):
@@ -120,7 +124,8 @@ class Surroundings:
     targets: tuple[Target, ...] = ()  # those with a clearance are kept clear of
     time_s: float = 0.0  # of all these
     low: Mask | None = None  # (n,) do not descend, and may stay below the least height; None: none of them
-    pressed: Mask | None = None  # (n,) not held off `segments_m`, as a box comes on; None: not looked at
+    pressed: Mask | None = None  # (n,) not held off `segments_m`, as a box comes on; None: none of them
+    eased: Mask | None = None  # (n,) that need not part from others beyond the floor; None: none of them
 
     def over_link(self, delay_s: float) -> "Surroundings":
         """The same when stops begin a round trip of 2 `delay_s` later."""
@@ -142,7 +147,22 @@ def filter_velocities(
 
     Returns: (n, 3) in m/s, and for each row why it was limited, "" when it was not. Rest where not commanded.
     """
-    here, limits, given_m_s = surroundings.over_link(settings.link_delay_s), settings.limits, desired_m_s
+    for _ in range(YIELDS):
+        allowed_m_s, reasons, again = _filtered(desired_m_s, surroundings, settings)
+        if again is None:
+            break
+        surroundings = again
+    return allowed_m_s, reasons
+
+
+def _filtered(
+    desired_m_s: Array, surroundings: Surroundings, settings: SafetySettings
+) -> tuple[Array, tuple[str, ...], Surroundings | None]:
+    """Velocities and reasons as of `filter_velocities`, and with what to filter again; None: with nothing.
+
+    Constraints that contradict each other are all broken a little. Then the less certain ones have to yield.
+    """
+    here, limits = surroundings.over_link(settings.link_delay_s), settings.limits
     braking = settings.braking.over_link(settings.link_delay_s)
     own = np.array(here.commanded)
     moved = own if here.shared_m_s is None else own | np.isfinite(here.shared_m_s[:, 0])
@@ -184,25 +204,67 @@ def filter_velocities(
         pairs, walls = pairs.joined(overlooked), Constraints.joined(walls, farther)
     else:
         allowed_m_s = np.zeros_like(allowed_m_s)
-    if here.pressed is None and len(here.segments_m):
-        pressed = _pressed(allowed_m_s, position_m, here, braking, limits.fastest_m_s)
-        if np.count_nonzero(pressed):
-            return filter_velocities(given_m_s, replace(surroundings, pressed=pressed), settings)
+    again = _yielding(allowed_m_s, position_m, pairs, surroundings, braking, limits.fastest_m_s)
     changed_m_s = _lengths(desired_m_s, allowed_m_s)
     if not settings.fence.is_plain and len(judged):
         _raise_to_unmet(changed_m_s, allowed_m_s, judged.first, judged.normal, judged.bound_m_s)
     if moved is not own:
         allowed_m_s[~own], changed_m_s[~own] = 0.0, 0.0
-    return allowed_m_s, _reasons(desired_m_s, changed_m_s, judged, pairs, joined, here.names)
+    return allowed_m_s, _reasons(desired_m_s, changed_m_s, judged, pairs, joined, here.names), again
+
+
+def _yielding(
+    allowed_m_s: Array,
+    position_m: Array,
+    pairs: Pairs,
+    surroundings: Surroundings,
+    braking: Braking,
+    fastest_m_s: float,
+) -> Surroundings | None:
+    """With what to filter again, as velocities (n, 3) break what is certain; None: with nothing.
+
+    A lost vehicle may take its path, a box that comes on does come. And vehicles in each other's margin may
+    be too near: driving them apart is not worth bringing others nearer.
+    """
+    again, none = surroundings, np.zeros(len(allowed_m_s), np.bool_)
+    if len(again.segments_m):
+        pressed = _pressed(allowed_m_s, position_m, again, braking, fastest_m_s)
+        before = none if again.pressed is None else again.pressed
+        if np.count_nonzero(pressed & ~before):
+            again = replace(again, pressed=pressed | before)
+    about = pairs.first, pairs.second, pairs.other, pairs.normal, pairs.bound_m_s
+    nearer = _brought_nearer(allowed_m_s, *about)
+    before = none if again.eased is None else again.eased
+    if np.count_nonzero(nearer & ~before):
+        again = replace(again, eased=nearer | before)
+    return None if again is surroundings else again
+
+
+@kernel
+def _brought_nearer(
+    allowed_m_s: Array, first: Rows, second: Rows, other: Rows, normal: Array, bound_m_s: Array
+) -> Mask:
+    """(n,) Vehicles of pairs (k,) that velocities (n, 3) bring nearer than either may."""
+    nearer = np.zeros(len(allowed_m_s), np.bool_)
+    for k in range(len(first)):
+        slack = slack_m_s(allowed_m_s, first[k], second[k], normal, bound_m_s, k)
+        if slack + max(bound_m_s[k], 0.0) < -NOTICEABLE_M_S:
+            nearer[first[k]], nearer[other[k]] = True, True
+    return nearer
+
+
+def _eased(pairs: Pairs, position_m: Array, rows: Mask, floor: Floor) -> Pairs:
+    """The pairs, where those of `rows` (n,) that are beyond the floor and its margin need not part."""
+    away_m = (position_m[pairs.first] - position_m[pairs.other]) * floor.scale
+    beyond = np.linalg.norm(away_m, axis=1) >= floor.horizontal_m + floor.margin_m
+    eased = (rows[pairs.first] | rows[pairs.other]) & beyond
+    return replace(pairs, bound_m_s=np.where(eased, np.minimum(pairs.bound_m_s, 0.0), pairs.bound_m_s))
 
 
 def _pressed(
     allowed_m_s: Array, position_m: Array, here: Surroundings, braking: Braking, fastest_m_s: float
 ) -> Mask:
-    """(n,) Vehicles that velocities (n, 3) would leave before a box that comes on.
-
-    Paths of lost vehicles hold them there. A lost vehicle may take its path, the box comes: it counts first.
-    """
+    """(n,) Vehicles that velocities (n, 3) would leave before a box that comes on, held by `segments_m`."""
     pressed = np.zeros(len(allowed_m_s), np.bool_)
     coming = {
         name: each for name, each in here.ellipses.items() if each.velocity_x_m_s or each.velocity_y_m_s
@@ -244,7 +306,7 @@ def _pairs_of(
     position_m: Array, desired_m_s: Array, own: Mask, here: Surroundings, floor: Floor, braking: Braking
 ) -> Callable[..., Pairs]:
     """Return a function that finds pairs too close if both differ from `course_m_s` by `spare_m_s`."""
-    return partial(
+    search = partial(
         separation_constraints,
         position_m,
         here.velocity_m_s,
@@ -259,6 +321,8 @@ def _pairs_of(
         response=here.response,
         low_counts=own & ~here.descending,
     )
+    eased = here.eased
+    return search if eased is None else lambda **given: _eased(search(**given), position_m, eased, floor)
 
 
 @kernel

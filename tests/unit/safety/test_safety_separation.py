@@ -379,3 +379,18 @@ def test_vehicle_ahead_of_a_drifting_one_is_not_slowed() -> None:
         )
         assert (found.normal[:, 0] < -0.1).any() == slowed
         assert len(found) > 0
+
+
+def test_wide_margins_drive_no_other_pair_together() -> None:
+    """Around two, one above the other, and above both are nine that may be metres off."""
+    about = [(6.0, 0.0), (-6.0, 0.0), (0.0, 6.0), (0.0, -6.0)]
+    nine = [*((x, y, z) for z in (-8.2, -3.3) for x, y in about), (0.0, 0.0, -14.0)]
+    position = np.array([(0.0, 0.0, -7.6), (0.0, 0.0, -3.3), *nine])  # two in each other's margin
+    sure, nearest_m = np.arange(11) < 2, np.inf
+    for _ in range(100):
+        around = surroundings(position, commanded=sure.tolist())
+        allowed = filtered(np.zeros((11, 3)), replace(around, uncertainty_m=np.where(sure, 0.0, 1.0)))
+        position = position + 0.05 * np.where(sure[:, None], allowed, 0.0)
+        apart_m = float(np.linalg.norm((position[0] - position[1]) * FLOOR.scale))
+        nearest_m = min(nearest_m, apart_m)
+    assert nearest_m > 2.8  # the floor is 2 m
