@@ -391,6 +391,7 @@ def _surroundings(
         shared_m_s,
         (now.plan.target, *now.tasks.kept_clear),
         now.fleet.time_s,
+        now.to_goal & ~now.descending,
         now.low,
     )
 

@@ -114,6 +114,8 @@ class Braking(Settings):
     """Between vehicles, the measured closing speed continues for this time, in s."""
     deceleration_m_s2: Positive = 2.0
     """After that, on the average of the stop, in m/s^2."""
+    follow_s: NotNegative = 1.0
+    """Of two with goals of their own, the speed that both share counts for so long, in s: one may stop."""
     escape_rate_per_s: Positive = 1.5
     """Speed away from something already too close, per metre, in 1/s."""
 
@@ -128,6 +130,7 @@ class Braking(Settings):
         return Braking(
             reaction_s=self.reaction_s + 2.0 * delay_s,
             lead_s=self.lead_s + 2.0 * delay_s,
+            follow_s=self.follow_s + 2.0 * delay_s if self.follow_s else 0.0,
             deceleration_m_s2=self.deceleration_m_s2,
             escape_rate_per_s=1.0 / (1.0 / self.escape_rate_per_s + 4.0 * delay_s),
         )

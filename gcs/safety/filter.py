@@ -123,6 +123,7 @@ class Surroundings:
     shared_m_s: Array | None = None  # (n, 3) what other stations' filters allowed last; NaN, None: not shared
     targets: tuple[Target, ...] = ()  # those with a clearance are kept clear of
     time_s: float = 0.0  # of all these
+    goes: Mask | None = None  # (n,) on the way to goals of their own; None: none of them
     low: Mask | None = None  # (n,) do not descend, and may stay below the least height; None: none of them
     pressed: Mask | None = None  # (n,) not held off `segments_m`, as a box comes on; None: none of them
     eased: Mask | None = None  # (n,) that need not part from others beyond the floor; None: none of them
@@ -320,6 +321,7 @@ def _pairs_of(
         desired_m_s=desired_m_s,
         response=here.response,
         low_counts=own & ~here.descending,
+        goes=here.goes,
     )
     eased = here.eased
     return search if eased is None else lambda **given: _eased(search(**given), position_m, eased, floor)

@@ -87,6 +87,7 @@ def separation_constraints(
     desired_m_s: Array | None = None,
     response: FleetResponse | None = None,
     low_counts: Mask | None = None,
+    goes: Mask | None = None,
 ) -> Pairs:
     """Bound the closing speed of every pair that could come too close to the speed that can still be braked.
 
@@ -114,6 +115,8 @@ def separation_constraints(
             of both.
         low_counts: (n,) kept apart from others on and near the ground as well: it does not land. A pair of
             others, both below `floor.pad_height_m`, is left out, as pads are near; None: all are such.
+        goes: (n,) on the way to goals of their own. Of two of these the one in front may stop by itself, and
+            then the other: the velocity that both share counts for `braking.follow_s`. None: none are.
     """
     # numba compiles frozen arrays as another type
     position_m, uncertainty_m = np.array(position_m), np.array(uncertainty_m)
@@ -133,15 +136,16 @@ def separation_constraints(
             np.ones(len(position_m), np.bool_) if only is None else only,
             np.zeros(len(position_m), np.bool_) if drawn is None else drawn & airborne,
             np.zeros(len(position_m), np.bool_) if low_counts is None else low_counts,
+            np.zeros(len(position_m), np.bool_) if goes is None else np.array(goes),
             braking.of_each(len(position_m), response),
-            _numbers_of(floor),
+            _numbers_of(floor, braking.follow_s),
         )
     )
 
 
-Numbers: TypeAlias = tuple[float, float, float, float, float, float, float]
+Numbers: TypeAlias = tuple[float, float, float, float, float, float, float, float]
 """Floor (sideways, up, factor of uncertainty up, pad height), one vehicle's part of the margin (sideways,
-up), and the deviations that a margin covers.
+up), the deviations that a margin covers, and for how long the velocity counts that two share.
 """
 
 
@@ -154,7 +158,7 @@ WIDER = 1.0 + 1e-9
 """For the rounding of these quotients."""
 
 
-def _numbers_of(floor: Floor) -> Numbers:
+def _numbers_of(floor: Floor, follow_s: float) -> Numbers:
     own_m = floor.margin_m / 2.0
     return (
         *floor.kept_m(0.0),
@@ -163,6 +167,7 @@ def _numbers_of(floor: Floor) -> Numbers:
         own_m,
         own_m * floor.vertical_m / floor.horizontal_m,
         floor.deviations,
+        follow_s,
     )
 
 
@@ -175,6 +180,7 @@ def _looks(
     wander_m: Array,
     course_m_s: Array,
     spare_m_s: Array,
+    goes: Mask,
     each: Array,
     numbers: Numbers,
 ) -> tuple[Mask, Array, Array, Array, Array, Array, Worst]:
@@ -187,7 +193,7 @@ def _looks(
     Returns: (n,) known, (n, 3) measured, (n, 3) course, (n,) spare, (n, 3) positions, (n,) half distances, m;
         and what holds for every pair.
     """
-    wide_m, deviations, n = numbers[0], numbers[6], len(position_m)
+    wide_m, deviations, follow_s, n = numbers[0], numbers[6], numbers[7], len(position_m)
     reaction_s, lead_s, deceleration_m_s2 = 0.0, 0.0, np.inf
     for i in range(n):
         reaction_s, lead_s = max(reaction_s, each[REACTION, i]), max(lead_s, each[LEAD, i])
@@ -206,12 +212,14 @@ def _looks(
             mean[k] += course[i, k] / n  # the common velocity brings no pair closer
         spare[i] = spare_m_s[i] if commanded[i] else 0.0
     for i in range(n):
-        drift2, stray2 = 0.0, 0.0
+        drift2, stray2, speed2 = 0.0, 0.0, 0.0
         for k in range(3):
+            speed2 += measured[i, k] ** 2 if goes[i] else 0.0
             drift2 += (measured[i, k] - mean[k]) ** 2
             stray2 += (course[i, k] - mean[k]) ** 2
         stray_m_s = np.sqrt(stray2) + spare[i]
         reach_m = stray_m_s * reaction_s + stray_m_s**2 / deceleration_m_s2 + lead_s * np.sqrt(drift2)
+        reach_m += 0.5 * follow_s * np.sqrt(speed2)  # what two share is no more than the mean of both
         margin_m = deviations * (uncertainty_m[i] + wander_m[i])  # two are at least their hypotenuse
         look_m[i] = wide_m / 2.0 + margin_m + max(thick, 1.0) * reach_m + TINY
         place_m[i, 2] *= thin
@@ -225,7 +233,7 @@ def _flatness(uncertainty_m: Array, wander_m: Array, numbers: Numbers) -> tuple[
 
     Growing uncertainty moves it one way only, and so does growing wander.
     """
-    wide_m, tall_m, taller, _, own_wide_m, own_tall_m, deviations = numbers
+    wide_m, tall_m, taller, _, own_wide_m, own_tall_m, deviations, _ = numbers
     thin, thick = np.inf, 0.0
     if len(uncertainty_m) == 0:
         return 1.0, 1.0
@@ -247,13 +255,14 @@ def _may_bind(
     course_m_s: tuple[float, float, float],
     measured_m_s: tuple[float, float, float],
     size_m: float,
+    shared_m: float,
     spare_m_s: float,
     worst: Worst,
 ) -> bool:
     """Whether velocities of a pair that differ by `spare_m_s` from its relative course could break its bound.
 
     It may be True where they could not: the ellipsoid is between two, and `size_m` is no less than its
-    semi-axis sideways.
+    semi-axis sideways; `shared_m` is no less than what the velocity that both share takes from the gap.
     """
     (x, y, z), (thin, thick, reaction_s, lead_s, deceleration_m_s2) = offset_m, worst
     level_m2, scaled_m2 = x * x + y * y, thin * thin * z * z
@@ -263,7 +272,7 @@ def _may_bind(
     needed_m_s = max(spare_m_s - apart_m2_s / (far_m if apart_m2_s > 0.0 else near_m), 0.0)
     apart_m2_s, upright = x * measured_m_s[0] + y * measured_m_s[1], z * measured_m_s[2]
     apart_m2_s += (thin * thin if upright > 0.0 else thick * thick) * upright
-    used_m = lead_s * max(-apart_m2_s / near_m, 0.0) + needed_m_s * reaction_s
+    used_m = lead_s * max(-apart_m2_s / near_m, 0.0) + needed_m_s * reaction_s + shared_m
     used_m += needed_m_s * needed_m_s / (2.0 * deceleration_m_s2)
     is_clear: bool = np.sqrt(level_m2 + scaled_m2) - size_m > max(thick, 1.0) * used_m + TINY
     return not is_clear
@@ -283,12 +292,22 @@ def _found(
     only: Mask,
     drawn: Mask,
     low_counts: Mask,
+    goes: Mask,
     each: Array,
     numbers: Numbers,
 ) -> tuple[Rows, Rows, Rows, Array, Array]:
     """As `separation_constraints`."""
     is_known, measured_m_s, course_m_s, spare_m_s, place_m, look_m, worst = _looks(
-        position_m, velocity_m_s, commanded, uncertainty_m, wander_m, course_m_s, spare_m_s, each, numbers
+        position_m,
+        velocity_m_s,
+        commanded,
+        uncertainty_m,
+        wander_m,
+        course_m_s,
+        spare_m_s,
+        goes,
+        each,
+        numbers,
     )
     first, second = near_pairs(commanded & only, place_m, is_known, look_m)
     count = len(first)
@@ -299,7 +318,7 @@ def _found(
     motion = position_m, course_m_s, measured_m_s, desired_m_s
     own = uncertainty_m, wander_m, spare_m_s
     about, done = _side_by_side(first, second, motion, own, each), 0
-    masks = commanded, airborne, low_counts
+    masks = commanded, airborne, low_counts, goes
     while done < count:
         many, done = _relative(first, second, done, about, masks, numbers, worst, sides, seen)
         _answers(many, seen, numbers, answers)
@@ -330,10 +349,11 @@ def _found(
 
 
 OFFSET, COURSE, MEASURED, DESIRED, UNSURE, LED, SPARE, STANDS = 0, 3, 6, 9, 12, 13, 14, 15
-REACTS, LATER, BRAKES, ESCAPES, PAIR_ROWS = 16, 17, 18, 19, 20
+REACTS, LATER, BRAKES, ESCAPES, FLOWN, SHARES, PAIR_ROWS = 16, 17, 18, 19, 20, 23, 24
 """Rows of `_relative`. Of i relative to j, three rows each: offset,
 course that is checked, measured and desired velocity. Squares of uncertainty and wander; spare speed; whether
-one of both stands; reaction, lead, deceleration and escape rate of the slower one.
+one of both stands; reaction, lead, deceleration and escape rate of the slower one; three rows of the measured
+velocity of i; for how long the velocity counts that both share.
 """
 
 BLOCK = 128
@@ -381,13 +401,21 @@ def _side_by_side(
     return about
 
 
+@kernel_within
+def _speed_m_s(about: Array, i: int) -> float:
+    """How fast vehicle i of `_side_by_side` flies."""
+    x, y, z = about[i, MEASURED], about[i, MEASURED + 1], about[i, MEASURED + 2]
+    speed_m_s: float = np.sqrt(x * x + y * y + z * z)
+    return speed_m_s
+
+
 @kernel
 def _relative(
     first: Rows,
     second: Rows,
     done: int,
     about: Array,
-    masks: tuple[Mask, Mask, Mask],
+    masks: tuple[Mask, Mask, Mask, Mask],
     numbers: Numbers,
     worst: Worst,
     sides: NDArray[np.intp],
@@ -400,7 +428,7 @@ def _relative(
         second: (k,) rows.
         done: so many pairs were looked at before.
         about: (n, WIDE) of `_side_by_side`.
-        masks: commanded, airborne, and which count on and near the ground, (n,) each.
+        masks: commanded, airborne, which count on and near the ground, and which fly to goals, (n,) each.
         numbers: of floor and margin.
         worst: of `_looks`.
         sides: (2, BLOCK) rows i, commanded, and j; changed.
@@ -408,7 +436,8 @@ def _relative(
 
     Returns: how many count, and how many pairs were looked at then.
     """
-    (commanded, airborne, low_counts), (wide_m, _, _, pad_height_m, _, _, deviations) = masks, numbers
+    commanded, airborne, low_counts, goes = masks
+    wide_m, _, _, pad_height_m, _, _, deviations, follow_s = numbers
     many = 0
     for k in range(done, len(first)):
         if many == BLOCK:
@@ -423,11 +452,13 @@ def _relative(
         mine_m, theirs_m = about[i, OWN_UNCERTAINTY], about[j, OWN_UNCERTAINTY]
         unsure_m = mine_m + theirs_m + about[i, OWN_WANDER] + about[j, OWN_WANDER]
         spare_m_s = about[i, OWN_SPARE] + about[j, OWN_SPARE]
+        shared_s = follow_s if goes[i] and goes[j] else 0.0
         if not _may_bind(
             (about[i, 0] - about[j, 0], about[i, 1] - about[j, 1], about[i, 2] - about[j, 2]),
             (about[i, 3] - about[j, 3], about[i, 4] - about[j, 4], about[i, 5] - about[j, 5]),
             (about[i, 6] - about[j, 6], about[i, 7] - about[j, 7], about[i, 8] - about[j, 8]),
             wide_m + deviations * unsure_m,
+            shared_s * min(_speed_m_s(about, i), _speed_m_s(about, j)),
             spare_m_s,
             worst,
         ):
@@ -443,6 +474,9 @@ def _relative(
         sides[0, many], sides[1, many] = i, j
         for column in range(UNSURE):  # position, course, measured, desired
             seen[column, many] = about[i, column] - about[j, column]
+        for axis in range(3):
+            seen[FLOWN + axis, many] = about[i, MEASURED + axis]
+        seen[SHARES, many] = shared_s
         seen[UNSURE, many], seen[LED, many] = mine_m**2 + theirs_m**2, led_m2
         seen[SPARE, many], seen[STANDS, many] = spare_m_s, one_stands
         seen[REACTS, many] = max(about[i, STOPS + REACTION], about[j, STOPS + REACTION])
@@ -464,6 +498,10 @@ def _answers(many: int, seen: Array, numbers: Numbers, answers: Array) -> None:
         offset_m = seen[OFFSET, k], seen[OFFSET + 1, k], seen[OFFSET + 2, k]
         gap_m, x, y, z = _gap(*offset_m, pair_wide_m, pair_tall_m)
         closing_m_s = -(x * seen[MEASURED, k] + y * seen[MEASURED + 1, k] + z * seen[MEASURED + 2, k])
+        one_m_s = x * seen[FLOWN, k] + y * seen[FLOWN + 1, k] + z * seen[FLOWN + 2, k]
+        other_m_s = one_m_s + closing_m_s
+        shared_m_s = max(min(one_m_s, other_m_s), 0.0) + max(min(-one_m_s, -other_m_s), 0.0)
+        gap_m -= seen[SHARES, k] * shared_m_s
         answers[0, k] = allowed_speed_m_s(
             gap_m - seen[LATER, k] * max(closing_m_s, 0.0), seen[REACTS, k], seen[BRAKES, k], seen[ESCAPES, k]
         )
@@ -475,7 +513,7 @@ def _answers(many: int, seen: Array, numbers: Numbers, answers: Array) -> None:
 @kernel_within
 def _pair_size_m(k: int, seen: Array, numbers: Numbers) -> tuple[float, float]:
     """Semi-axes, sideways and up, that pair k of `seen` keeps."""
-    wide_m, tall_m, taller, _, own_wide_m, own_tall_m, deviations = numbers
+    wide_m, tall_m, taller, _, own_wide_m, own_tall_m, deviations, _ = numbers
     unsure_m, led_m = deviations * np.sqrt(seen[UNSURE, k]), deviations * np.sqrt(seen[LED, k])
     return (
         wide_m + unsure_m + led_m - seen[STANDS, k] * own_wide_m,

@@ -68,7 +68,7 @@ def draw_world(
     """The world of a formation with that radius; `pads_m`: of the farthest pad from the middle of all."""
     worlds = {"one": _one_in_the_way, "on-orbit": _one_on_the_orbit, "many": _many}
     worlds |= {"closing": _closing, "surround": _surround, "walls": _walled, "closed": _walled, "held": _held}
-    worlds |= {"home": _between_home, "home-closed": _between_home}
+    worlds |= {"sliding": _sliding, "home": _between_home, "home-closed": _between_home}
     return worlds[settings.kind](_Draw(random, settings, avoidance, sphere_m, pads_m))
 
 
@@ -272,6 +272,33 @@ def _held(draw: _Draw) -> ObstacleWorld:
     place_m = far_m * ahead + random.uniform(-10.0, 10.0) * aside
     moved = [replace(box, x_m=box.x_m + place_m[0], y_m=box.y_m + place_m[1]) for box in boxes]
     return ObstacleWorld(_pair(place_m + inside_m), draw.speed_m_s(), tuple(moved), (0.0,) * len(moved))
+
+
+def _sliding(draw: _Draw) -> ObstacleWorld:
+    """A target in a ring of walls with a doorway that the sphere fits through, and a box that slides past it.
+
+    The box stands in the doorway at first, or comes before it does.
+    """
+    random, settings, sphere_m = draw.random, draw.settings, draw.sphere_m
+    clear_m = sphere_m + draw.avoidance.margin_m + draw.avoidance.near_m
+    thick_m, gap_m = random.uniform(2.0, 5.0), 2.0 * clear_m + random.uniform(2.0, 12.0)
+    width_m, slides_m_s = gap_m + 2.0 * clear_m + random.uniform(0.0, 20.0), random.uniform(0.3, 1.0)
+    half_m, post_m, height_m = width_m / 2.0, (width_m - gap_m) / 4.0, random.uniform(35.0, 60.0)
+    walls = [((0.0, half_m), (half_m, thick_m / 2.0)), ((0.0, -half_m), (half_m, thick_m / 2.0))]
+    walls += [((half_m, 0.0), (thick_m / 2.0, half_m))]
+    walls += [((-half_m, side * (half_m - post_m)), (thick_m / 2.0, post_m)) for side in (-1.0, 1.0)]
+    side, late_s = float(random.choice([-1.0, 1.0])), float(random.choice([0.0, random.uniform(5.0, 20.0)]))
+    slides = ((-half_m, -side * slides_m_s * late_s), (thick_m / 2.0, gap_m / 2.0 + 1.0))
+    ahead, _ = draw.course()
+    away_m = 1.5 * width_m + sphere_m + settings.stopping_m + random.uniform(0.0, 20.0)
+    place_m = np.array([away_m, 0.0]) if ahead[0] > 0.0 else np.array([-away_m, 0.0])
+    boxes = [
+        _box(f"wall {number}", place_m + at_m, np.array(size_m), height_m)
+        for number, (at_m, size_m) in enumerate(walls, 1)
+    ]
+    boxes.append(_box("panel", place_m + slides[0], np.array(slides[1]), height_m, (0.0, side * slides_m_s)))
+    target_m = place_m + random.uniform(-2.0, 2.0, 2)
+    return ObstacleWorld(_pair(target_m), draw.speed_m_s(), tuple(boxes), (0.0,) * len(boxes))
 
 
 def _along(course_rad: float) -> tuple[Array, Array]:

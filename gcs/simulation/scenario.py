@@ -184,7 +184,17 @@ class RandomObstacles(Settings):
     """Random boxes for every seed, in the way of a formation that starts at once."""
 
     kind: Literal[
-        "one", "many", "on-orbit", "closing", "surround", "walls", "closed", "held", "home", "home-closed"
+        "one",
+        "many",
+        "on-orbit",
+        "closing",
+        "surround",
+        "walls",
+        "closed",
+        "held",
+        "sliding",
+        "home",
+        "home-closed",
     ]
     half_length_min_m: Positive = 1.5
     half_length_max_m: Positive = 8.0

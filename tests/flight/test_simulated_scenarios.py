@@ -162,7 +162,7 @@ def test_both_autopilots_fly_the_story_as_one(seed: int, capsys: pytest.CaptureF
 
 
 @pytest.mark.soak
-@pytest.mark.parametrize("scenario", ["target-in-hall", "target-held"])
+@pytest.mark.parametrize("scenario", ["target-in-hall", "target-held", "target-doors"])
 def test_target_that_cannot_be_had_is_followed_from_beside_it(
     scenario: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

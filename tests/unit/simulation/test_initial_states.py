@@ -91,3 +91,21 @@ def test_sphere_begins_and_ends_clear_of_drawn_boxes(kind: str) -> None:
                     max(abs(y_m - box.y_m) - box.half_length_y_m, 0.0),
                 )
                 assert beside_m > 15.0
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_panel_slides_over_the_whole_doorway_and_past_it(seed: int) -> None:
+    drawn = draw_world(
+        np.random.default_rng(seed), RandomObstacles(kind="sliding"), AvoidanceSettings(), 10.0
+    )
+    panel, posts = drawn.boxes[-1], drawn.boxes[3:5]
+    low_m, high_m = sorted(
+        box.y_m + side * box.half_length_y_m for box, side in zip(posts, (1, -1), strict=True)
+    )
+    moments_s = np.arange(0.0, 165.0)
+    at_m = np.array([panel.position_m(time_s)[1] for time_s in moments_s])
+    covers = (at_m - panel.half_length_y_m <= low_m) & (at_m + panel.half_length_y_m >= high_m)
+    clear = (at_m - panel.half_length_y_m > high_m) | (at_m + panel.half_length_y_m < low_m)
+    assert high_m - low_m > 2.0 * 10.0
+    assert covers[:22].any()
+    assert clear[-1]
