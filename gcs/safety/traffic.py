@@ -6,10 +6,10 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from gcs.model.jit import kernel
+from gcs.model.jit import kernel, kernel_within
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import TINY, Array, Mask
-from gcs.safety.meetings import SOON_S, approach_given_up, count_meetings, cubes_aside
+from gcs.safety.meetings import FAR_S, SOON_S, approach_given_up, count_meetings, cubes_aside
 
 STANDING_M_S = 0.2
 """A vehicle with a lower desired speed counts as standing."""
@@ -138,7 +138,7 @@ def keep_right(
     """Turn vehicles on their way to a goal to the right, the more vehicles they would meet soon.
 
     It looks along the straight paths, so that a crowd is seen before it forms. It needs no memory: where the
-    path is free again, it is flown straight.
+    path is free again, it is flown straight. In a crowd those on long ways up turn less than the others.
 
     Args:
         desired_m_s: (n, 3), show frame: straight to the goal, or another desired velocity.
@@ -201,10 +201,32 @@ def _kept_right(
     meetings = count_meetings(np.flatnonzero(met), turned, place_m, course_m_s, lasts_s, passing_m)
     for i in range(n):
         if turned[i]:
-            angle_rad = -most_rad * np.expm1(-meetings[i] / crowd)
             x_m, y_m = goal_m[i, 0] - position_m[i, 0], goal_m[i, 1] - position_m[i, 1]
-            _turn_right(kept_m_s, i, x_m, y_m, goal_m[i, 2] < position_m[i, 2], angle_rad)
+            up_m = position_m[i, 2] - goal_m[i, 2]
+            climb = _climb(up_m, np.hypot(x_m, y_m), lasts_s[i])
+            angle_rad = most_rad * _share_turned(meetings[i], crowd, climb)
+            _turn_right(kept_m_s, i, x_m, y_m, up_m > 0.0, angle_rad)
     return kept_m_s
+
+
+@kernel_within
+def _climb(up_m: float, level_m: float, lasts_s: float) -> float:
+    """Sine of the slope of a way that leads up, else 0; less for one that lasts no longer than `FAR_S`."""
+    long = min(max((lasts_s - SOON_S) / (FAR_S - SOON_S), 0.0), 1.0)
+    sine: float = max(up_m, 0.0) / max(np.hypot(up_m, level_m), TINY)
+    return long * sine
+
+
+@kernel_within
+def _share_turned(meetings: float, crowd: float, climb: float) -> float:
+    """Share of the greatest angle for so many meetings on a way with that `_climb`.
+
+    One meeting counts fully. In a crowd those that climb turn less, and pass inside of those that descend:
+    turned alike, both meet head on in the ring round the crowd, and stop each other.
+    """
+    of_one, of_all = -np.expm1(-min(meetings, 1.0) / crowd), -np.expm1(-meetings / crowd)
+    share: float = max(of_one, (1.0 - climb) * of_all)
+    return share
 
 
 @kernel
