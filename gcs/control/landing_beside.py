@@ -112,12 +112,14 @@ def _on_path(ground: Ground, here_m: Array, kept_m: float) -> bool:
 
 
 def _under_box(ground: Ground, here_m: Array) -> bool:
-    """Whether a box is there with its margin, or will be before the vehicle has landed."""
-    return any(
-        bool((ellipse.distance_m(here_m[:, :2] - after_s * ellipse.velocity_m_s) < 0.0).any())
-        for ellipse in ground.ellipses.values()
-        for after_s in (0.0, DOWN_S)
-    )
+    """Whether a box is there with its margin, or comes there before the vehicle has landed."""
+    for ellipse in ground.ellipses.values():
+        place, moves_per_s = ellipse.normalised(here_m)[0], ellipse.velocity_m_s / ellipse.semi_m
+        nearest_s = float(place @ moves_per_s) / max(float(moves_per_s @ moves_per_s), TINY)
+        place = place - min(max(nearest_s, 0.0), DOWN_S) * moves_per_s
+        if float(np.hypot(*place)) < 1.0:
+            return True
+    return False
 
 
 def _at_target(ground: Ground, here_m: Array, own_m: float, safety: SafetySettings) -> bool:

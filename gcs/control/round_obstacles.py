@@ -176,8 +176,7 @@ def shut_in_by(
 
     Those that move are no reason: they pass. A vehicle above an obstacle flies over it.
     """
-    fence, avoidance = settings.safety.fence, settings.law.avoidance
-    over_m = fence.height_max_m - INSIDE_FENCE_M - OVER_M if avoidance.climbs else fence.height_min_m
+    over_m = settings.safety.fence.height_max_m - INSIDE_FENCE_M - OVER_M
     enclosures = Enclosures.of(ellipses.values(), over_m)
     if enclosures is None:
         return np.zeros(len(place_m), np.bool_)

@@ -6,8 +6,9 @@ set of boxes.
 """
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
+from math import hypot, sqrt
 from typing import Final, TypeAlias
 
 import numpy as np
@@ -22,6 +23,13 @@ Labels: TypeAlias = NDArray[np.int32]
 CELL_M: Final = 0.5
 CELLS_MAX: Final = 40_000
 """Edge of a cell; longer where there would be more cells than that."""
+
+CREEPS_M_S: Final = 0.05
+"""A box that moves no faster stands: walls whose places are measured have such speeds. Its place counts in
+steps of `STEP_M`, so that the cells are seldom filled anew.
+"""
+
+STEP_M: Final = 0.1
 
 OUTSIDE: Final = 1
 """The label of all that lies around the boxes; 0 is inside one."""
@@ -41,7 +49,10 @@ class Enclosures:
     @staticmethod
     def of(ellipses: Iterable[Ellipse], over_m: float) -> "Enclosures | None":
         """Of those that stand and have a top higher than `over_m`; None: there are none."""
-        walls = tuple(each for each in ellipses if each.top_height_m > over_m and not each.velocity_m_s.any())
+        high = (each for each in ellipses if each.top_height_m > over_m)
+        walls = tuple(
+            _at_rest(each) for each in high if hypot(each.velocity_x_m_s, each.velocity_y_m_s) <= CREEPS_M_S
+        )
         return _enclosures(walls) if walls else None
 
     def apart(self, place_m: Array, goal_m: Array) -> Mask:
@@ -57,6 +68,22 @@ class Enclosures:
         """(k, 2) cells of places (k, 2); those outside are on the edge, which is outside of all boxes."""
         last = np.array(self.label.shape) - 1
         return np.clip((place_m - self.low_m) / self.cell_m, 0, last).astype(np.int64)
+
+
+def _at_rest(wall: Ellipse) -> Ellipse:
+    """The same, if it creeps as one that stands within it."""
+    if not (wall.velocity_x_m_s or wall.velocity_y_m_s):
+        return wall
+    less_m = 0.5 * STEP_M * sqrt(2.0)
+    return replace(
+        wall,
+        x_m=STEP_M * round(wall.x_m / STEP_M),
+        y_m=STEP_M * round(wall.y_m / STEP_M),
+        semi_x_m=wall.semi_x_m - less_m,
+        semi_y_m=wall.semi_y_m - less_m,
+        velocity_x_m_s=0.0,
+        velocity_y_m_s=0.0,
+    )
 
 
 @lru_cache(maxsize=4)

@@ -148,12 +148,24 @@ def filter_velocities(
 
     Returns: (n, 3) in m/s, and for each row why it was limited, "" when it was not. Rest where not commanded.
     """
+    reasons: tuple[str, ...] = ()
     for _ in range(YIELDS):
+        first = reasons
         allowed_m_s, reasons, again = _filtered(desired_m_s, surroundings, settings)
+        if first and surroundings.pressed is not None:
+            each = zip(reasons, first, _driven(surroundings).tolist(), strict=True)
+            reasons = tuple(now or (before if driven else "") for now, before, driven in each)
         if again is None:
             break
-        surroundings = again
+        # onto a path only as fast as the box drives it there
+        surroundings, desired_m_s = again, np.where(_driven(again)[:, None], allowed_m_s, desired_m_s)
     return allowed_m_s, reasons
+
+
+def _driven(surroundings: Surroundings) -> Mask:
+    """(n,) Which of those commanded a box may drive onto the paths of lost ones."""
+    commanded = np.array(surroundings.commanded)
+    return np.zeros_like(commanded) if surroundings.pressed is None else commanded & surroundings.pressed
 
 
 def _filtered(
@@ -205,7 +217,7 @@ def _filtered(
         pairs, walls = pairs.joined(overlooked), Constraints.joined(walls, farther)
     else:
         allowed_m_s = np.zeros_like(allowed_m_s)
-    again = _yielding(allowed_m_s, position_m, pairs, surroundings, braking, limits.fastest_m_s)
+    again = _yielding(allowed_m_s, position_m, pairs, surroundings, braking)
     changed_m_s = _lengths(desired_m_s, allowed_m_s)
     if not settings.fence.is_plain and len(judged):
         _raise_to_unmet(changed_m_s, allowed_m_s, judged.first, judged.normal, judged.bound_m_s)
@@ -220,7 +232,6 @@ def _yielding(
     pairs: Pairs,
     surroundings: Surroundings,
     braking: Braking,
-    fastest_m_s: float,
 ) -> Surroundings | None:
     """With what to filter again, as velocities (n, 3) break what is certain; None: with nothing.
 
@@ -229,7 +240,7 @@ def _yielding(
     """
     again, none = surroundings, np.zeros(len(allowed_m_s), np.bool_)
     if len(again.segments_m):
-        pressed = _pressed(allowed_m_s, position_m, again, braking, fastest_m_s)
+        pressed = _pressed(allowed_m_s, pairs, position_m, again, braking)
         before = none if again.pressed is None else again.pressed
         if np.count_nonzero(pressed & ~before):
             again = replace(again, pressed=pressed | before)
@@ -263,20 +274,44 @@ def _eased(pairs: Pairs, position_m: Array, rows: Mask, floor: Floor) -> Pairs:
 
 
 def _pressed(
-    allowed_m_s: Array, position_m: Array, here: Surroundings, braking: Braking, fastest_m_s: float
+    allowed_m_s: Array, pairs: Pairs, position_m: Array, here: Surroundings, braking: Braking
 ) -> Mask:
-    """(n,) Vehicles that velocities (n, 3) would leave before a box that comes on, held by `segments_m`."""
+    """(n,) Vehicles that velocities (n, 3) would leave before a box that comes on, and those in their way.
+
+    Paths of lost vehicles hold them there. A lost vehicle may take its path, the box comes: it counts first.
+    A box that stands, passes or goes away does not.
+    """
     pressed = np.zeros(len(allowed_m_s), np.bool_)
     coming = {
         name: each for name, each in here.ellipses.items() if each.velocity_x_m_s or each.velocity_y_m_s
     }
-    if coming:
-        boxes = Constraints.joined(
-            *_obstacles(position_m, replace(here, ellipses=coming), braking, fastest_m_s)
-        )
-        broken = (boxes.bound_m_s > 0.0) & (boxes.slack_m_s(allowed_m_s) < -NOTICEABLE_M_S)
-        pressed[boxes.first[broken]] = True
+    if not coming:
+        return pressed
+    at_rest = {name: replace(each, velocity_x_m_s=0.0, velocity_y_m_s=0.0) for name, each in coming.items()}
+    boxes, resting = (
+        Constraints.joined(*_obstacles(position_m, replace(here, ellipses=each), braking, np.inf))
+        for each in (coming, at_rest)
+    )
+    comes = boxes.bound_m_s > np.maximum(resting.bound_m_s, 0.0)
+    broken = comes & (boxes.slack_m_s(allowed_m_s) < -NOTICEABLE_M_S)
+    pressed[boxes.first[broken]] = True
+    if broken.any():
+        _add_those_in_the_way(pressed, allowed_m_s, pairs, float(boxes.bound_m_s[broken].max()))
     return pressed
+
+
+def _add_those_in_the_way(pressed: Mask, allowed_m_s: Array, pairs: Pairs, speed_m_s: float) -> None:
+    """Add to `pressed` (n,) the vehicles that hinder them, or each other, from flying `speed_m_s` faster."""
+    both = pairs.second != NO_ROW
+    one, other = pairs.first[both], pairs.second[both]
+    closing_m_s = (pairs.normal[both] * (allowed_m_s[one] - allowed_m_s[other])).sum(axis=1)
+    near = closing_m_s - pairs.bound_m_s[both] < speed_m_s
+    one, other = one[near], other[near]
+    before = -1
+    while (count := int(np.count_nonzero(pressed))) != before:
+        before = count
+        pressed[other[pressed[one]]] = True
+        pressed[one[pressed[other]]] = True
 
 
 def _first_pairs(

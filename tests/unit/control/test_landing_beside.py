@@ -85,6 +85,16 @@ CLOSED_TO_IT = {
 }
 
 
+@pytest.mark.parametrize("comes_m_s", [-2.0, -3.0, -6.0, -12.0])
+@pytest.mark.parametrize("after_s", [0.5, 2.0, 4.5])
+def test_it_lands_before_no_box_that_comes(comes_m_s: float, after_s: float) -> None:
+    """Also before one that has passed again 5 s later: it ran over the vehicle as it touched down."""
+    box = replace(BOX, x_m=3.0 - comes_m_s * after_s, velocity_x_m_s=comes_m_s)
+    assert of_first(replace(ALONE, ellipses={"box": box})) == (False, False, False)
+    away = replace(box, velocity_x_m_s=-comes_m_s, x_m=3.0 + 6.0 - comes_m_s)
+    assert of_first(replace(ALONE, ellipses={"box": away})) == (True, True, False)
+
+
 @pytest.mark.parametrize("ground", CLOSED_TO_IT.values(), ids=CLOSED_TO_IT)
 def test_where_the_ground_is_not_clear_it_goes_back(ground: Ground) -> None:
     assert of_first(ground) == (False, False, False)

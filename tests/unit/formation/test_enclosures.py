@@ -5,6 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from gcs.control import ControlSettings
+from gcs.control.round_obstacles import shut_in_by
 from gcs.formation.enclosures import Enclosures
 from gcs.formation.obstacles import Ellipse
 from gcs.model.plan import Obstacle
@@ -55,6 +57,15 @@ def test_a_door_wider_than_its_margins_is_a_way(door_m: float, is_shut: bool) ->
     assert shut(ring(door_m=door_m)) == (is_shut, is_shut)
 
 
+@pytest.mark.parametrize("creeps_m_s", [0.02, -0.05])
+def test_walls_that_creep_shut_off_as_they_do_at_rest(creeps_m_s: float) -> None:
+    """Their places are measured: none has a speed of exactly 0."""
+    creeping = [replace(each, velocity_x_m_s=creeps_m_s, x_m=each.x_m + 0.033) for each in ring()]
+    assert shut(creeping) == (True, True)
+    doored = [replace(each, velocity_x_m_s=creeps_m_s) for each in ring(door_m=4.6)]
+    assert shut(doored) == (False, False)
+
+
 def test_a_wall_that_moves_shuts_nothing_off() -> None:
     first, *rest = ring()
     assert shut([replace(first, velocity_x_m_s=0.1), *rest]) == (False, False)
@@ -80,3 +91,16 @@ def test_of_an_unknown_place_nothing_is_said() -> None:
     assert enclosures.apart(nowhere, OUT).tolist() == [False]
     assert enclosures.apart(INSIDE, nowhere).tolist() == [False]
     assert enclosures.apart(INSIDE[:0], OUT[:0]).tolist() == []
+
+
+@pytest.mark.parametrize("climbs", [True, False])
+def test_a_ring_shuts_in_also_where_nothing_may_climb(climbs: bool) -> None:
+    """Without `climbs` no vehicle above the least height was shut in."""
+    settings = ControlSettings()
+    avoidance = settings.law.avoidance.model_copy(update={"climbs": climbs})
+    fence = settings.safety.fence.model_copy(update={"height_max_m": 40.0})
+    law = settings.law.model_copy(update={"avoidance": avoidance})
+    safety = settings.safety.model_copy(update={"fence": fence})
+    settings = settings.model_copy(update={"law": law, "safety": safety})
+    walls = {str(number): each for number, each in enumerate(ring())}
+    assert shut_in_by(walls, INSIDE, OUT, settings).tolist() == [True]

@@ -40,3 +40,31 @@ def test_a_box_that_comes_on_counts_before_a_lost_path() -> None:
         around = surroundings(between, segments=column, ellipses={"box": box})
         allowed = filtered(np.zeros((1, 3)), around)
         assert allowed[0] == pytest.approx((expected_m_s, 0.0, 0.0), abs=0.02)
+
+
+def test_a_box_drives_it_onto_a_lost_path_no_faster_than_itself() -> None:
+    """Its goal lies beyond the path: it flew there with 4 m/s, through where the lost vehicle may be."""
+    column = np.array([[[8.0, 0.0, -30.0], [8.0, 0.0, 0.0]]])
+    box = {"box": replace(BOX, velocity_x_m_s=0.5)}
+    around = surroundings(np.array([[5.0, 0.0, -10.0]]), segments=column, ellipses=box)
+    assert filtered(np.array([[4.0, 0.0, 0.0]]), around)[0] == pytest.approx((0.5, 0.0, 0.0), abs=0.02)
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_those_in_the_way_of_a_pressed_one_give_way(count: int) -> None:
+    """A row of vehicles between a box that comes and a path: the path held the last, and so all of them."""
+    place_m = np.array([[5.0 + 3.0 * k, 0.0, -10.0] for k in range(count)])
+    path_m = 5.0 + 3.0 * count
+    column = np.array([[[path_m, 0.0, -30.0], [path_m, 0.0, 0.0]]])
+    box = {"box": replace(BOX, velocity_x_m_s=0.5)}
+    allowed = filtered(np.zeros((count, 3)), surroundings(place_m, segments=column, ellipses=box))
+    assert allowed == pytest.approx(np.tile((0.5, 0.0, 0.0), (count, 1)), abs=0.02)
+
+
+@pytest.mark.parametrize("moves_m_s", [(-0.3, 0.0), (0.0, 0.3)])
+def test_a_box_that_passes_drives_none_onto_a_lost_path(moves_m_s: tuple[float, float]) -> None:
+    """The vehicle is 0.3 m within the box's margin, as it may be within that of a box that stands."""
+    column = np.array([[[7.7, 0.0, -30.0], [7.7, 0.0, 0.0]]])
+    box = {"box": replace(BOX, velocity_x_m_s=moves_m_s[0], velocity_y_m_s=moves_m_s[1])}
+    around = surroundings(np.array([[4.7, 0.0, -10.0]]), segments=column, ellipses=box)
+    assert filtered(np.zeros((1, 3)), around)[0] == pytest.approx((0.0, 0.0, 0.0), abs=1e-3)
