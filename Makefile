@@ -58,7 +58,7 @@ quick: .venv/ready compiled  ## between edits, in 90 s: linters, types, contract
 	@$(MAKE) --no-print-directory -j2 --output-sync=target check units
 
 units: .venv/ready
-	$(BIN)/pytest $(COMPUTING) -m "not soak and not long" --hypothesis-profile=quick \
+	$(BIN)/pytest $(COMPUTING) -m "not soak and not long" \
 	  $(addprefix tests/,unit properties flight/test_show_flight.py flight/test_group_commands.py)
 
 console: api/console/dist/index.html  ## the operator's page, built by Node from a wheel of its own

@@ -7,6 +7,7 @@ import pytest
 
 from gcs.config.site import station_config
 from gcs.control import Memory
+from gcs.flight.features.timecode import Timecode
 from gcs.flight.state.flight import Flight
 from gcs.formation.orbit import Center
 from gcs.model.lifecycle import Phase, ShowPhase
@@ -23,6 +24,7 @@ def side_by_side(station: str) -> tuple[Flight, SiteMember]:
     site = site_config(2, 2)
     own = station_config(site, station)
     flight = Flight(own, [SilentLink(own.ids)], 0.0)
+    flight.outside_clock = Timecode(None)
     bus = network(("north", "south"), lambda: 0.0).bus(station)
     flight.elsewhere = member = SiteMember(flight, Membership(station, site, bus, 1))
     for vehicle in flight.vehicles.values():
