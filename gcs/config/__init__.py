@@ -1,1 +1,1 @@
-"""YAML to frozen settings, with bounds and line numbers; imports bus, stations and what lies below."""
+"""YAML to frozen settings, with bounds and lines. A section's class is in the package that uses it."""

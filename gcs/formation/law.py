@@ -1,4 +1,4 @@
-"""The flown law: the centre's motion, each vehicle's motion to its slot on the sphere, spin and yaw.
+"""The mathematics of `laws/slots`: the centre's motion, each vehicle's motion to its slot, spin and yaw.
 
 No slot is assigned: the slots start in the vehicles' own directions, are moved on by their mutual repulsion,
 and are kept from tick to tick. Gains are rates (1/s), independent of N and R. The article's terms are in

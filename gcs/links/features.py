@@ -1,4 +1,4 @@
-"""Settings of features. A new one has its class here, and a field of `FeatureSettings`."""
+"""Settings of features, most with a link of their own. New: a class and a field of `FeatureSettings`."""
 
 import re
 from hashlib import sha256

@@ -1,4 +1,4 @@
-"""The map below the show: the configuration's section `map`."""
+"""What the service tells the console of the map below the show: the configuration's section `map`."""
 
 import re
 from pathlib import Path

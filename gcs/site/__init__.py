@@ -1,1 +1,1 @@
-"""Several stations that fly one formation: a service over the service of this station."""
+"""This station among several: which one leads, what happens when it is silent; a service over its own."""

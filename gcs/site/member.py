@@ -26,10 +26,10 @@ from gcs.preflight.go import digest
 from gcs.preflight.vehicles import Placed
 from gcs.site.absences import Absences
 from gcs.site.agreement import NAMES_MAX, rules_of, why_others
+from gcs.site.configured_stations import SiteRoles, station_fleets, without_control
 from gcs.site.led_show import PARTS, SHOW, ShowTraffic
 from gcs.site.requests import REQUEST, Refusal, ShowRequest
 from gcs.site.returns import SiteReturns
-from gcs.site.roles import SiteRoles, station_fleets, without_control
 from gcs.site.sender import NOT_CHECKED, WHY_LENGTH, SiteSender
 from gcs.stations.letters import Letters
 from gcs.stations.messages import PHASE_CODE, PHASES

@@ -1,1 +1,1 @@
-"""Several stations that fly one formation: what they send each other, and what each knows; pure."""
+"""What stations of a site send each other and know of each other, and the terms of the lead; pure."""

@@ -1,6 +1,6 @@
-// Executes the action of a key; `panels/keys.ts` defines it.
+// Executes the action of a key; `keys.ts` defines it.
 
-import { command } from "./panels/keys";
+import { command } from "./keys";
 import type { PanelActions } from "./panels/actions";
 import { pressBig } from "./panels/flight";
 import { whyNotPreview } from "./panels/preview";

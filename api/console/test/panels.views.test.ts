@@ -3,7 +3,7 @@ import { describe, expect, it } from "vitest";
 import { help } from "../src/panels/help";
 import { kill } from "../src/panels/kill";
 import { previewText } from "../src/panels/preview";
-import { command, type Press } from "../src/panels/keys";
+import { command, type Press } from "../src/keys";
 import { columns } from "../src/panels/plots";
 import type { PanelActions } from "../src/panels/actions";
 import { details, failures, preflightNow } from "../src/panels/preflight";

@@ -4,7 +4,7 @@ import { html, type TemplateResult } from "lit-html";
 import type { Camera, State } from "../state";
 import { texts } from "../texts";
 import type { PanelActions } from "./actions";
-import { CAMERA_KEYS, FIT_KEY } from "./keys";
+import { CAMERA_KEYS, FIT_KEY } from "../keys";
 
 const t = texts.camera;
 

@@ -6,7 +6,7 @@ import { texts } from "../texts";
 import { fresh } from "../state";
 import type { PanelActions } from "./actions";
 import { icon, type IconName } from "./icons";
-import { KEYS } from "./keys";
+import { KEYS } from "../keys";
 import { failures, preflightNow } from "./preflight";
 import { whyNoStart, whyNot, whyNotShow } from "./rights";
 

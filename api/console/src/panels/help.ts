@@ -4,7 +4,7 @@ import { html, type TemplateResult } from "lit-html";
 import { PHASES, type State } from "../state";
 import { texts } from "../texts";
 import { icon, PHASE_ICON, sceneForm } from "./icons";
-import { CAMERA_KEYS, FIT_KEY, KEYS, PANEL_KEYS, type FlightKey } from "./keys";
+import { CAMERA_KEYS, FIT_KEY, KEYS, PANEL_KEYS, type FlightKey } from "../keys";
 
 const t = texts.help;
 

@@ -23,7 +23,7 @@ import { flight } from "./flight";
 import { previewBar } from "./preview";
 import { help } from "./help";
 import { icon, type IconName } from "./icons";
-import { PANEL_KEYS } from "./keys";
+import { PANEL_KEYS } from "../keys";
 import { kill } from "./kill";
 import { DEAD_IN_REPLAY, isBesideAPanel, isSmall, shownPanels } from "./layout";
 import { login } from "./login";
