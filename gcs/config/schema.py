@@ -39,7 +39,7 @@ from gcs.planning.feasibility import (
     smallest_formation_radius_m,
 )
 from gcs.planning.lost_space import return_heights_m
-from gcs.safety.filter import SafetySettings
+from gcs.safety.surroundings import SafetySettings
 from gcs.safety.walls import Fence
 from gcs.service.access import AccessSettings, is_loopback
 from gcs.service.map_settings import MapSettings

@@ -19,7 +19,7 @@ from gcs.model.jit import kernel
 from gcs.model.state import TINY, Array
 from gcs.safety.controlled_ground import kept_in_m
 from gcs.safety.fenced_areas import FencedArea, beyond_m, passable
-from gcs.safety.filter import SafetySettings
+from gcs.safety.surroundings import SafetySettings
 
 BAND_M: Final = 10.0
 """Heights are rounded to this, or to a multiple where that would take too many graphs."""

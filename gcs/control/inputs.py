@@ -16,8 +16,8 @@ from gcs.model.response import FleetResponse
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array, FleetState, Mask, Traits, freeze
 from gcs.safety.constraints import stopping_speed_m_s
-from gcs.safety.filter import SafetySettings
 from gcs.safety.near_traffic import NearTraffic
+from gcs.safety.surroundings import SafetySettings
 from gcs.safety.target_clearance import clear_height_m, kept_clear_m
 
 

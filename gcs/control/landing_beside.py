@@ -14,7 +14,7 @@ from gcs.formation.obstacles import Ellipse
 from gcs.model.plan import Target
 from gcs.model.state import TINY, Array, Mask
 from gcs.safety.fenced_areas import beyond_m
-from gcs.safety.filter import SafetySettings
+from gcs.safety.surroundings import SafetySettings
 from gcs.safety.target_clearance import kept_clear_m
 
 OFF_PLACE_M: Final = 2.0

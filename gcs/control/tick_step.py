@@ -33,10 +33,11 @@ from gcs.model.state import Array, FleetState, Mask, Setpoints, Traits, VehicleI
 from gcs.safety.answers import Answers, compared
 from gcs.safety.authority import Authority, measured, yielding
 from gcs.safety.fenced_areas import FencedArea
-from gcs.safety.filter import SafetySettings, Surroundings, filter_velocities
+from gcs.safety.filter import filter_velocities
 from gcs.safety.filter import prepare as safety_prepare
 from gcs.safety.filter import warm_up as safety_warm_up
 from gcs.safety.floor import Floor, minimum_separation
+from gcs.safety.surroundings import SafetySettings, Surroundings
 from gcs.safety.traffic import give_way, keep_right, turn_early
 from gcs.safety.walls import Fence
 

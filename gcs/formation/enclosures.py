@@ -25,7 +25,7 @@ CELLS_MAX: Final = 40_000
 """Edge of a cell; longer where there would be more cells than that."""
 
 CREEPS_M_S: Final = 0.05
-"""A box that moves no faster stands: walls whose places are measured have such speeds. Its place counts in
+"""A box that moves no faster stands: walls that are measured again have such speeds. Its place counts in
 steps of `STEP_M`, so that the cells are seldom filled anew.
 """
 

@@ -18,7 +18,7 @@ from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array, VehicleId
 from gcs.planning.area_room import Space, area_name, ground_lack_m, lacking_m, space_of
 from gcs.safety.constraints import Braking
-from gcs.safety.filter import SafetySettings
+from gcs.safety.surroundings import SafetySettings
 from gcs.safety.target_clearance import clear_height_m, kept_clear_m
 from gcs.safety.walls import Fence, obstacle_constraints
 

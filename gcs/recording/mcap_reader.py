@@ -34,7 +34,7 @@ from gcs.model.lifecycle import Phase
 from gcs.model.state import Mode, VehicleId
 from gcs.recording import mcap_layout as layout
 from gcs.recording.mcap_writer import CHUNK_S, STATUS_S
-from gcs.safety.filter import SafetySettings
+from gcs.safety.surroundings import SafetySettings
 from gcs.service.features import Features
 
 MAGIC: Final = b"\x89MCAP0\r\n"

@@ -1,23 +1,17 @@
 """The safety filter: all constraints, the nearest velocities that keep them, and the reasons."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import lru_cache, partial
-from math import hypot
 from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.formation.obstacles import Ellipse
 from gcs.model.jit import kernel
-from gcs.model.plan import Target
-from gcs.model.response import FleetResponse
-from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import TINY, Array, Mask
 from gcs.safety.across_stations import with_reports
 from gcs.safety.area_walls import area_constraints
-from gcs.safety.authority import AuthoritySettings, reach_constraints
 from gcs.safety.constraints import (
     NO_ROW,
     Braking,
@@ -26,25 +20,18 @@ from gcs.safety.constraints import (
     any_broken,
     nearest,
     shortened,
-    slack_m_s,
     tightest,
 )
 from gcs.safety.controlled_ground import ground_constraints, ground_margins
 from gcs.safety.fenced_areas import FencedArea, passable, shapes_of
 from gcs.safety.floor import Floor, minimum_separation
-from gcs.safety.impact import ImpactSettings, reach_of, winds_of
+from gcs.safety.impact import reach_of, winds_of
 from gcs.safety.lost_paths import OWNERS_MOST, keepout_constraints
-from gcs.safety.near_traffic import Evading, NearTraffic, track_constraints
 from gcs.safety.neighbours import FEW, Rows, near_pairs
 from gcs.safety.separation import Pairs, separation_constraints
-from gcs.safety.target_clearance import clearance_constraints
-from gcs.safety.traffic import Traffic
-from gcs.safety.walls import Fence, fence_constraints, obstacle_constraints
-
-NOTICEABLE_M_S = 0.05
-
-SPARE_M_S = 0.5
-"""Pairs are searched as if every velocity could change by this much."""
+from gcs.safety.surroundings import Limits, SafetySettings, Surroundings
+from gcs.safety.walls_of_each import SPARE_M_S, reach_of_each, walls_of_each
+from gcs.safety.yielding import NOTICEABLE_M_S, driven, eased_pairs, yielding
 
 SOLUTIONS, ATTEMPTS = 3, 6
 """That often the nearest velocities are sought, each time with the pairs that the last ones would bring too
@@ -54,85 +41,6 @@ they still break a constraint of an overlooked pair then, all vehicles brake.
 
 YIELDS = 2
 """That often velocities are filtered at most: once more where constraints contradict each other."""
-
-
-class Limits(Settings):
-    """Limits of every setpoint. A longer vector is scaled; its direction is kept."""
-
-    horizontal_m_s: Positive = 8.0
-    """Fastest setpoint sideways, in m/s."""
-    up_m_s: Positive = 2.5
-    """Fastest setpoint upwards, in m/s."""
-    down_m_s: Positive = 1.4
-    """Fastest setpoint downwards, in m/s."""
-
-    @property
-    def each_m_s(self) -> tuple[float, float, float]:
-        """Sideways, of climbing, of descending."""
-        return self.horizontal_m_s, self.up_m_s, self.down_m_s
-
-    @property
-    def fastest_m_s(self) -> float:
-        """In any direction."""
-        return hypot(self.horizontal_m_s, max(self.up_m_s, self.down_m_s))
-
-
-class SafetySettings(Settings):
-    """All settings of the safety filter."""
-
-    limits: Limits = Limits()
-    """Limits of every setpoint."""
-    floor: Floor = Floor()
-    """The space around each vehicle that no other may enter, and its margins."""
-    fence: Fence = Fence()
-    """The volume that no vehicle may leave."""
-    impact: ImpactSettings = ImpactSettings()
-    """Where vehicles would fall; the fence says where they may (`controlled_ground`)."""
-    braking: Braking = Braking()
-    """How a vehicle stops."""
-    traffic: Traffic = Traffic()
-    """How vehicles on their way to a goal pass each other."""
-    authority: AuthoritySettings = AuthoritySettings()
-    """When a vehicle counts as not reaching its velocity, and what follows."""
-    link_delay_s: NotNegative = 0.0
-    """Known delay of the links, one way, in s; where a longer one is measured, that one counts."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Surroundings:
-    """The fleet and the space around the velocities to be filtered. n rows, show frame."""
-
-    position_m: Array  # (n, 3)
-    velocity_m_s: Array  # (n, 3) measured
-    commanded: Mask  # (n,)
-    airborne: Mask  # (n,) in the air, or possibly so
-    descending: Mask  # (n,) descending to land
-    segments_m: Array  # (m, 2, 3) paths that lost vehicles may take
-    ellipses: Mapping[str, Ellipse]
-    names: Sequence[str]
-    uncertainty_m: Array  # (n,) standard deviations of the positions, sideways
-    speed_max_m_s: Array  # (n,) of each vehicle, in any direction
-    lack_m_s: Array  # (n, 3) what the velocities lack of those commanded, lasting
-    wander_m: Array  # (n,) standard deviations of where velocities that are not commanded lead
-    segments_of: Rows | None = None  # (m,) row of each path's lost vehicle; None: not known
-    drift: tuple[Array, Array] | None = None  # (n, 3) positions and velocities of lost ones that still move
-    passage: Mask | None = None  # (n,) that keep no margin from `segments_m`, as they would else be enclosed
-    response: FleetResponse | None = None  # (n,) in what their stops differ from `braking`; None: in nothing
-    drawn: Mask | None = None  # (n,) on trajectories that were drawn for the fleet; None: none of them
-    near_traffic: NearTraffic | None = None  # traffic; None: there is none
-    shared_m_s: Array | None = None  # (n, 3) what other stations' filters allowed last; NaN, None: not shared
-    targets: tuple[Target, ...] = ()  # those with a clearance are kept clear of
-    time_s: float = 0.0  # of all these
-    goes: Mask | None = None  # (n,) on the way to goals of their own; None: none of them
-    low: Mask | None = None  # (n,) do not descend, and may stay below the least height; None: none of them
-    pressed: Mask | None = None  # (n,) not held off `segments_m`, as a box comes on; None: none of them
-    eased: Mask | None = None  # (n,) that need not part from others beyond the floor; None: none of them
-
-    def over_link(self, delay_s: float) -> "Surroundings":
-        """The same when stops begin a round trip of 2 `delay_s` later."""
-        if self.response is None or delay_s == 0.0:
-            return self
-        return replace(self, response=self.response.over_link(delay_s))
 
 
 def filter_velocities(
@@ -153,19 +61,13 @@ def filter_velocities(
         first = reasons
         allowed_m_s, reasons, again = _filtered(desired_m_s, surroundings, settings)
         if first and surroundings.pressed is not None:
-            each = zip(reasons, first, _driven(surroundings).tolist(), strict=True)
+            each = zip(reasons, first, driven(surroundings).tolist(), strict=True)
             reasons = tuple(now or (before if driven else "") for now, before, driven in each)
         if again is None:
             break
         # onto a path only as fast as the box drives it there
-        surroundings, desired_m_s = again, np.where(_driven(again)[:, None], allowed_m_s, desired_m_s)
+        surroundings, desired_m_s = again, np.where(driven(again)[:, None], allowed_m_s, desired_m_s)
     return allowed_m_s, reasons
-
-
-def _driven(surroundings: Surroundings) -> Mask:
-    """(n,) Which of those commanded a box may drive onto the paths of lost ones."""
-    commanded = np.array(surroundings.commanded)
-    return np.zeros_like(commanded) if surroundings.pressed is None else commanded & surroundings.pressed
 
 
 def _filtered(
@@ -192,10 +94,10 @@ def _filtered(
     pairs_of = _pairs_of(position_m, desired_m_s, own, here, settings.floor, braking)
     pairs, involved = _first_pairs(pairs_of, desired_m_s, own, here)
     confined = here if involved is moved else replace(here, commanded=involved)
-    walls_of = partial(_walls, position_m, desired_m_s, confined, settings, braking)
+    walls_of = partial(walls_of_each, position_m, desired_m_s, confined, settings, braking)
     course_m_s = None if settings.fence.is_plain else _lengths(desired_m_s, np.zeros_like(desired_m_s))
     walls = walls_of(course_m_s)
-    walls = Constraints.joined(walls, _reach(here, walls, settings))
+    walls = Constraints.joined(walls, reach_of_each(here, walls, settings))
     landing = np.array(here.descending) & (not settings.fence.is_plain)
     allowed_m_s = searched_m_s = desired_m_s
     for attempt in range(ATTEMPTS):
@@ -217,101 +119,13 @@ def _filtered(
         pairs, walls = pairs.joined(overlooked), Constraints.joined(walls, farther)
     else:
         allowed_m_s = np.zeros_like(allowed_m_s)
-    again = _yielding(allowed_m_s, position_m, pairs, surroundings, braking)
+    again = yielding(allowed_m_s, position_m, pairs, surroundings, braking)
     changed_m_s = _lengths(desired_m_s, allowed_m_s)
     if not settings.fence.is_plain and len(judged):
         _raise_to_unmet(changed_m_s, allowed_m_s, judged.first, judged.normal, judged.bound_m_s)
     if moved is not own:
         allowed_m_s[~own], changed_m_s[~own] = 0.0, 0.0
     return allowed_m_s, _reasons(desired_m_s, changed_m_s, judged, pairs, joined, here.names), again
-
-
-def _yielding(
-    allowed_m_s: Array,
-    position_m: Array,
-    pairs: Pairs,
-    surroundings: Surroundings,
-    braking: Braking,
-) -> Surroundings | None:
-    """With what to filter again, as velocities (n, 3) break what is certain; None: with nothing.
-
-    A lost vehicle may take its path, a box that comes on does come. And vehicles in each other's margin may
-    be too near: driving them apart is not worth bringing others nearer.
-    """
-    again, none = surroundings, np.zeros(len(allowed_m_s), np.bool_)
-    if len(again.segments_m):
-        pressed = _pressed(allowed_m_s, pairs, position_m, again, braking)
-        before = none if again.pressed is None else again.pressed
-        if np.count_nonzero(pressed & ~before):
-            again = replace(again, pressed=pressed | before)
-    about = pairs.first, pairs.second, pairs.other, pairs.normal, pairs.bound_m_s
-    nearer = _brought_nearer(allowed_m_s, *about)
-    before = none if again.eased is None else again.eased
-    if np.count_nonzero(nearer & ~before):
-        again = replace(again, eased=nearer | before)
-    return None if again is surroundings else again
-
-
-@kernel
-def _brought_nearer(
-    allowed_m_s: Array, first: Rows, second: Rows, other: Rows, normal: Array, bound_m_s: Array
-) -> Mask:
-    """(n,) Vehicles of pairs (k,) that velocities (n, 3) bring nearer than either may."""
-    nearer = np.zeros(len(allowed_m_s), np.bool_)
-    for k in range(len(first)):
-        slack = slack_m_s(allowed_m_s, first[k], second[k], normal, bound_m_s, k)
-        if slack + max(bound_m_s[k], 0.0) < -NOTICEABLE_M_S:
-            nearer[first[k]], nearer[other[k]] = True, True
-    return nearer
-
-
-def _eased(pairs: Pairs, position_m: Array, rows: Mask, floor: Floor) -> Pairs:
-    """The pairs, where those of `rows` (n,) that are beyond the floor and its margin need not part."""
-    away_m = (position_m[pairs.first] - position_m[pairs.other]) * floor.scale
-    beyond = np.linalg.norm(away_m, axis=1) >= floor.horizontal_m + floor.margin_m
-    eased = (rows[pairs.first] | rows[pairs.other]) & beyond
-    return replace(pairs, bound_m_s=np.where(eased, np.minimum(pairs.bound_m_s, 0.0), pairs.bound_m_s))
-
-
-def _pressed(
-    allowed_m_s: Array, pairs: Pairs, position_m: Array, here: Surroundings, braking: Braking
-) -> Mask:
-    """(n,) Vehicles that velocities (n, 3) would leave before a box that comes on, and those in their way.
-
-    Paths of lost vehicles hold them there. A lost vehicle may take its path, the box comes: it counts first.
-    A box that stands, passes or goes away does not.
-    """
-    pressed = np.zeros(len(allowed_m_s), np.bool_)
-    coming = {
-        name: each for name, each in here.ellipses.items() if each.velocity_x_m_s or each.velocity_y_m_s
-    }
-    if not coming:
-        return pressed
-    at_rest = {name: replace(each, velocity_x_m_s=0.0, velocity_y_m_s=0.0) for name, each in coming.items()}
-    boxes, resting = (
-        Constraints.joined(*_obstacles(position_m, replace(here, ellipses=each), braking, np.inf))
-        for each in (coming, at_rest)
-    )
-    comes = boxes.bound_m_s > np.maximum(resting.bound_m_s, 0.0)
-    broken = comes & (boxes.slack_m_s(allowed_m_s) < -NOTICEABLE_M_S)
-    pressed[boxes.first[broken]] = True
-    if broken.any():
-        _add_those_in_the_way(pressed, allowed_m_s, pairs, float(boxes.bound_m_s[broken].max()))
-    return pressed
-
-
-def _add_those_in_the_way(pressed: Mask, allowed_m_s: Array, pairs: Pairs, speed_m_s: float) -> None:
-    """Add to `pressed` (n,) the vehicles that hinder them, or each other, from flying `speed_m_s` faster."""
-    both = pairs.second != NO_ROW
-    one, other = pairs.first[both], pairs.second[both]
-    closing_m_s = (pairs.normal[both] * (allowed_m_s[one] - allowed_m_s[other])).sum(axis=1)
-    near = closing_m_s - pairs.bound_m_s[both] < speed_m_s
-    one, other = one[near], other[near]
-    before = -1
-    while (count := int(np.count_nonzero(pressed))) != before:
-        before = count
-        pressed[other[pressed[one]]] = True
-        pressed[one[pressed[other]]] = True
 
 
 def _first_pairs(
@@ -359,7 +173,7 @@ def _pairs_of(
         goes=here.goes,
     )
     eased = here.eased
-    return search if eased is None else lambda **given: _eased(search(**given), position_m, eased, floor)
+    return search if eased is None else lambda **given: eased_pairs(search(**given), position_m, eased, floor)
 
 
 @kernel
@@ -414,168 +228,6 @@ def _joined(walls: Constraints, pairs: Pairs) -> Joined:
         np.concatenate([walls.second, pairs.second]),
         np.concatenate([walls.normal, pairs.normal]),
         np.concatenate([walls.bound_m_s, pairs.bound_m_s]),
-    )
-
-
-def _walls(
-    position_m: Array,
-    desired_m_s: Array,
-    here: Surroundings,
-    settings: SafetySettings,
-    braking: Braking,
-    speed_m_s: Array | None,
-    only: Mask | None = None,
-) -> Constraints:
-    """All constraints on single vehicles: paths of lost ones, fence, ground, obstacles, target, traffic.
-
-    Areas and ground are left out where no velocity breaks them that is by `SPARE_M_S` faster than `speed_m_s`
-    (n,); None: no limit of the vehicles is. With `only` (n,) there are areas and ground alone, of these rows.
-    """
-    course_m_s = None if speed_m_s is None else speed_m_s + SPARE_M_S
-    if only is not None:
-        confined = replace(here, commanded=here.commanded & only)
-        return _site(position_m, confined, settings, braking, course_m_s)
-    fastest_m_s = settings.limits.fastest_m_s
-    fence = fence_constraints(
-        position_m,
-        here.commanded,
-        here.descending if here.low is None else here.descending | here.low,
-        settings.fence,
-        braking,
-        velocity_m_s=here.velocity_m_s,
-        standoff_m=settings.floor.standoff_m(np.array(here.uncertainty_m)),
-        response=here.response,
-        fastest_m_s=fastest_m_s,
-    )
-    site = _site(position_m, here, settings, braking, course_m_s)
-    clear_of_targets = (
-        clearance_constraints(
-            position_m,
-            here.velocity_m_s,
-            here.commanded,
-            target,
-            here.time_s + settings.link_delay_s,
-            floor=settings.floor,
-            braking=braking,
-            uncertainty_m=here.uncertainty_m,
-            response=here.response,
-            fastest_m_s=fastest_m_s,
-        )
-        for target in here.targets
-        if target.clearance_m
-    )
-    walls = Constraints.joined(
-        _lost(position_m, here, settings, braking),
-        fence,
-        site,
-        *_obstacles(position_m, here, braking, fastest_m_s),
-        *clear_of_targets,
-    )
-    if here.near_traffic is None:
-        return walls
-    evading = Evading(
-        position_m,
-        here.commanded & ~here.descending,
-        desired_m_s,
-        settings.floor.standoff_m(np.array(here.uncertainty_m)),
-        np.minimum(here.speed_max_m_s, settings.limits.horizontal_m_s),
-        braking.of_each(len(position_m), here.response),
-        settings.fence.distance_max_m,
-    )
-    return Constraints.joined(walls, track_constraints(evading, here.near_traffic))
-
-
-def _lost(position_m: Array, here: Surroundings, settings: SafetySettings, braking: Braking) -> Constraints:
-    """Constraints of the paths that lost vehicles may take."""
-    if not len(here.segments_m):
-        return Constraints.none()
-    return keepout_constraints(
-        position_m,
-        here.commanded if here.pressed is None else here.commanded & ~here.pressed,
-        here.segments_m,
-        floor=settings.floor,
-        braking=braking,
-        uncertainty_m=np.hypot(here.uncertainty_m, here.wander_m),
-        segments_uncertainty_m=None if here.segments_of is None else here.uncertainty_m[here.segments_of],
-        segments_of=here.segments_of,
-        drift=here.drift,
-        passage=here.passage,
-        response=here.response,
-        fastest_m_s=settings.limits.fastest_m_s,
-    )
-
-
-def _obstacles(
-    position_m: Array, here: Surroundings, braking: Braking, fastest_m_s: float
-) -> tuple[Constraints, Constraints]:
-    """Constraints of obstacles, and of slow traffic, which holds up no vehicle that lands."""
-    if not here.ellipses:
-        return Constraints.none(), Constraints.none()
-    slow = set() if here.near_traffic is None else {box.id for box in here.near_traffic.boxes}
-
-    def around(is_slow: bool, commanded: Mask) -> Constraints:
-        ellipses = {name: here.ellipses[name] for name in here.ellipses if (name in slow) is is_slow}
-        return obstacle_constraints(
-            position_m, commanded, ellipses, braking, response=here.response, fastest_m_s=fastest_m_s
-        )
-
-    return around(False, here.commanded), around(True, here.commanded & ~here.descending)
-
-
-def _site(
-    position_m: Array,
-    here: Surroundings,
-    settings: SafetySettings,
-    braking: Braking,
-    course_m_s: Array | None,
-) -> Constraints:
-    """Constraints of the fence's areas, and of where vehicles would fall."""
-    fence, ground = settings.fence, settings.fence.controlled_ground
-    if fence.is_plain:
-        return Constraints.none()
-    velocity_m_s = np.nan_to_num(here.velocity_m_s)
-    uncertainty_m = np.array(here.uncertainty_m)
-    fastest_m_s = settings.limits.fastest_m_s
-    walls = area_constraints(
-        position_m,
-        here.commanded,
-        fence.areas,
-        braking,
-        velocity_m_s=velocity_m_s,
-        standoff_m=settings.floor.off_walls_m(uncertainty_m),
-        response=here.response,
-        fastest_m_s=fastest_m_s,
-        descending=here.descending,
-        heights_m=fence.heights_m,
-        course_m_s=course_m_s,
-    )
-    if ground is None:
-        return walls
-    falls = ground_constraints(
-        position_m,
-        here.commanded,
-        ground,
-        settings.impact,
-        braking,
-        velocity_m_s=velocity_m_s,
-        standoff_m=settings.floor.standoff_m(uncertainty_m),
-        response=here.response,
-        fastest_m_s=fastest_m_s,
-        course_m_s=course_m_s,
-    )
-    return Constraints.joined(walls, falls)
-
-
-def _reach(here: Surroundings, walls: Constraints, settings: SafetySettings) -> Constraints:
-    """Constraints on what vehicles short of authority cannot do."""
-    least = settings.authority
-    return reach_constraints(
-        np.array(here.velocity_m_s),
-        np.array(here.commanded),
-        here.lack_m_s,
-        walls,
-        least.lack_m_s,
-        least.reserve_m_s,
     )
 
 

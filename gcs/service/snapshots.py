@@ -26,7 +26,7 @@ from gcs.service.vehicle_table import VehicleTable
 
 if TYPE_CHECKING:
     from gcs.safety.fenced_areas import FencedArea
-    from gcs.safety.filter import SafetySettings
+    from gcs.safety.surroundings import SafetySettings
 
 T = TypeVar("T")
 

@@ -27,7 +27,7 @@ from gcs.model.plan import DEFAULT_LAW, MAX_OBSTACLES, Direction
 from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array
 from gcs.safety.fenced_areas import FencedArea, too_many
-from gcs.safety.filter import Limits
+from gcs.safety.surroundings import Limits
 from gcs.safety.walls import Fence
 from gcs.shows.drawn.trajectories import turned
 

@@ -10,8 +10,8 @@ from gcs.control.memory import Memory
 from gcs.control.traffic import Sphere, announced, tracks_near
 from gcs.estimation.traffic import TrackReport, TrackTable
 from gcs.model.state import Array
-from gcs.safety.filter import SafetySettings
 from gcs.safety.near_traffic import NearTraffic
+from gcs.safety.surroundings import SafetySettings
 from gcs.sim.targets.motions import FOREVER_S, Course, Leg
 from gcs.simulation.scenario import CrossingTraffic
 

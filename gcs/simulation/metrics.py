@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from gcs.formation.laws.protocol import GoalShape
 from gcs.formation.laws.registry import law_of
 from gcs.model.state import Array, Mask
-from gcs.safety.filter import Limits
+from gcs.safety.surroundings import Limits
 from gcs.simulation.arrivals import ArrivalFigures, arrival
 from gcs.simulation.article import ArticleFigures, article_figures
 from gcs.simulation.crossing import TrafficFigures

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array
-from gcs.safety.filter import Limits
+from gcs.safety.surroundings import Limits
 
 Index: TypeAlias = NDArray[np.intp]
 

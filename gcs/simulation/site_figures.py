@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from gcs.model.state import Array, Mask
 from gcs.safety.controlled_ground import ground_margins
 from gcs.safety.fenced_areas import FencedArea
-from gcs.safety.filter import SafetySettings
+from gcs.safety.surroundings import SafetySettings
 from gcs.simulation.falls import fallen
 from gcs.simulation.record import FlightRecord
 

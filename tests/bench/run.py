@@ -26,7 +26,8 @@ from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle, Plan, Target
 from gcs.model.state import Array, FleetState, Traits
 from gcs.planning.lost_space import swept_segments_m
 from gcs.safety.fenced_areas import CORNERS_MAX, FencedArea
-from gcs.safety.filter import SafetySettings, Surroundings, filter_velocities
+from gcs.safety.filter import filter_velocities
+from gcs.safety.surroundings import SafetySettings, Surroundings
 from gcs.safety.walls import Fence
 from gcs.sim.vehicle.dynamics import PointMasses, Response
 from gcs.simulation.article import step_virtual

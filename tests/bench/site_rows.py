@@ -19,8 +19,9 @@ from gcs.model.plan import Formation, Plan
 from gcs.model.state import Array
 from gcs.safety.controlled_ground import kept_in_m
 from gcs.safety.fenced_areas import CORNERS_IN_ALL, FencedArea, beyond_m
-from gcs.safety.filter import SafetySettings, filter_velocities
+from gcs.safety.filter import filter_velocities
 from gcs.safety.impact import ImpactSettings
+from gcs.safety.surroundings import SafetySettings
 from gcs.safety.walls import Fence
 from tests.bench.run import flying_on
 from tests.support.safety_fleets import around

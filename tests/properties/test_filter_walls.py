@@ -11,10 +11,11 @@ from gcs.formation.obstacles import Ellipse
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array, Mask
 from gcs.safety.constraints import Constraints
-from gcs.safety.filter import Surroundings, cap, filter_velocities
+from gcs.safety.filter import cap, filter_velocities
 from gcs.safety.floor import Floor
 from gcs.safety.lost_paths import keepout_constraints
 from gcs.safety.separation import separation_constraints
+from gcs.safety.surroundings import Surroundings
 from gcs.safety.walls import obstacle_constraints
 from tests.support.law_fleets import masks, obstacles, places, vectors
 from tests.support.safety_fleets import (

@@ -15,9 +15,10 @@ from gcs.model.state import Array
 from gcs.safety.constraints import TOLERANCE_M_S, Braking
 from gcs.safety.controlled_ground import ground_constraints, ground_margins
 from gcs.safety.fenced_areas import FencedArea
-from gcs.safety.filter import SafetySettings, filter_velocities
+from gcs.safety.filter import filter_velocities
 from gcs.safety.floor import Floor
 from gcs.safety.impact import Airframe, ImpactSettings
+from gcs.safety.surroundings import SafetySettings
 from gcs.safety.walls import Fence
 from gcs.simulation.batch import Run, run_once
 from gcs.simulation.falls import fallen

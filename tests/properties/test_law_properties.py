@@ -23,7 +23,7 @@ from gcs.model.plan import Direction, Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array, FleetState, Traits
 from gcs.planning.feasibility import check_formation, check_orbit, smallest_formation_radius_m
 from gcs.planning.landing_sites import CLEAR_M, distinct_sites_m
-from gcs.safety.filter import SafetySettings
+from gcs.safety.surroundings import SafetySettings
 from gcs.safety.walls import Fence
 from tests.support.law_fleets import COUNTS, met_m, obstacles, places, tangent_of, vectors, within
 

@@ -7,7 +7,7 @@ import numpy as np
 from gcs.control import ControlSettings, Memory, Task, Tasks, tick
 from gcs.model.plan import Formation, Obstacle, Plan
 from gcs.model.state import Array, Traits
-from gcs.safety.filter import Limits, SafetySettings
+from gcs.safety.surroundings import Limits, SafetySettings
 from gcs.safety.walls import Fence, nearest_way_out
 from gcs.simulation.autopilots import responses
 from gcs.simulation.scenario import Wind, World

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from gcs.formation.obstacles import Ellipse
 from gcs.model.state import Array, Mask
 from gcs.safety.constraints import slack_m_s
-from gcs.safety.filter import SafetySettings, Surroundings
 from gcs.safety.separation import separation_constraints
+from gcs.safety.surroundings import SafetySettings, Surroundings
 from tests.support.law_fleets import vectors
 
 CALM = settings(deadline=None)

@@ -7,9 +7,10 @@ import numpy as np
 from gcs.formation.obstacles import Ellipse
 from gcs.model.state import Array
 from gcs.safety.constraints import Braking, Constraints, nearest, shortened
-from gcs.safety.filter import Limits, SafetySettings, Surroundings, filter_velocities
+from gcs.safety.filter import filter_velocities
 from gcs.safety.floor import Floor
 from gcs.safety.neighbours import Rows
+from gcs.safety.surroundings import Limits, SafetySettings, Surroundings
 from gcs.safety.walls import Fence
 
 BRAKING = Braking(reaction_s=0.5, lead_s=0.0, deceleration_m_s2=1.5, escape_rate_per_s=0.5)

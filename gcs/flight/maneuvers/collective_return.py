@@ -83,7 +83,7 @@ class CollectiveReturn:
         self._closing: frozenset[VehicleId] = frozenset()  # lost vehicles that the landing places allow for
         self._left: set[VehicleId] = set()  # left the plan: no way leads home, or their places were closed
         self._shut_in = np.zeros(0, np.bool_)  # (n,) that no way leads home; written by the planning thread
-        self._looked = 0  # the next of the plan's rows whose way is examined
+        self._next_row = 0  # the next of the plan's rows whose way is examined
         self.problem = ""  # why the planner failed and what follows
         self._planner: Planner | None = None
         self._planned: Future[tuple[ReturnPaths, Array]] | None = None  # with (n, 3) landing positions
@@ -195,11 +195,11 @@ class CollectiveReturn:
         """Take vehicles out of the plan that obstacles have shut in since: a few in each tick."""
         if not self._in_force.plan.obstacles or not self._places:
             return
-        looked = np.unique(np.arange(self._looked, self._looked + LOOKS) % len(self._places))
-        self._looked = (self._looked + LOOKS) % len(self._places)
-        control, here_m = self._in_force.control, self._newest.state.position_m[self._places][looked]
+        examined = np.unique(np.arange(self._next_row, self._next_row + LOOKS) % len(self._places))
+        self._next_row = (self._next_row + LOOKS) % len(self._places)
+        control, here_m = self._in_force.control, self._newest.state.position_m[self._places][examined]
         ellipses = ellipses_of(self._in_force.plan, control, self._newest.state.time_s)
-        shut_in = looked[shut_in_by(ellipses, here_m, self._home_m[looked], control)].tolist()
+        shut_in = examined[shut_in_by(ellipses, here_m, self._home_m[examined], control)].tolist()
         self._left.update(self._newest.state.ids[self._places[at]] for at in shut_in)
 
     def _fail(self, error: BaseException) -> None:

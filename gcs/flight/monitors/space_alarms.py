@@ -91,7 +91,7 @@ STANDING: Final = "obstacles that stand"
 W: Final = AlarmSeverity.WARNING
 
 SURE_S: Final = 2.0
-"""So long no way is found before that is said."""
+"""For so long the planner finds no way before the alarm begins."""
 
 
 @dataclass(eq=False)

@@ -28,9 +28,9 @@ from gcs.planning.return_paths.round_boxes import WaysRound
 from gcs.planning.return_paths.within_areas import in_pieces, keep_off
 from gcs.safety.controlled_ground import falls_within, kept_in_m
 from gcs.safety.fenced_areas import beyond_m, passable
-from gcs.safety.filter import Limits
 from gcs.safety.floor import Floor
 from gcs.safety.neighbours import Rows
+from gcs.safety.surroundings import Limits
 
 SPARED_FAILS = (5, 8, 3)
 """A vehicle that found no path in this many rounds is not passed while it waits, if possible. Where one

@@ -15,7 +15,7 @@ from gcs.control.memory import AreaWays
 from gcs.model.plan import Formation, Plan
 from gcs.model.state import Array, FleetState, Traits
 from gcs.safety.fenced_areas import Corner, FencedArea
-from gcs.safety.filter import SafetySettings
+from gcs.safety.surroundings import SafetySettings
 from gcs.safety.walls import Fence
 
 DT_S = 0.05

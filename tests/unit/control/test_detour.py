@@ -11,7 +11,7 @@ from gcs.control.scene import ALOFT_M
 from gcs.formation.route import Boxes, Goal, Route, find_route
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target
 from gcs.model.state import Array, FleetState, Traits
-from gcs.safety.filter import SafetySettings
+from gcs.safety.surroundings import SafetySettings
 from gcs.safety.walls import Fence
 
 TICK_S, RADIUS_M, HEIGHT_M = 0.05, 8.0, 20.0

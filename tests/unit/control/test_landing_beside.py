@@ -11,7 +11,7 @@ from gcs.formation.obstacles import Ellipse
 from gcs.model.plan import Formation, Plan, Target
 from gcs.model.state import Array, FleetState, Traits
 from gcs.safety.fenced_areas import FencedArea
-from gcs.safety.filter import SafetySettings
+from gcs.safety.surroundings import SafetySettings
 from gcs.safety.walls import Fence
 
 SAFETY = SafetySettings()

@@ -13,7 +13,8 @@ from gcs.formation.orbit import Center
 from gcs.model.plan import Formation, Obstacle, Orbit, Plan, Target, Yaw, YawPolicy
 from gcs.model.state import Array, FleetState, Traits
 from gcs.safety.fenced_areas import FencedArea
-from gcs.safety.filter import SafetySettings, Surroundings, filter_velocities
+from gcs.safety.filter import filter_velocities
+from gcs.safety.surroundings import SafetySettings, Surroundings
 from gcs.safety.walls import Fence
 
 ROAD = np.array([[[30.0, 0.0, -20.0], [30.0, 0.0, 0.0]]])

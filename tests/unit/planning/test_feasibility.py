@@ -22,8 +22,8 @@ from gcs.planning.feasibility import (
     smallest_formation_radius_m,
 )
 from gcs.safety.constraints import Braking
-from gcs.safety.filter import SafetySettings
 from gcs.safety.floor import Floor
+from gcs.safety.surroundings import SafetySettings
 from gcs.safety.walls import Fence
 
 SAFETY = SafetySettings(

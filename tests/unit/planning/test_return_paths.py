@@ -10,8 +10,8 @@ from gcs.model.state import Array, Mask
 from gcs.planning.return_paths.candidates import Closed
 from gcs.planning.return_paths.paths import STEP_S, ReturnPaths
 from gcs.planning.return_paths.planner import Planner, plan_return_paths
-from gcs.safety.filter import Limits
 from gcs.safety.floor import Floor
+from gcs.safety.surroundings import Limits
 
 FLOOR = Floor()
 UNSURE_M = 0.7

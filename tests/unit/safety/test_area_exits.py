@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from gcs.model.state import Array
 from gcs.safety.fenced_areas import Corner, FencedArea, beyond_m
-from gcs.safety.filter import SafetySettings, filter_velocities
+from gcs.safety.filter import filter_velocities
+from gcs.safety.surroundings import SafetySettings
 from gcs.safety.walls import Fence
 from tests.support.safety_world import surroundings
 

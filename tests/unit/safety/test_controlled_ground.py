@@ -13,8 +13,9 @@ from gcs.safety.controlled_ground import (
     kept_in_m,
 )
 from gcs.safety.fenced_areas import Corner, FencedArea
-from gcs.safety.filter import SafetySettings, filter_velocities
+from gcs.safety.filter import filter_velocities
 from gcs.safety.impact import Airframe, ImpactSettings
+from gcs.safety.surroundings import SafetySettings
 from gcs.safety.walls import Fence
 from tests.support.safety_fleets import around
 

@@ -20,7 +20,8 @@ from gcs.safety.fenced_areas import (
     is_within,
     shapes_of,
 )
-from gcs.safety.filter import SafetySettings, filter_velocities
+from gcs.safety.filter import filter_velocities
+from gcs.safety.surroundings import SafetySettings
 from gcs.safety.walls import Fence
 from tests.support.safety_fleets import around
 

@@ -5,8 +5,8 @@ import pytest
 
 from gcs.control.area_graphs import prepare_ways, prepared_ways
 from gcs.safety.fenced_areas import FencedArea
-from gcs.safety.filter import SafetySettings
 from gcs.safety.impact import ImpactSettings, impacts, in_wind, winds_of
+from gcs.safety.surroundings import SafetySettings
 from gcs.safety.walls import Fence
 
 

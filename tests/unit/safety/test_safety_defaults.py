@@ -1,8 +1,8 @@
 """The defaults that hold without configuration."""
 
 from gcs.safety.constraints import Braking
-from gcs.safety.filter import Limits, SafetySettings
 from gcs.safety.floor import Floor
+from gcs.safety.surroundings import Limits, SafetySettings
 from gcs.safety.traffic import Traffic
 from gcs.safety.walls import Fence
 

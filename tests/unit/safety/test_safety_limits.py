@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from gcs.safety.filter import Limits, cap, filter_velocities
+from gcs.safety.filter import cap, filter_velocities
+from gcs.safety.surroundings import Limits
 from tests.support.safety_world import BOX, SETTINGS, surroundings
 
 

@@ -8,7 +8,8 @@ import pytest
 from gcs.model.response import FleetResponse, Response
 from gcs.model.state import Array
 from gcs.safety.constraints import Braking
-from gcs.safety.filter import SafetySettings, Surroundings, filter_velocities
+from gcs.safety.filter import filter_velocities
+from gcs.safety.surroundings import SafetySettings, Surroundings
 from tests.support.safety_world import BOX, BRAKING, SETTINGS, surroundings
 
 GENTLE = Response(acceleration_m_s2=0.8, swings_s=0.7)

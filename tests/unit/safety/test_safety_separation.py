@@ -8,10 +8,11 @@ import pytest
 
 from gcs.safety.across_stations import CHANGE_M_S
 from gcs.safety.constraints import Braking, Constraints
-from gcs.safety.filter import Limits, filter_velocities
+from gcs.safety.filter import filter_velocities
 from gcs.safety.floor import Floor, pairs_that_count
 from gcs.safety.lost_paths import OWNERS_MOST, keepout_constraints
 from gcs.safety.separation import separation_constraints
+from gcs.safety.surroundings import Limits
 from tests.support.safety_world import BRAKING, FLOOR, SETTINGS, filtered, surroundings
 
 

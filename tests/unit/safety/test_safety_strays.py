@@ -8,9 +8,10 @@ import pytest
 import gcs.safety.filter as whole
 from gcs.model.state import Array
 from gcs.safety.constraints import NO_ROW, nearest
-from gcs.safety.filter import SafetySettings, Surroundings, filter_velocities
+from gcs.safety.filter import filter_velocities
 from gcs.safety.neighbours import Rows
 from gcs.safety.separation import separation_constraints
+from gcs.safety.surroundings import SafetySettings, Surroundings
 from gcs.safety.walls import Fence
 
 SETTINGS = SafetySettings(fence=Fence(height_min_m=0.1, height_max_m=1e4, distance_max_m=1e4))

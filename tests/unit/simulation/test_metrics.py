@@ -9,7 +9,7 @@ import scipy
 
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array
-from gcs.safety.filter import Limits
+from gcs.safety.surroundings import Limits
 from gcs.simulation import metrics as measure
 from gcs.simulation.arrivals import arrival
 from gcs.simulation.record import FlightRecord, closest_m

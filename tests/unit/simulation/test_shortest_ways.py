@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from gcs.model.plan import Obstacle
-from gcs.safety.filter import Limits
+from gcs.safety.surroundings import Limits
 from gcs.simulation.home_worlds import SHAPES, home_world
 from gcs.simulation.shortest_ways import shortest_paths_m, shortest_ways_s
 
