@@ -1,1 +1,1 @@
-"""Failsafe policy, triggers, arbitration, autopilots' failsafes; pure, imports safety, estimation, model."""
+"""Failsafes: settings (`policy`), requests (`triggers`), which of them is flown (`arbitration`); pure."""

@@ -105,7 +105,10 @@ def _enclosures(walls: tuple[Ellipse, ...]) -> Enclosures:
 
 @kernel
 def _fill(label: Labels) -> None:
-    """Number what is connected where the cells (k, l) are negative: from `OUTSIDE` on, a corner first."""
+    """Number what is connected where the cells (k, l) are negative: from `OUTSIDE` on, a corner first.
+
+    `scipy.ndimage.label` does the same, and takes 0.4 s to load: in the tick that first has a box.
+    """
     wide, high = label.shape
     stack, number = np.empty((wide * high, 2), np.int64), OUTSIDE
     for x in range(wide):
@@ -130,15 +133,15 @@ def _apart(label: Labels, begins: NDArray[np.int64], ends: NDArray[np.int64]) ->
     """(k,) Between which cells (k, 2) no way leads."""
     apart = np.zeros(len(begins), np.bool_)
     for i in range(len(begins)):
-        one, other = label[begins[i, 0], begins[i, 1]], label[ends[i, 0], ends[i, 1]]
-        if one > 0 and other > 0:
-            apart[i] = one != other
+        begin, end = label[begins[i, 0], begins[i, 1]], label[ends[i, 0], ends[i, 1]]
+        if begin > 0 and end > 0:
+            apart[i] = begin != end
             continue
-        from_one, from_other = _led_out(label, begins[i]), _led_out(label, ends[i])
-        apart[i] = len(from_one) > 0 and len(from_other) > 0
-        for each in from_one:
-            for another in from_other:
-                apart[i] = apart[i] and each != another
+        near_begin, near_end = _led_out(label, begins[i]), _led_out(label, ends[i])
+        apart[i] = len(near_begin) > 0 and len(near_end) > 0
+        for label_there in near_begin:
+            for label_here in near_end:
+                apart[i] = apart[i] and label_there != label_here
     return apart
 
 

@@ -1,1 +1,1 @@
-"""MAVLink of the fake vehicles: frames, telemetry reports, commands, setpoints."""
+"""MAVLink of the fake vehicles: frames, reports, commands, parameters, setpoints; `autopilot` is PX4's."""

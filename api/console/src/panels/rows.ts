@@ -1,4 +1,4 @@
-/** The fleet as rows of a table: columns, order, and the rows on the screen. Pure. */
+/** The fleet as rows of a table: columns, order, and the rows on the screen; `query` filters them. Pure. */
 
 import { commanded, lasts, type Overall } from "../alarms/model";
 import type { Frame, Phase, Status } from "../snapshot";
