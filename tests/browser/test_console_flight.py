@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Callable
+from itertools import groupby
 from pathlib import Path
 
 import pytest
@@ -163,7 +164,8 @@ def test_a_show_is_flown_by_the_page_alone(chrome: Browser, tmp_path: Path) -> N
         ui.phase("Shift+H", re.compile("returning home|landed"))
         ui.says("show-phase", "landed", FLIGHT_MS)
         expect(ui.part("airborne")).to_contain_text("0/4")
-        assert [command.action for command in ground.client.commands()] == [
+        commands = (command.action for command in ground.client.commands())
+        assert [action for action, _ in groupby(commands)] == [  # `phase` may press a key twice
             *("stop", "resume", "return", "pause", "start")  # return: the failsafe of the low battery
         ]
         assert ui.wrong == []
