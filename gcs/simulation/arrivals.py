@@ -83,6 +83,8 @@ def _ratios(record: FlightRecord, start_m: Array, place_m: Array, there: Mask) -
 
 def _reached(record: FlightRecord, start_m: Array, place_m: Array, there: Mask) -> ArrivalFigures:
     """When each of the expected vehicles was first `there`, and whether in time; as `_ratios`."""
+    if not record.expected.any():
+        return ArrivalFigures(arrived=0, expected=0)
     ratio, took_s, shortest_s = _ratios(record, start_m, place_m, there)
     return ArrivalFigures(
         arrived=int(np.isfinite(took_s).sum()),
@@ -122,7 +124,7 @@ def _assembled(figures: ArrivalFigures, record: FlightRecord) -> ArrivalFigures:
 
     Slots move while vehicles assemble; the straight line leads to where a vehicle's slot comes to rest.
     """
-    if record.lost_rows or record.orbit_radius_m or record.changed_s:
+    if record.lost_rows or record.orbit_radius_m or record.changed_s or not record.expected.any():
         return figures
     place_m = record.slot_m
     there = np.linalg.norm(record.path_m - place_m, axis=2) < THROUGH_M

@@ -242,6 +242,17 @@ def test_landings_count_after_a_return_past_lost_ones() -> None:
     assert arrival(record).arrived == 2  # the first lies beside its pad
 
 
+@pytest.mark.parametrize("has_goals", [False, True])
+def test_a_flight_that_all_left_has_figures(has_goals: bool) -> None:
+    """`gcs simulate wind-failsafes --judged` ended with a traceback: the wind had sent all of 20 down."""
+    record = record_of([10.0 * TETRAHEDRON + CENTER] * 40, scenario(ending="return"))
+    record.off_slot_m = [np.full(4, np.nan)] * 40
+    if has_goals:
+        record.goal_m, record.expected = np.zeros((4, 3)), np.zeros(4, dtype=bool)
+    figures = arrival(record)
+    assert (figures.arrived, figures.expected, figures.total_s) == (0, 0, None)
+
+
 def test_two_lost_vehicles_that_meet_are_counted_apart() -> None:
     record = record_of([10.0 * TETRAHEDRON + CENTER] * 4)
     record.violating, record.lost_rows = {(0, 1), (1, 2)}, frozenset({1, 2})
