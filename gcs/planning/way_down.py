@@ -13,6 +13,9 @@ SLOW_M_S: Final = 0.5
 SLOW_BELOW_M: Final = 10.0
 """Descents of an autopilot's LAND above and below this height: ArduPilot's as delivered, the slowest."""
 
+SINKS_M_S: Final = 0.2
+"""One that sinks faster comes to the ground by itself."""
+
 STEP_M: Final = 1.0
 POINTS: Final = (8, 400)
 """Least and greatest number of points of a way."""
@@ -49,11 +52,23 @@ def way_down(here_m: Array, drift_m_s: Array, ground_z_m: float = 0.0) -> WayDow
     return WayDown(np.column_stack([level_m, here_m[2] + sunk_m]), after_s)
 
 
-def nearest_m(way: WayDown, place_m: Array, velocity_m_s: Array) -> Array:
-    """(n,) least distances, over the ground, of vehicles (n, 3) that go on with (n, 3); NaN: not known."""
-    later_m = place_m[None, :, :2] + way.after_s[:, None, None] * velocity_m_s[None, :, :2]
-    offset_m = way.place_m[:, None, :2] - later_m
-    return np.asarray(np.hypot(offset_m[..., 0], offset_m[..., 1]).min(axis=0))
+def nearest_m(way: WayDown, place_m: Array, velocity_m_s: Array, ground_z_m: float = 0.0) -> Array:
+    """(n,) least distances, over the ground, of vehicles (n, 3) that go on with (n, 3); NaN: not known.
+
+    One that sinks may lie on the ground from the moment on that its descent leads it there, or from when its
+    autopilot has it there that descends slowly below `SLOW_BELOW_M`, or go on: the least distance of these.
+    """
+    level_m_s, sinks_m_s = velocity_m_s[None, :, :2], velocity_m_s[:, 2]
+    above_m = np.maximum(ground_z_m - place_m[:, 2], 0.0)
+    sinks = sinks_m_s > SINKS_M_S
+    soon_s = above_m / np.where(sinks, sinks_m_s, 1.0)
+    late_s = np.maximum(soon_s, np.minimum(above_m, SLOW_BELOW_M) / SLOW_M_S)
+    apart_m = np.full(len(place_m), np.inf)
+    for stops_s in (np.inf, np.where(sinks, soon_s, np.inf), np.where(sinks, late_s, np.inf)):
+        moves_s = np.minimum(way.after_s[:, None], stops_s)[..., None]
+        offset_m = way.place_m[:, None, :2] - (place_m[None, :, :2] + moves_s * level_m_s)
+        apart_m = np.minimum(apart_m, np.hypot(offset_m[..., 0], offset_m[..., 1]).min(axis=0))
+    return apart_m
 
 
 def nearest_to_paths_m(way: WayDown, segment_m: Array) -> Array:

@@ -75,7 +75,7 @@ class SpaceBelow:
         kept_m = np.maximum(
             APART * floor.horizontal_m, floor.horizontal_m + floor.margin_m + floor.reserve_m(own_m, wide_m)
         )
-        apart_m = nearest_m(way, place_m, velocity_m_s)
+        apart_m = nearest_m(way, place_m, velocity_m_s, float(way.end_m[2]))
         near = (place_m[:, 2] >= way.place_m[0, 2]) & (apart_m < kept_m)  # False for NaN
         for row in sorted(np.flatnonzero(near).tolist(), key=lambda at: float(apart_m[at])):
             yield ids[row], float(apart_m[row])

@@ -35,6 +35,18 @@ def test_vehicles_that_drift_alike_keep_their_distance() -> None:
     assert np.isnan(apart_m[3])
 
 
+@pytest.mark.parametrize("sinks_m_s", [0.7, 1.0, 1.5])
+def test_one_ahead_that_lands_first_is_met_on_the_ground(sinks_m_s: float) -> None:
+    """Both drift alike; the lower one had counted as always 10 m ahead, and was passed 2 m above it."""
+    drift_m_s = np.array([4.0, 0.0])
+    way = way_down(HERE_M, drift_m_s)
+    ahead_m = HERE_M + np.array([[10.0, 0.0, 8.0]])
+    assert nearest_m(way, ahead_m, np.array([[4.0, 0.0, sinks_m_s]]))[0] < 1.0
+    assert nearest_m(way, ahead_m, np.array([[4.0, 0.0, 0.0]]))[0] == pytest.approx(10.0, abs=0.3)
+    beside_m = ahead_m + np.array([0.0, 9.0, 0.0])
+    assert nearest_m(way, beside_m, np.array([[4.0, 0.0, sinks_m_s]]))[0] == pytest.approx(9.0, abs=0.3)
+
+
 def test_paths_of_lost_vehicles_are_met_along_their_length() -> None:
     way = way_down(HERE_M, STILL)
     across_m = np.array([[[-50.0, 2.0, -9.0], [50.0, 2.0, -9.0]], [[10.0, 0.0, 0.0], [10.0, 0.0, -30.0]]])
