@@ -202,6 +202,32 @@ def without_way(now: TickInputs, before_s: Array | None) -> Array | None:
     return np.where(shut, np.minimum(before_s, now.fleet.time_s), np.inf)
 
 
+def waiting_places(
+    now: TickInputs, no_way_s: Array | None, straight: Mask, before_m: Array | None
+) -> Array | None:
+    """(n, 3) Where vehicles wait that no way leads to their goals, NaN: they do not; None: none does.
+
+    It is where each was when that became known: one that only stopped would be carried off by gusts.
+
+    Args:
+        now: inputs of this tick.
+        no_way_s: (n,) as of `without_way`.
+        straight: (n,) which fly out of the way of a box that moves; after that they wait where they are then.
+        before_m: (n, 3) as of the tick before, or None.
+    """
+    if no_way_s is None:
+        return None
+    waits = np.isfinite(no_way_s) & ~straight
+    if not waits.any():
+        return None
+    place_m = np.full((len(waits), 3), np.nan)
+    if before_m is not None and len(before_m) == len(waits):
+        place_m[waits] = before_m[waits]
+    begins = waits & np.isnan(place_m[:, 0])
+    place_m[begins] = now.position_m[begins]
+    return place_m
+
+
 @kernel
 def _ways_out(
     place_m: Array,

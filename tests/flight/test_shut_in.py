@@ -14,7 +14,7 @@ from gcs.service.alarms import AlarmCause
 from gcs.simulation.flight import prepared
 from gcs.simulation.formation_run import FormationRun
 from gcs.simulation.record import penetrations_and_clearance_m
-from gcs.simulation.scenario import RandomObstacles, Scenario
+from gcs.simulation.scenario import RandomObstacles, Scenario, Wind
 from gcs.testing.virtual_show import VirtualShow, fly, show_config
 from tests.support.show_phases import running
 
@@ -22,7 +22,7 @@ NAMED_S: Final = 10.0
 LOW_M: Final = 45.0
 
 
-def in_a_ring(count: int, seed: int, *, opens: bool) -> FormationRun:
+def in_a_ring(count: int, seed: int, *, opens: bool, gust_m_s: float | None = None) -> FormationRun:
     """As `return-walls`, in a closed ring or among its walls, below a fence over which nothing climbs."""
     scenario = Scenario.load("return-walls")
     safety = scenario.control.safety
@@ -31,7 +31,10 @@ def in_a_ring(count: int, seed: int, *, opens: bool) -> FormationRun:
     flight = scenario.flight
     if not opens:
         flight = flight.model_copy(update={"random_obstacles": RandomObstacles(kind="home-closed")})
-    changed = {"flight": flight, "control": control, "duration_s": 30.0}
+    changed: dict[str, object] = {"flight": flight, "control": control, "duration_s": 30.0}
+    if gust_m_s is not None:
+        world = scenario.world.model_copy(update={"wind": Wind(gust_m_s=gust_m_s)})
+        changed |= {"world": world, "worlds": (), "duration_s": 60.0}
     run = prepared(scenario.model_copy(update=changed), count, seed)
     assert isinstance(run, FormationRun)
     run.get_ready()
@@ -69,6 +72,22 @@ def test_where_a_way_leads_home_no_vehicle_is_named(count: int, seed: int) -> No
     while not flight.is_over:
         flight.step()
         assert not named(flight.memory).any(), f"at {flight.time_s} s"
+
+
+@pytest.mark.keeps("5-8000")
+@pytest.mark.parametrize(("count", "seed"), CASES[:3])
+def test_gusts_do_not_carry_off_what_waits(count: int, seed: int) -> None:
+    """Vehicles that only stopped were 9 to 14 m off after a minute."""
+    flight = in_a_ring(count, seed, opens=False, gust_m_s=2.0)
+    while not named(flight.memory).any():
+        flight.step()
+    began_m, off_m = flight.world.position_m.copy(), list[Array]()
+    while not flight.is_over:
+        flight.step()
+        if flight.time_s > 40.0:
+            off_m.append(np.linalg.norm(flight.world.position_m - began_m, axis=1))
+    assert np.mean(off_m, axis=0).max() <= 2.0
+    assert not flight.record.violating
 
 
 class Shut(NamedTuple):
