@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 
 from gcs.control.center import Lead
 from gcs.control.inputs import ControlSettings, TickInputs
-from gcs.formation.enclosures import Enclosures
-from gcs.formation.enclosures import warm_up as enclosures_warm_up
 from gcs.formation.obstacles import Ellipse, Outlines
 from gcs.formation.ways_round import (
     GAP_M,
@@ -30,6 +28,8 @@ from gcs.formation.ways_round import (
 )
 from gcs.model.jit import kernel
 from gcs.model.state import Array, Mask
+from gcs.safety.enclosures import Enclosures
+from gcs.safety.enclosures import warm_up as enclosures_warm_up
 
 SPARE_M: Final = 1.0
 """A way keeps this much more than the distance at which the tangent pushes."""
@@ -174,13 +174,16 @@ def shut_in_by(
 ) -> Mask:
     """(k,) Which vehicles at (k, 3) no way leads to (k, 3), round obstacles that stand or over them.
 
-    Those that move are no reason: they pass. A vehicle above an obstacle flies over it.
+    Those that move are no reason: they pass. A vehicle above an obstacle flies over it. What the fence closes
+    counts with them: beside obstacles alone, whose grid is finer.
     """
-    over_m = settings.safety.fence.height_max_m - INSIDE_FENCE_M - OVER_M
-    enclosures = Enclosures.of(ellipses.values(), over_m)
-    if enclosures is None:
-        return np.zeros(len(place_m), np.bool_)
-    return enclosures.apart(place_m, goal_m) & (-place_m[:, 2] <= over_m)
+    fence = settings.safety.fence
+    over_m, apart = fence.height_max_m - INSIDE_FENCE_M - OVER_M, np.zeros(len(place_m), np.bool_)
+    for closed in (None, fence):
+        enclosures = Enclosures.of(ellipses.values(), over_m, closed)
+        if enclosures is not None:
+            apart |= enclosures.apart(place_m, goal_m)
+    return apart & (-place_m[:, 2] <= over_m)
 
 
 def without_way(now: TickInputs, before_s: Array | None) -> Array | None:
