@@ -52,7 +52,12 @@ OUT_SHARE: Final = 0.7
 
 
 def round_obstacles(
-    now: TickInputs, aim_m: Array, aiming: NDArray[np.intp], slot_m: Array, lead: Lead
+    now: TickInputs,
+    aim_m: Array,
+    aiming: NDArray[np.intp],
+    slot_m: Array,
+    lead: Lead,
+    no_way_s: Array | None,
 ) -> tuple[Array, NDArray[np.intp], Mask]:
     """Where vehicles aim at, (n, 3), and which do so, (k,): as of `follow_routes`, led round obstacles.
 
@@ -65,6 +70,7 @@ def round_obstacles(
         slot_m: (m, 3) of the m vehicles in formation.
         lead: the formation's centre. While it stands, a vehicle farther than the lookahead from its slot goes
             round to it; where it stands because no way leads anywhere, each vehicle finds its own.
+        no_way_s: (n,) as of `without_way`: for those without a way none is looked for.
 
     Returns: also (n,) which fly straight there: out of the way of a box that moves, see `way_out`.
     """
@@ -95,6 +101,8 @@ def round_obstacles(
             (within_m, highest_m),
         )
         straight[some], aims_m[some[leaves]] = leaves, out_m[leaves]
+    if no_way_s is not None:
+        go_round &= ~np.isfinite(no_way_s)
     rows = rows[go_round[rows] & ~straight[rows]]
     round_m, led_round = _aims(
         now.position_m[rows],

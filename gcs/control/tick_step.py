@@ -171,8 +171,8 @@ def _aims(now: TickInputs, memory: Memory, lead: Lead, places: Spread) -> Aims:
     slot_m = slots_m(now, lead, places)
     aim_m, aiming, routes = follow_routes(now, memory.routes, slot_m)
     aim_m, aiming, ways = lead_within(now, memory.ways, aim_m, aiming, slot_m)
-    aim_m, aiming, straight = round_obstacles(now, aim_m, aiming, slot_m, lead)
     no_way_s = without_way(now, memory.no_way_s)
+    aim_m, aiming, straight = round_obstacles(now, aim_m, aiming, slot_m, lead, no_way_s)
     waits_at_m = waiting_places(now, no_way_s, straight, memory.waits_at_m)
     if waits_at_m is not None:  # they would fly to and fro before the obstacles
         aim_m = np.where(np.isnan(waits_at_m), aim_m, waits_at_m)
