@@ -152,7 +152,7 @@ class ControlSettings(Settings):
     """A vehicle whose position is older gets no setpoint, in s."""
 
 
-STEPS_MOST = 64
+STEPS_MOST = 128
 """Most places along the ways of all boxes that are looked at: landing places are chosen between two ticks."""
 
 LONGEST_STEP_S = 0.2
@@ -411,14 +411,22 @@ def ellipses_until(
 ) -> dict[str, Ellipse]:
     """As `ellipses_of`, and those of boxes that move once more along their ways until `until_s`.
 
-    Next to each other by half their narrow axis, or farther where there would be more than `STEPS_MOST`.
+    Next to each other by half their narrow axis. Where there would be more than `STEPS_MOST` they are farther
+    apart, and larger, so that they still cover the ways.
     """
-    ellipses = ellipses_of(plan, settings, time_s, more)
+    ellipses, ahead_s = ellipses_of(plan, settings, time_s, more), until_s - time_s
     moving = {name: each for name, each in ellipses.items() if each.velocity_x_m_s or each.velocity_y_m_s}
-    for name, each in moving.items():
-        way_m = (until_s - time_s) * float(np.hypot(each.velocity_x_m_s, each.velocity_y_m_s))
-        steps = int(np.ceil(way_m / (0.5 * min(each.semi_x_m, each.semi_y_m))))
-        for later_s in np.linspace(0.0, until_s - time_s, min(steps, STEPS_MOST // len(moving)) + 1)[1:]:
+    ways = [float(ahead_s * np.hypot(*each.velocity_m_s) / min(each.semi_m)) for each in moving.values()]
+    steps = [int(np.ceil(2.0 * way)) for way in ways]
+    fewer = min(1.0, STEPS_MOST / max(sum(steps), 1))
+    for (name, each), desired in zip(moving.items(), steps, strict=True):
+        count, larger = max(int(fewer * desired), 1) if desired else 0, 1.0
+        if count < desired:  # two of them meet at the width of the box
+            half_step = 0.5 * ahead_s / count * each.velocity_m_s / each.semi_m
+            larger = float(np.sqrt(1.0 + half_step @ half_step))
+        for later_s in np.linspace(0.0, ahead_s, count + 1)[0 if larger > 1.0 else 1 :].tolist():
             x_m, y_m = each.x_m + later_s * each.velocity_x_m_s, each.y_m + later_s * each.velocity_y_m_s
-            ellipses[f"{name} in {later_s:.1f} s"] = replace(each, x_m=x_m, y_m=y_m)
+            semi_x_m, semi_y_m = larger * each.semi_x_m, larger * each.semi_y_m
+            later = replace(each, x_m=x_m, y_m=y_m, semi_x_m=semi_x_m, semi_y_m=semi_y_m)
+            ellipses[f"{name} in {later_s:.1f} s"] = later
     return ellipses

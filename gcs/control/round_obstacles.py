@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 
 from gcs.control.center import Lead
 from gcs.control.inputs import ControlSettings, TickInputs
-from gcs.formation.enclosures import Enclosures
-from gcs.formation.enclosures import warm_up as enclosures_warm_up
 from gcs.formation.obstacles import Ellipse, Outlines
 from gcs.formation.ways_round import (
     GAP_M,
@@ -30,6 +28,8 @@ from gcs.formation.ways_round import (
 )
 from gcs.model.jit import kernel
 from gcs.model.state import Array, Mask
+from gcs.safety.enclosures import Enclosures
+from gcs.safety.enclosures import warm_up as enclosures_warm_up
 
 SPARE_M: Final = 1.0
 """A way keeps this much more than the distance at which the tangent pushes."""
@@ -52,7 +52,12 @@ OUT_SHARE: Final = 0.7
 
 
 def round_obstacles(
-    now: TickInputs, aim_m: Array, aiming: NDArray[np.intp], slot_m: Array, lead: Lead
+    now: TickInputs,
+    aim_m: Array,
+    aiming: NDArray[np.intp],
+    slot_m: Array,
+    lead: Lead,
+    no_way_s: Array | None,
 ) -> tuple[Array, NDArray[np.intp], Mask]:
     """Where vehicles aim at, (n, 3), and which do so, (k,): as of `follow_routes`, led round obstacles.
 
@@ -65,6 +70,7 @@ def round_obstacles(
         slot_m: (m, 3) of the m vehicles in formation.
         lead: the formation's centre. While it stands, a vehicle farther than the lookahead from its slot goes
             round to it; where it stands because no way leads anywhere, each vehicle finds its own.
+        no_way_s: (n,) as of `without_way`: for those without a way none is looked for.
 
     Returns: also (n,) which fly straight there: out of the way of a box that moves, see `way_out`.
     """
@@ -95,6 +101,8 @@ def round_obstacles(
             (within_m, highest_m),
         )
         straight[some], aims_m[some[leaves]] = leaves, out_m[leaves]
+    if no_way_s is not None:
+        go_round &= ~np.isfinite(no_way_s)
     rows = rows[go_round[rows] & ~straight[rows]]
     round_m, led_round = _aims(
         now.position_m[rows],
@@ -174,13 +182,16 @@ def shut_in_by(
 ) -> Mask:
     """(k,) Which vehicles at (k, 3) no way leads to (k, 3), round obstacles that stand or over them.
 
-    Those that move are no reason: they pass. A vehicle above an obstacle flies over it.
+    Those that move are no reason: they pass. A vehicle above an obstacle flies over it. What the fence closes
+    counts with them: beside obstacles alone, whose grid is finer.
     """
-    over_m = settings.safety.fence.height_max_m - INSIDE_FENCE_M - OVER_M
-    enclosures = Enclosures.of(ellipses.values(), over_m)
-    if enclosures is None:
-        return np.zeros(len(place_m), np.bool_)
-    return enclosures.apart(place_m, goal_m) & (-place_m[:, 2] <= over_m)
+    fence = settings.safety.fence
+    over_m, apart = fence.height_max_m - INSIDE_FENCE_M - OVER_M, np.zeros(len(place_m), np.bool_)
+    for closed in (None, fence):
+        enclosures = Enclosures.of(ellipses.values(), over_m, closed)
+        if enclosures is not None:
+            apart |= enclosures.apart(place_m, goal_m)
+    return apart & (-place_m[:, 2] <= over_m)
 
 
 def without_way(now: TickInputs, before_s: Array | None) -> Array | None:
@@ -200,6 +211,32 @@ def without_way(now: TickInputs, before_s: Array | None) -> Array | None:
     if before_s is None or len(before_s) != len(led):
         before_s = np.full(len(led), np.inf)
     return np.where(shut, np.minimum(before_s, now.fleet.time_s), np.inf)
+
+
+def waiting_places(
+    now: TickInputs, no_way_s: Array | None, straight: Mask, before_m: Array | None
+) -> Array | None:
+    """(n, 3) Where vehicles wait that no way leads to their goals, NaN: they do not; None: none does.
+
+    It is where each was when that became known: one that only stopped would be carried off by gusts.
+
+    Args:
+        now: inputs of this tick.
+        no_way_s: (n,) as of `without_way`.
+        straight: (n,) which fly out of the way of a box that moves; after that they wait where they are then.
+        before_m: (n, 3) as of the tick before, or None.
+    """
+    if no_way_s is None:
+        return None
+    waits = np.isfinite(no_way_s) & ~straight
+    if not waits.any():
+        return None
+    place_m = np.full((len(waits), 3), np.nan)
+    if before_m is not None and len(before_m) == len(waits):
+        place_m[waits] = before_m[waits]
+    begins = waits & np.isnan(place_m[:, 0])
+    place_m[begins] = now.position_m[begins]
+    return place_m
 
 
 @kernel

@@ -18,7 +18,7 @@ from gcs.control.inputs import ControlSettings, FormationState, Task, Tasks, Tic
 from gcs.control.law_step import LawRunner, Spread, slots_m, spread
 from gcs.control.memory import AreaWays, GoalRoutes, Memory
 from gcs.control.others import Others
-from gcs.control.round_obstacles import round_obstacles, without_way
+from gcs.control.round_obstacles import round_obstacles, waiting_places, without_way
 from gcs.control.round_obstacles import warm_up as obstacles_warm_up
 from gcs.control.setpoint_shaping import ShapedSetpoints, shape_setpoints
 from gcs.formation.law import begun_yaw, desired_yaw_rad, turn_towards
@@ -92,6 +92,7 @@ class Aims(NamedTuple):
     routes: GoalRoutes | None
     ways: AreaWays | None
     no_way_s: Array | None  # (n,) as of `Memory`
+    waits_at_m: Array | None  # (n, 3) as of `Memory`
 
 
 def tick(
@@ -170,13 +171,12 @@ def _aims(now: TickInputs, memory: Memory, lead: Lead, places: Spread) -> Aims:
     slot_m = slots_m(now, lead, places)
     aim_m, aiming, routes = follow_routes(now, memory.routes, slot_m)
     aim_m, aiming, ways = lead_within(now, memory.ways, aim_m, aiming, slot_m)
-    aim_m, aiming, straight = round_obstacles(now, aim_m, aiming, slot_m, lead)
     no_way_s = without_way(now, memory.no_way_s)
-    if no_way_s is not None:
-        rests = np.isfinite(no_way_s) & ~straight
-        if rests.any():  # it would fly to and fro before the obstacles
-            aim_m = np.where(rests[:, None], now.position_m, aim_m)
-    return Aims(slot_m, aim_m, aiming, straight, routes, ways, no_way_s)
+    aim_m, aiming, straight = round_obstacles(now, aim_m, aiming, slot_m, lead, no_way_s)
+    waits_at_m = waiting_places(now, no_way_s, straight, memory.waits_at_m)
+    if waits_at_m is not None:  # they would fly to and fro before the obstacles
+        aim_m = np.where(np.isnan(waits_at_m), aim_m, waits_at_m)
+    return Aims(slot_m, aim_m, aiming, straight, routes, ways, no_way_s, waits_at_m)
 
 
 def _desired(now: TickInputs, lead: Lead, places: Spread, aims: Aims) -> Array:
@@ -258,6 +258,7 @@ def _remember(
         routes=aims.routes,
         ways=aims.ways,
         no_way_s=aims.no_way_s,
+        waits_at_m=aims.waits_at_m,
     )
 
 

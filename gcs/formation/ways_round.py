@@ -96,8 +96,27 @@ def way_round(
             return way_m[:0], False
         corner_m = _corners(center_m, semi_m, counted, within_m)
         way_m = _shortest(start_m, goal_m, corner_m, center_m, semi_m, counted)
-        if len(way_m) == 0:
+        if len(way_m) == 0 and not _count_overlapping(center_m, semi_m, counted):
             return way_m, False
+
+
+@kernel
+def _count_overlapping(center_m: Array, semi_m: Array, counted: Mask) -> bool:
+    """Have those ellipses (m, 2) count (m,) that hold corners about others which do. Returns: if any did.
+
+    A corner within another ellipse is none: past both the way leads by corners of that one.
+    """
+    added = False
+    for k in np.flatnonzero(counted):
+        for point in range(POINTS):
+            turn_rad = 2.0 * np.pi * point / POINTS
+            x_m = center_m[k, 0] + OUTSIDE * semi_m[k, 0] * np.cos(turn_rad)
+            y_m = center_m[k, 1] + OUTSIDE * semi_m[k, 1] * np.sin(turn_rad)
+            for j in range(len(center_m)):
+                x, y = (x_m - center_m[j, 0]) / semi_m[j, 0], (y_m - center_m[j, 1]) / semi_m[j, 1]
+                if not counted[j] and x * x + y * y < 1.0:
+                    counted[j] = added = True
+    return added
 
 
 @kernel

@@ -14,7 +14,7 @@ from gcs.service.alarms import AlarmCause
 from gcs.simulation.flight import prepared
 from gcs.simulation.formation_run import FormationRun
 from gcs.simulation.record import penetrations_and_clearance_m
-from gcs.simulation.scenario import RandomObstacles, Scenario
+from gcs.simulation.scenario import RandomObstacles, Scenario, Wind
 from gcs.testing.virtual_show import VirtualShow, fly, show_config
 from tests.support.show_phases import running
 
@@ -22,7 +22,9 @@ NAMED_S: Final = 10.0
 LOW_M: Final = 45.0
 
 
-def in_a_ring(count: int, seed: int, *, opens: bool) -> FormationRun:
+def in_a_ring(
+    count: int, seed: int, *, opens: bool, gust_m_s: float = 0.0, duration_s: float = 30.0
+) -> FormationRun:
     """As `return-walls`, in a closed ring or among its walls, below a fence over which nothing climbs."""
     scenario = Scenario.load("return-walls")
     safety = scenario.control.safety
@@ -31,7 +33,10 @@ def in_a_ring(count: int, seed: int, *, opens: bool) -> FormationRun:
     flight = scenario.flight
     if not opens:
         flight = flight.model_copy(update={"random_obstacles": RandomObstacles(kind="home-closed")})
-    changed = {"flight": flight, "control": control, "duration_s": 30.0}
+    changed: dict[str, object] = {"flight": flight, "control": control, "duration_s": duration_s}
+    if gust_m_s:
+        world = scenario.world.model_copy(update={"wind": Wind(gust_m_s=gust_m_s)})
+        changed |= {"world": world, "worlds": ()}
     run = prepared(scenario.model_copy(update=changed), count, seed)
     assert isinstance(run, FormationRun)
     run.get_ready()
@@ -69,6 +74,32 @@ def test_where_a_way_leads_home_no_vehicle_is_named(count: int, seed: int) -> No
     while not flight.is_over:
         flight.step()
         assert not named(flight.memory).any(), f"at {flight.time_s} s"
+
+
+def test_out_of_an_open_u_all_come_home() -> None:
+    """One of eight stayed in it for ever: it saw no way past walls whose ellipses overlap."""
+    flight = in_a_ring(8, 8004, opens=True, duration_s=90.0)
+    while not flight.is_over:
+        flight.step()
+    assert not flight.world.in_air.any()
+    assert np.hypot(*(flight.world.position_m - flight.record.goal_m)[:, :2].T).max() < 2.0
+    assert not flight.record.violating
+
+
+@pytest.mark.keeps("5-8000")
+@pytest.mark.parametrize(("count", "seed"), CASES[:3])
+def test_gusts_do_not_carry_off_what_waits(count: int, seed: int) -> None:
+    """Vehicles that only stopped were 9 to 14 m off after a minute."""
+    flight = in_a_ring(count, seed, opens=False, gust_m_s=2.0, duration_s=60.0)
+    while not named(flight.memory).any():
+        flight.step()
+    began_m, off_m = flight.world.position_m.copy(), list[Array]()
+    while not flight.is_over:
+        flight.step()
+        if flight.time_s > 40.0:
+            off_m.append(np.linalg.norm(flight.world.position_m - began_m, axis=1))
+    assert np.mean(off_m, axis=0).max() <= 2.0
+    assert not flight.record.violating
 
 
 class Shut(NamedTuple):

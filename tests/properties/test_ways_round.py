@@ -91,6 +91,18 @@ def test_way_out_of_a_pocket_leads_round_its_end() -> None:
     assert (way_m[:, 1] > 0.0).all(), "round the nearer arm"
 
 
+@given(st.floats(-8.0, 8.0), st.floats(-12.0, 2.0))
+def test_way_out_of_a_u_that_is_open(x_m: float, y_m: float) -> None:
+    """Corners about its back lie within its arms: no way was seen, and a vehicle stayed there for ever."""
+    center_m = np.array([[0.0, -20.5], [23.4, -3.6], [-23.4, -3.6]])
+    semi_m = np.array([[39.9, 10.3], [10.3, 27.2], [10.3, 27.2]])
+    start_m, goal_m = np.array([x_m, y_m]), np.array([-11.4, -57.4])
+    way_m, is_way = way_round(start_m, goal_m, center_m, semi_m, FAR_M)
+    assert is_way
+    for one_m, other_m in pairwise([*way_m, goal_m]):
+        assert nearest(one_m, other_m, center_m, semi_m) > 0.999
+
+
 def test_closed_ring_has_no_way() -> None:
     center_m = np.array([[20.0, 0.0], [-20.0, 0.0], [0.0, 20.0], [0.0, -20.0]])
     semi_m = np.array([[3.0, 30.0], [3.0, 30.0], [30.0, 3.0], [30.0, 3.0]])

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from gcs.control import ControlSettings, ellipses_of, ellipses_until
+from gcs.control.inputs import STEPS_MOST
 from gcs.formation.obstacles import AvoidanceSettings, Ellipse
 from gcs.model.plan import MAX_OBSTACLES, Formation, Obstacle, Plan
 from gcs.model.state import Array, Mask
@@ -168,4 +169,21 @@ def test_no_box_comes_to_a_site_while_vehicles_come_down() -> None:
 def test_ways_of_many_boxes_stay_bounded() -> None:
     boxes = tuple(Obstacle(f"b{k}", 9.0 * k, 0.0, 1.0, 1.0, 9.0, 0.0, 20.0) for k in range(MAX_OBSTACLES))
     ahead = ellipses_until(replace(PLAN, obstacles=boxes), ControlSettings(), 0.0, LANDS_WITHIN_S)
-    assert len(ahead) <= MAX_OBSTACLES + 64
+    assert len(ahead) <= 2 * MAX_OBSTACLES + STEPS_MOST
+
+
+@pytest.mark.parametrize("count", [8, 12, 32])
+def test_no_site_is_on_the_way_of_one_of_many_boxes(count: int) -> None:
+    """With eight boxes places were looked at 11 m apart, and boxes are 4 m wide."""
+    random, settings = np.random.default_rng(count), ControlSettings()
+    places_m, goes_m_s = random.uniform(-80.0, 80.0, (2, count)), random.uniform(-2.0, 2.0, (2, count))
+    boxes = tuple(
+        Obstacle(f"b{k}", x_m, y_m, 1.0, 1.0, 60.0, x_m_s, y_m_s)
+        for k, (x_m, y_m, x_m_s, y_m_s) in enumerate(np.vstack([places_m, goes_m_s]).T.tolist())
+    )
+    plan, desired_m = replace(PLAN, obstacles=boxes), random.uniform(-25.0, 25.0, (20, 2))
+    ahead = ellipses_until(plan, settings, 0.0, LANDS_WITHIN_S)
+    sites_m = distinct_sites_m(desired_m, NO_ROW, 4.0, ahead)
+    for at_s in np.arange(0.0, LANDS_WITHIN_S, 0.5).tolist():
+        for passing in ellipses_of(plan, settings, at_s).values():
+            assert passing.distance_m(sites_m).min() > CLEAR_M - 0.3

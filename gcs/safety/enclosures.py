@@ -1,8 +1,8 @@
 """Which places obstacles shut off from each other: boxes that stand, and are too high to be flown over. Pure.
 
 A way past ellipses may not be seen although there is one, from a place between two of them. So this says only
-what is sure: boxes with their margins, on a grid, leave no gap. What is connected is filled, once for each
-set of boxes.
+what is sure: boxes with their margins, on a grid, leave no gap, nor do they with what the fence closes. What
+is connected is filled, once for each set of boxes.
 """
 
 from collections.abc import Iterable
@@ -17,6 +17,8 @@ from numpy.typing import NDArray
 from gcs.formation.obstacles import Ellipse, Outlines
 from gcs.model.jit import kernel
 from gcs.model.state import Array, Mask
+from gcs.safety.fenced_areas import FencedArea, passable
+from gcs.safety.walls import Fence
 
 Labels: TypeAlias = NDArray[np.int32]
 
@@ -30,6 +32,12 @@ steps of `STEP_M`, so that the cells are seldom filled anew.
 """
 
 STEP_M: Final = 0.1
+
+FREE: Final = -1
+"""The label of what is outside of all boxes, before it is numbered."""
+
+STEPS_IN_CELL: Final = 4
+"""An edge of an area is followed in steps of a quarter of a cell."""
 
 OUTSIDE: Final = 1
 """The label of all that lies around the boxes; 0 is inside one."""
@@ -47,13 +55,20 @@ class Enclosures:
     cell_m: float
 
     @staticmethod
-    def of(ellipses: Iterable[Ellipse], over_m: float) -> "Enclosures | None":
-        """Of those that stand and have a top higher than `over_m`; None: there are none."""
+    def of(ellipses: Iterable[Ellipse], over_m: float, fence: Fence | None = None) -> "Enclosures | None":
+        """Of those that stand and have a top higher than `over_m`; None: there are none.
+
+        With a fence also of what that closes, on a grid that may be coarser; None: it closes nothing else.
+        """
         high = (each for each in ellipses if each.top_height_m > over_m)
         walls = tuple(
             _at_rest(each) for each in high if hypot(each.velocity_x_m_s, each.velocity_y_m_s) <= CREEPS_M_S
         )
-        return _enclosures(walls) if walls else None
+        if fence is None:
+            return _enclosures(walls) if walls else None
+        return (
+            _with_fence(walls, _closed(fence.areas, fence.heights_m), fence.distance_max_m) if walls else None
+        )
 
     def apart(self, place_m: Array, goal_m: Array) -> Mask:
         """(k,) Between which places (k, 2 or 3) no way leads; False where one is not known."""
@@ -88,19 +103,106 @@ def _at_rest(wall: Ellipse) -> Ellipse:
 
 @lru_cache(maxsize=4)
 def _enclosures(walls: tuple[Ellipse, ...]) -> Enclosures:
+    grid = _grid_over(*_boxes(walls))
+    _close_boxes(grid, walls)
+    _fill(grid.label)
+    return grid
+
+
+@lru_cache(maxsize=4)
+def _with_fence(
+    walls: tuple[Ellipse, ...], areas: tuple[FencedArea, ...], reach_m: float
+) -> Enclosures | None:
+    """With areas, and the circle about the origin that no vehicle leaves; None: they close nothing."""
+    center_m, half_m = _boxes(walls)
+    corners_m = np.concatenate([np.zeros((0, 2)), *(np.array(area.corners_m) for area in areas)])
+    center_m, half_m = np.vstack([center_m, corners_m]), np.vstack([half_m, np.zeros_like(corners_m)])
+    leaves = bool((np.hypot(*(np.abs(center_m) + half_m).T) > reach_m).any())
+    if not (areas or leaves):
+        return None
+    if leaves:  # what is connected beyond the grid, within the circle, is then so along the edge of the grid
+        center_m, half_m = np.vstack([center_m, np.zeros(2)]), np.vstack([half_m, np.zeros(2)])
+    grid = _grid_over(center_m, half_m)
+    _close_boxes(grid, walls)
+    if leaves:
+        _close_beyond(grid.label, grid.low_m, grid.cell_m, reach_m)
+    for area in areas:
+        ring_m = np.array(area.corners_m, np.float64)
+        _close_area(grid.label, grid.low_m, grid.cell_m, ring_m, not area.inside)
+    _fill(grid.label)
+    return grid
+
+
+@lru_cache(maxsize=16)
+def _closed(areas: tuple[FencedArea, ...], heights_m: tuple[float, float]) -> tuple[FencedArea, ...]:
+    """The areas that no vehicle passes, at any height from the least to the greatest."""
+    led = passable(areas, heights_m)
+    return tuple(area for area in led if area.inside or not np.isfinite(area.heights_m).any())
+
+
+def _boxes(walls: tuple[Ellipse, ...]) -> tuple[Array, Array]:
+    """(m, 2) centres and (m, 2) half-lengths with margins."""
     outlines = Outlines.of({str(number): each for number, each in enumerate(walls)})
-    center_m, half_m = np.array(outlines.center_m), outlines.half_length_m
+    return np.array(outlines.center_m), outlines.half_length_m
+
+
+def _grid_over(center_m: Array, half_m: Array) -> Enclosures:
+    """A grid over boxes (m, 2), (m, 2), and two cells around: nothing is numbered yet."""
     low_m, high_m = (center_m - half_m).min(axis=0), (center_m + half_m).max(axis=0)
     cell_m = max(CELL_M, float(np.sqrt(np.prod(high_m - low_m) / CELLS_MAX)))
     low_m, high_m = low_m - 2.0 * cell_m, high_m + 2.0 * cell_m
     count_x, count_y = np.ceil((high_m - low_m) / cell_m).astype(np.int64).tolist()
-    label = np.full((count_x, count_y), -1, np.int32)
-    for middle_m, size_m in zip(center_m, half_m - 0.5 * cell_m, strict=True):
-        first, last = (np.ceil((middle_m + sign * size_m - low_m) / cell_m - 0.5) for sign in (-1.0, 1.0))
+    return Enclosures(np.full((count_x, count_y), FREE, np.int32), low_m, cell_m)
+
+
+def _close_boxes(grid: Enclosures, walls: tuple[Ellipse, ...]) -> None:
+    """Set the cells within boxes to 0."""
+    center_m, half_m = _boxes(walls)
+    for middle_m, size_m in zip(center_m, half_m - 0.5 * grid.cell_m, strict=True):
+        first, last = (
+            np.ceil((middle_m + sign * size_m - grid.low_m) / grid.cell_m - 0.5) for sign in (-1.0, 1.0)
+        )
         (x, y), (past_x, past_y) = first.astype(np.int64).tolist(), last.astype(np.int64).tolist()
-        label[x:past_x, y:past_y] = 0
-    _fill(label)
-    return Enclosures(label, low_m, cell_m)
+        grid.label[x:past_x, y:past_y] = 0
+
+
+@kernel
+def _close_beyond(label: Labels, low_m: Array, cell_m: float, reach_m: float) -> None:
+    """Set the cells to 0 that lie wholly farther from the origin than `reach_m`."""
+    for x in range(label.shape[0]):
+        for y in range(label.shape[1]):
+            x_m, y_m = low_m[0] + (x + 0.5) * cell_m, low_m[1] + (y + 0.5) * cell_m
+            if np.hypot(x_m, y_m) > reach_m + cell_m:
+                label[x, y] = 0
+
+
+@kernel
+def _close_area(label: Labels, low_m: Array, cell_m: float, ring_m: Array, within: bool) -> None:
+    """Set the cells to 0 that lie wholly inside a polygon (k, 2), or outside: those that no edge meets."""
+    wide, high = label.shape
+    flips, met = np.zeros((wide + 1, high), np.bool_), np.zeros((wide, high), np.bool_)
+    for k in range(len(ring_m)):
+        x_m, y_m = ring_m[k, 0] - low_m[0], ring_m[k, 1] - low_m[1]
+        after = (k + 1) % len(ring_m)
+        way_x_m, way_y_m = ring_m[after, 0] - ring_m[k, 0], ring_m[after, 1] - ring_m[k, 1]
+        steps = int(np.ceil(STEPS_IN_CELL * np.hypot(way_x_m, way_y_m) / cell_m)) + 1
+        for step in range(steps + 1):
+            x = int((x_m + way_x_m * step / steps) / cell_m)
+            y = int((y_m + way_y_m * step / steps) / cell_m)
+            if 0 <= x < wide and 0 <= y < high:
+                met[x, y] = True
+        for y in range(high):
+            from_m = (y + 0.5) * cell_m - y_m
+            if (from_m < 0.0) != (from_m < way_y_m):
+                crossed = (x_m + from_m * way_x_m / way_y_m) / cell_m
+                x = min(max(int(np.ceil(crossed - 0.5)), 0), wide)
+                flips[x, y] = not flips[x, y]
+    for y in range(high):
+        inside = False
+        for x in range(wide - 1, -1, -1):
+            inside = inside != flips[x + 1, y]
+            if inside == within and not met[x, y]:
+                label[x, y] = 0
 
 
 @kernel
@@ -166,3 +268,5 @@ def warm_up() -> None:
     enclosures = Enclosures.of([Ellipse(0.0, 0.0, 5.0, 5.0, 50.0)], 0.0)
     if enclosures is not None:
         enclosures.apart(np.zeros((1, 3)), np.ones((1, 3)))
+        _close_beyond(enclosures.label, enclosures.low_m, 1.0, 10.0)
+        _close_area(enclosures.label, enclosures.low_m, 1.0, np.eye(3)[:, :2].copy(), True)
