@@ -154,9 +154,10 @@ def _engaged(formed: Mask, before_s: Array, time_s: float) -> Array:
 
 def _without_drones(now: TickInputs, memory: Memory, engaged_s: Array) -> Lead:
     """Stop the centre while vehicles are expected back: a tick without telemetry does not end a formation."""
+    if memory.center is None:
+        return Lead(None, memory.radius_m, engaged_s, {}, None)
     in_formation = (now.tasks.task == Task.FORMATION) | (now.tasks.task == Task.ELSEWHERE)
-    expected = now.tasks.formation_waits or bool(in_formation.any())
-    if memory.center is None or not expected:
+    if not (now.tasks.formation_waits or in_formation.any()):
         return Lead(None, memory.radius_m, engaged_s, {}, None)
     acceleration_m_s2 = now.settings.law.center_acceleration_max_m_s2
     stopped = advance_center(memory.center, np.zeros(3), now.dt_s, acceleration_m_s2)

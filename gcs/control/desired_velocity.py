@@ -54,14 +54,17 @@ def desired_velocity(
         own_m_s = _avoiding(now, now.rows, own_m_s, lead.sides, sliding_m_s, columns, until_m)
     desired_m_s = now.for_all(own_m_s, 0.0)
     if len(aiming):
-        away_m = np.linalg.norm(aim_m[aiming] - now.position_m[aiming], axis=1)
-        fastest_m_s = now.approach_max_m_s(aiming, away_m)
+        here_m, there_m = now.position_m, aim_m
+        if len(aiming) == len(aim_m):
+            aiming = np.arange(len(aiming))
+        else:
+            here_m, there_m = here_m[aiming], there_m[aiming]
         to_aim_m_s = goal_velocity(
-            now.position_m[aiming],
-            aim_m[aiming],
+            here_m,
+            there_m,
             settings=law,
             limits_m_s=limits.each_m_s,
-            speed_max_m_s=fastest_m_s,
+            speed_max_m_s=now.approach_to_m_s(aiming, here_m, there_m),
         )
         desired_m_s[aiming] = to_aim_m_s
         if now.ellipses:

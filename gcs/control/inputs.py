@@ -238,6 +238,12 @@ class TickInputs:
         own_m_s2 = self.traits.response.acceleration_m_s2
         return np.minimum(self.settings.acceleration_max_m_s2, own_m_s2)
 
+    def approach_to_m_s(self, rows: NDArray[np.intp], here_m: Array, there_m: Array) -> Array:
+        """`approach_max_m_s` from (k, 3) to places (k, 3)."""
+        if not np.count_nonzero(np.isfinite(self.traits.response.acceleration_m_s2)):
+            return np.full(len(rows), np.inf)
+        return self.approach_max_m_s(rows, np.linalg.norm(there_m - here_m, axis=1))
+
     def approach_max_m_s(self, rows: NDArray[np.intp], distance_m: Array) -> Array:
         """Greatest speeds (k,) towards places that the vehicles of `rows` (k,) can still stop at.
 

@@ -346,10 +346,11 @@ def _of_commanded(
     commanded_m_s, asked_m_s = np.full_like(allowed_m_s, np.nan), np.full_like(allowed_m_s, np.nan)
     unfiltered_m_s, setpoint_m_s = np.full_like(allowed_m_s, np.nan), np.full_like(allowed_m_s, np.nan)
     for i in range(len(commanded)):
-        if commanded[i]:
-            commanded_m_s[i], unfiltered_m_s[i] = allowed_m_s[i], reached_m_s[i]
-            asked_m_s[i] = desired_m_s[i] if yields[i] else allowed_m_s[i]
-            setpoint_m_s[i] = sent_m_s[i] - trim_m_s[i]
+        for axis in range(3):
+            if commanded[i]:
+                commanded_m_s[i, axis], unfiltered_m_s[i, axis] = allowed_m_s[i, axis], reached_m_s[i, axis]
+                asked_m_s[i, axis] = desired_m_s[i, axis] if yields[i] else allowed_m_s[i, axis]
+                setpoint_m_s[i, axis] = sent_m_s[i, axis] - trim_m_s[i, axis]
     return commanded_m_s, unfiltered_m_s, asked_m_s, setpoint_m_s
 
 

@@ -12,7 +12,17 @@ from numpy.typing import NDArray
 from gcs.estimation.contradictions import Contradictions, Doubt, Doubts
 from gcs.model.frames import ShowFrame
 from gcs.model.jit import kernel
-from gcs.model.state import FIX_3D, Array, Bits, FleetState, Mask, Telemetry, VehicleId
+from gcs.model.state import (
+    FIX_3D,
+    Array,
+    Bits,
+    FleetState,
+    Landed,
+    Mask,
+    Mode,
+    Telemetry,
+    VehicleId,
+)
 
 FORWARD_MAX_S: Final = 0.5
 """Longest time by which positions are brought forward; older ones are refused by their age anyway."""
@@ -414,3 +424,41 @@ def tuple3(row: Array) -> tuple[float, float, float] | None:
     """A finite (3,) row as floats, else None."""
     x, y, z = row.tolist()
     return (x, y, z) if isfinite(x) and isfinite(y) and isfinite(z) else None
+
+
+def warm_up() -> None:
+    """Compile or load the kernels, with the types that the first telemetry has."""
+    never, unknown, nowhere = np.full(1, -np.inf), np.full(1, np.nan), _unknown(1)
+    no, none = (False,), (0,)
+    silent = Telemetry(
+        ids=("",),
+        position_time_s=never,
+        heartbeat_time_s=never,
+        life_time_s=never,
+        latitude_deg=unknown,
+        longitude_deg=unknown,
+        altitude_amsl_m=unknown,
+        velocity_ned_m_s=nowhere,
+        yaw_deg=unknown,
+        attitude_rad=nowhere,
+        attitude_time_s=never,
+        battery_remaining=unknown,
+        armed=no,
+        mode=(Mode.UNKNOWN,),
+        in_failsafe=no,
+        landed=(Landed.UNKNOWN,),
+        ready=no,
+        horizontal_accuracy_m=unknown,
+        vertical_accuracy_m=unknown,
+        gnss_altitude_amsl_m=unknown,
+        reboot_count=none,
+        position_resets=none,
+        fix_type=unknown,
+        unhealthy_sensors=np.zeros(1, np.int64),
+        clock_base_s=unknown,
+        round_trip_s=unknown,
+        position_late_s=np.zeros(1),
+        texts=((),),
+        version=none,
+    )
+    Table(("",), ShowFrame(0.0, 0.0, 0.0, 0.0)).state([silent], 0.0)

@@ -184,3 +184,10 @@ def _uncertainty_m(
             wide_m = configured_m
         uncertain_m[i] = min(wide_m, most_m)
     return uncertain_m
+
+
+def warm_up() -> None:
+    """Compile or load the kernel, with the types that telemetry has."""
+    unknown = np.full(1, np.nan)
+    unknown.setflags(write=False)
+    uncertainty_m(1.0, 1.0, unknown, unknown, unknown, Positioning())

@@ -423,6 +423,7 @@ def _of_fleet(
 
 def warm_up() -> None:
     """Compile or load the kernels."""
-    estimator = WindEstimator(1)
-    estimator.take(0.0, np.zeros((1, 3)), np.zeros(1), np.zeros((1, 3)), np.ones(1, np.bool_))
+    estimator, reported = WindEstimator(1), np.zeros((1, 3))
+    reported.setflags(write=False)  # as telemetry is: numba compiles frozen arrays as another type
+    estimator.take(0.0, reported, np.zeros(1), reported, np.ones(1, np.bool_))
     estimator.look(0.0)

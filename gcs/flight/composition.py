@@ -7,7 +7,7 @@ from functools import partial
 from math import isnan
 
 from gcs.control import warm_up as tick_warm_up
-from gcs.estimation import link_health, wind
+from gcs.estimation import fleet_state, link_health, positioning, wind
 from gcs.estimation.targets import motion
 from gcs.failsafe import triggers
 from gcs.flight.commands.commander import Commander
@@ -54,6 +54,8 @@ def warm_up() -> None:
         silent_space.warm_up,
         motion.warm_up,
         wind.warm_up,
+        fleet_state.warm_up,
+        positioning.warm_up,
     ):
         load()
 

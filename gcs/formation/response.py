@@ -205,9 +205,10 @@ def correct_trim(
         for k in range(3):
             if (yields[i] or at_limit[i, k // 2]) and after[k // 2] > before[k // 2]:
                 trim[i, k] = trim_m_s[i, k]
-        trim[i] *= min(
-            1.0, trim_max_m_s / max(np.sqrt(trim[i, 0] ** 2 + trim[i, 1] ** 2 + trim[i, 2] ** 2), TINY)
-        )
+        size_m_s = np.sqrt(trim[i, 0] ** 2 + trim[i, 1] ** 2 + trim[i, 2] ** 2)
+        share = min(1.0, trim_max_m_s / max(size_m_s, TINY))
+        for k in range(3):
+            trim[i, k] *= share
     return trim, expected
 
 

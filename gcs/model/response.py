@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
+from functools import lru_cache
 from math import inf
 from typing import Final, TypeAlias
 
@@ -85,7 +86,7 @@ class FleetResponse:
 
     def over_link(self, delay_s: float) -> "FleetResponse":
         """The same when telemetry and setpoints each take `delay_s`: a stop begins a round trip later."""
-        return self if delay_s == 0.0 else replace(self, swings_s=self.swings_s + 2.0 * delay_s)
+        return self if delay_s == 0.0 else _over_link(self, delay_s)
 
     def without_setpoints(self, reaction_s: float, besides: Mask | None = None) -> "FleetResponse":
         """The same where setpoints may end at any time: a stop begins when the vehicle notices it.
@@ -99,3 +100,9 @@ class FleetResponse:
         longer = self.blind_s > 0.0 if besides is None else (self.blind_s > 0.0) & ~besides
         begins_s = np.maximum(self.swings_s, reaction_s) + BLIND_SHARE * self.blind_s
         return replace(self, swings_s=np.where(longer, begins_s, self.swings_s))
+
+
+@lru_cache(maxsize=16)
+def _over_link(response: FleetResponse, delay_s: float) -> FleetResponse:
+    """As `FleetResponse.over_link`; kept, because a tick asks several times, and so does the next."""
+    return replace(response, swings_s=response.swings_s + 2.0 * delay_s)

@@ -92,9 +92,11 @@ def compared(
         link_delay_s: one way: answers may be later by a round trip.
     """
     late_s, since_s = LATE_S + 2.0 * link_delay_s, before.since_s + dt_s
-    newly_m_s = np.array(before.newly_m_s)
+    newly_m_s = np.empty_like(before.newly_m_s)
     if since_s > SPACING_S - TINY:
         newly_m_s[:, 1:], since_s = before.newly_m_s[:, :-1], 0.0
+    else:
+        newly_m_s[:, 1:] = before.newly_m_s[:, 1:]
     newly_m_s[:, 0] = allowed_m_s
     return Answers(
         *_compared(
@@ -171,10 +173,12 @@ def _apart(i: int, one: Array, other: Array) -> float:
 @kernel
 def _nearest(i: int, newly_m_s: Array, velocity_m_s: Array, count: int) -> float:
     """Distance of row i of (n, 3) from the nearest of the first `count` of row i of (n, k, 3)."""
-    nearest_m_s = np.inf
+    nearest_m2_s2, x, y, z = np.inf, velocity_m_s[i, 0], velocity_m_s[i, 1], velocity_m_s[i, 2]
     for at in range(min(count, newly_m_s.shape[1])):
+        dx, dy, dz = newly_m_s[i, at, 0] - x, newly_m_s[i, at, 1] - y, newly_m_s[i, at, 2] - z
         if np.isfinite(newly_m_s[i, at, 0]):
-            nearest_m_s = min(nearest_m_s, _apart(i, newly_m_s[:, at], velocity_m_s))
+            nearest_m2_s2 = min(nearest_m2_s2, dx * dx + dy * dy + dz * dz)
+    nearest_m_s: float = np.sqrt(nearest_m2_s2)
     return nearest_m_s
 
 

@@ -1,7 +1,7 @@
 """Half-spaces of velocities, ``normal . (v_i - v_j) >= bound``, and the nearest velocities that keep them."""
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, lru_cache
 from typing import TypeAlias
 
 import numpy as np
@@ -125,15 +125,7 @@ class Braking(Settings):
         Escaping is also a loop through the link; its time constant grows by two round trips, so that it does
         not oscillate.
         """
-        if delay_s == 0.0:
-            return self
-        return Braking(
-            reaction_s=self.reaction_s + 2.0 * delay_s,
-            lead_s=self.lead_s + 2.0 * delay_s,
-            follow_s=self.follow_s + 2.0 * delay_s if self.follow_s else 0.0,
-            deceleration_m_s2=self.deceleration_m_s2,
-            escape_rate_per_s=1.0 / (1.0 / self.escape_rate_per_s + 4.0 * delay_s),
-        )
+        return self if delay_s == 0.0 else _over_link(self, delay_s)
 
     def of_each(self, count: int, response: FleetResponse | None = None) -> Array:
         """(4, n) the reaction, lead, deceleration and escape rate of `count` vehicles, see REACTION.
@@ -141,13 +133,8 @@ class Braking(Settings):
         A vehicle whose autopilot swings longer, or brakes more gently, is given that. None: all as these
         settings are.
         """
-        each = np.empty((4, count))
-        each[REACTION], each[LEAD] = self.reaction_s, self.lead_s
-        each[DECELERATION], each[ESCAPE] = self.deceleration_m_s2, self.escape_rate_per_s
-        if response is not None:
-            np.maximum(each[REACTION], response.swings_s, out=each[REACTION])
-            np.minimum(each[DECELERATION], response.acceleration_m_s2, out=each[DECELERATION])
-        return each
+        numbers = self.reaction_s, self.lead_s, self.deceleration_m_s2, self.escape_rate_per_s
+        return _of_each(*numbers, count, response).copy()
 
     def of_slowest(self, response: FleetResponse) -> "Braking":
         """What holds for every one of these vehicles."""
@@ -165,6 +152,37 @@ class Braking(Settings):
         Solves ``v t + v^2 / (2 a) = gap``. Negative for a negative gap: moving away is then required.
         """
         return stopping_speed_m_s(gap_m, self.of_each(1)[:, 0])
+
+
+@lru_cache(maxsize=16)
+def _over_link(braking: Braking, delay_s: float) -> Braking:
+    """As `Braking.over_link`; kept for the next tick."""
+    return Braking(
+        reaction_s=braking.reaction_s + 2.0 * delay_s,
+        lead_s=braking.lead_s + 2.0 * delay_s,
+        follow_s=braking.follow_s + 2.0 * delay_s if braking.follow_s else 0.0,
+        deceleration_m_s2=braking.deceleration_m_s2,
+        escape_rate_per_s=1.0 / (1.0 / braking.escape_rate_per_s + 4.0 * delay_s),
+    )
+
+
+@lru_cache(maxsize=16)
+def _of_each(
+    reaction_s: float,
+    lead_s: float,
+    deceleration_m_s2: float,
+    escape_rate_per_s: float,
+    count: int,
+    response: FleetResponse | None,
+) -> Array:
+    """As `Braking.of_each`; kept, because a tick asks several times, and so does the next."""
+    each = np.empty((4, count))
+    each[REACTION], each[LEAD] = reaction_s, lead_s
+    each[DECELERATION], each[ESCAPE] = deceleration_m_s2, escape_rate_per_s
+    if response is not None:
+        np.maximum(each[REACTION], response.swings_s, out=each[REACTION])
+        np.minimum(each[DECELERATION], response.acceleration_m_s2, out=each[DECELERATION])
+    return each
 
 
 REACTION, LEAD, DECELERATION, ESCAPE = range(4)

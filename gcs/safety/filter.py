@@ -1,7 +1,7 @@
 """The safety filter: all constraints, the nearest velocities that keep them, and the reasons."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from typing import TypeAlias
 
@@ -57,27 +57,39 @@ def filter_velocities(
     Returns: (n, 3) in m/s, and for each row why it was limited, "" when it was not. Rest where not commanded.
     """
     reasons: tuple[str, ...] = ()
+    begun: Begun | None = None
     for _ in range(YIELDS):
         first = reasons
-        allowed_m_s, reasons, again = _filtered(desired_m_s, surroundings, settings)
+        begun = begun or _begun(desired_m_s, surroundings, settings)
+        allowed_m_s, reasons, again = _filtered(begun, surroundings, settings)
         if first and surroundings.pressed is not None:
             each = zip(reasons, first, driven(surroundings).tolist(), strict=True)
             reasons = tuple(now or (before if driven else "") for now, before, driven in each)
         if again is None:
             break
-        # onto a path only as fast as the box drives it there
-        surroundings, desired_m_s = again, np.where(driven(again)[:, None], allowed_m_s, desired_m_s)
+        if again.pressed is not None:  # onto a path only as fast as the box drives it there
+            begun, desired_m_s = None, np.where(driven(again)[:, None], allowed_m_s, desired_m_s)
+        surroundings = again
     return allowed_m_s, reasons
 
 
-def _filtered(
-    desired_m_s: Array, surroundings: Surroundings, settings: SafetySettings
-) -> tuple[Array, tuple[str, ...], Surroundings | None]:
-    """Velocities and reasons as of `filter_velocities`, and with what to filter again; None: with nothing.
+@dataclass(frozen=True, slots=True, eq=False)
+class Begun:
+    """What is known before velocities are sought, however often that is, unless others are desired."""
 
-    Constraints that contradict each other are all broken a little. Then the less certain ones have to yield.
-    """
-    here, limits = surroundings.over_link(settings.link_delay_s), settings.limits
+    position_m: Array  # (n, 3) when setpoints arrive
+    desired_m_s: Array  # (n, 3) within the limits, rest where nothing is commanded
+    own: Mask  # (n,) commanded by this station
+    here: Surroundings  # with those as commanded as well that other stations share
+    braking: Braking
+    pairs: Pairs  # that `desired_m_s` could bring too close
+    involved: Mask  # (n,) as of `_first_pairs`
+    walls_of: Callable[..., Constraints]  # `walls_of_each` for a speed (n,), and only some rows
+    walls: Constraints  # of each vehicle alone
+
+
+def _begun(desired_m_s: Array, surroundings: Surroundings, settings: SafetySettings) -> Begun:
+    here = surroundings.over_link(settings.link_delay_s)
     braking = settings.braking.over_link(settings.link_delay_s)
     own = np.array(here.commanded)
     moved = own if here.shared_m_s is None else own | np.isfinite(here.shared_m_s[:, 0])
@@ -88,16 +100,34 @@ def _filtered(
         moved,
         settings.link_delay_s,
     )
-    desired_m_s = cap(desired_m_s, limits, here.speed_max_m_s)
+    desired_m_s = cap(desired_m_s, settings.limits, here.speed_max_m_s)
     if moved is not own:
         here = replace(here, commanded=moved)
     pairs_of = _pairs_of(position_m, desired_m_s, own, here, settings.floor, braking)
     pairs, involved = _first_pairs(pairs_of, desired_m_s, own, here)
     confined = here if involved is moved else replace(here, commanded=involved)
     walls_of = partial(walls_of_each, position_m, desired_m_s, confined, settings, braking)
-    course_m_s = None if settings.fence.is_plain else _lengths(desired_m_s, np.zeros_like(desired_m_s))
-    walls = walls_of(course_m_s)
+    walls = walls_of(None if settings.fence.is_plain else _lengths(desired_m_s, np.zeros_like(desired_m_s)))
     walls = Constraints.joined(walls, reach_of_each(here, walls, settings))
+    return Begun(position_m, desired_m_s, own, here, braking, pairs, involved, walls_of, walls)
+
+
+def _filtered(
+    begun: Begun, surroundings: Surroundings, settings: SafetySettings
+) -> tuple[Array, tuple[str, ...], Surroundings | None]:
+    """Velocities and reasons as of `filter_velocities`, and with what to filter again; None: with nothing.
+
+    Constraints that contradict each other are all broken a little. Then the less certain ones have to yield.
+    """
+    desired_m_s, own, here, limits = begun.desired_m_s, begun.own, begun.here, settings.limits
+    position_m, eased = begun.position_m, surroundings.eased
+
+    def as_they_count(pairs: Pairs) -> Pairs:
+        pairs = pairs if eased is None else eased_pairs(pairs, position_m, eased, settings.floor)
+        return with_reports(pairs, own, here.shared_m_s)
+
+    pairs_of = _pairs_of(position_m, desired_m_s, own, here, settings.floor, begun.braking)
+    pairs, walls = as_they_count(begun.pairs), begun.walls
     landing = np.array(here.descending) & (not settings.fence.is_plain)
     allowed_m_s = searched_m_s = desired_m_s
     for attempt in range(ATTEMPTS):
@@ -105,25 +135,25 @@ def _filtered(
         if attempt < SOLUTIONS:
             allowed_m_s = cap(nearest(desired_m_s, *joined), limits, here.speed_max_m_s, landing)
         allowed_m_s = shortened(allowed_m_s, *joined, landing)
-        strays = (_lengths(searched_m_s, allowed_m_s) > SPARE_M_S) & involved
+        strays = (_lengths(searched_m_s, allowed_m_s) > SPARE_M_S) & begun.involved
         if not np.count_nonzero(strays):
             break  # every change is within the searched range
         searched_m_s = np.where(strays[:, None], allowed_m_s, searched_m_s)
         every = attempt == SOLUTIONS - 2 and len(position_m) <= FEW
         spare_m_s = np.full(len(own), 2.0 * limits.fastest_m_s if every else SPARE_M_S)
         near = pairs_of(course_m_s=searched_m_s, spare_m_s=spare_m_s, only=None if every else strays)
-        overlooked = with_reports(near.not_in(pairs, len(position_m)), own, here.shared_m_s)
-        farther = Constraints.none() if settings.fence.is_plain else walls_of(None, only=strays)
+        overlooked = as_they_count(near.not_in(pairs, len(position_m)))
+        farther = Constraints.none() if settings.fence.is_plain else begun.walls_of(None, only=strays)
         if not any_broken(allowed_m_s, *_joined(farther, overlooked)):
             break
         pairs, walls = pairs.joined(overlooked), Constraints.joined(walls, farther)
     else:
         allowed_m_s = np.zeros_like(allowed_m_s)
-    again = yielding(allowed_m_s, position_m, pairs, surroundings, braking)
+    again = yielding(allowed_m_s, position_m, pairs, surroundings, begun.braking)
     changed_m_s = _lengths(desired_m_s, allowed_m_s)
     if not settings.fence.is_plain and len(judged):
         _raise_to_unmet(changed_m_s, allowed_m_s, judged.first, judged.normal, judged.bound_m_s)
-    if moved is not own:
+    if here.shared_m_s is not None:
         allowed_m_s[~own], changed_m_s[~own] = 0.0, 0.0
     return allowed_m_s, _reasons(desired_m_s, changed_m_s, judged, pairs, joined, here.names), again
 
@@ -134,7 +164,7 @@ def _first_pairs(
     """Pairs of the `own` (n,) commanded vehicles, of their neighbours of other stations, and of theirs.
 
     Two stations project the velocities of a pair alike, and each sends its own. So both must know what else
-    keeps either vehicle from giving way.
+    keeps either vehicle from giving way. What other stations report of their vehicles is not among them.
 
     Returns: the pairs, and (n,) the own vehicles and those neighbours.
     """
@@ -149,14 +179,14 @@ def _first_pairs(
     if neighbours.any():
         of_neighbours = pairs_of(**desired, only=neighbours)
         pairs = pairs.joined(of_neighbours.not_in(pairs, len(own)))
-    return with_reports(pairs, own, here.shared_m_s), involved
+    return pairs, involved
 
 
 def _pairs_of(
     position_m: Array, desired_m_s: Array, own: Mask, here: Surroundings, floor: Floor, braking: Braking
 ) -> Callable[..., Pairs]:
     """Return a function that finds pairs too close if both differ from `course_m_s` by `spare_m_s`."""
-    search = partial(
+    return partial(
         separation_constraints,
         position_m,
         here.velocity_m_s,
@@ -172,8 +202,6 @@ def _pairs_of(
         low_counts=own & ~here.descending,
         goes=here.goes,
     )
-    eased = here.eased
-    return search if eased is None else lambda **given: eased_pairs(search(**given), position_m, eased, floor)
 
 
 @kernel
@@ -366,6 +394,7 @@ def warm_up() -> None:
     own, shared = np.array([True, False, True]), replace(here, shared_m_s=velocity_m_s)
     pairs_of = _pairs_of(position_m, velocity_m_s, all_rows, here, settings.floor, settings.braking)
     pairs, _ = _first_pairs(pairs_of, velocity_m_s, own, shared)
+    pairs = with_reports(pairs, own, velocity_m_s)
     any_broken(velocity_m_s, *_joined(Constraints.none(), pairs))
     columns_m = np.array([[[x_m, 0.0, -20.0], [x_m, 0.0, 0.0]] for x_m in (-1.0, 1.0)])
     keepout_constraints(

@@ -41,7 +41,7 @@ def near_pairs(some: Mask, position_m: Array, takes_part: Mask, radius_m: Array)
     """
     if len(position_m) <= FEW:
         return _near_pairs_of(some, position_m, takes_part, radius_m)
-    rows, start, low_m, cell_m, across = _sorted_into_cells(position_m, takes_part, radius_m)
+    rows, start, low_m, cell_m, across = sorted_into_cells(position_m, takes_part, radius_m)
     place_m, look_m, of_some = position_m[rows], radius_m[rows], some[rows]  # contiguous, cell by cell
     first, second = np.empty(ROOM * len(rows), np.intp), np.empty(ROOM * len(rows), np.intp)
     written, done = 0, 0
@@ -106,10 +106,10 @@ def _write_pairs(
         x_m, y_m, z_m, own_m = place_m[a, 0], place_m[a, 1], place_m[a, 2], look_m[a]
         far_m = (own_m + longest_m) * WIDER
         for axis in range(3):
-            from_[axis] = _cell(place_m[a, axis] - far_m, low_m[axis], cell_m, across)
-            to[axis] = _cell(place_m[a, axis] + far_m, low_m[axis], cell_m, across) + 1
+            from_[axis] = cell_of(place_m[a, axis] - far_m, low_m[axis], cell_m, across)
+            to[axis] = cell_of(place_m[a, axis] + far_m, low_m[axis], cell_m, across) + 1
         # the cells before hold earlier vehicles only
-        from_[0] = max(from_[0], every * _cell(x_m, low_m[0], cell_m, across))
+        from_[0] = max(from_[0], every * cell_of(x_m, low_m[0], cell_m, across))
         for x in range(from_[0], to[0]):
             for y in range(from_[1], to[1]):
                 column = (x * across + y) * across
@@ -150,7 +150,7 @@ def _is_beyond(extent_m: Array, x_m: float, y_m: float, z_m: float, own_m: float
 
 
 @kernel
-def _sorted_into_cells(
+def sorted_into_cells(
     position_m: Array, takes_part: Mask, radius_m: Array
 ) -> tuple[Rows, Rows, Array, float, int]:
     """Participating rows, cell by cell; start of each cell; low corner (3,), width and number of cells."""
@@ -169,7 +169,7 @@ def _sorted_into_cells(
         number[a] = 0
         for axis in range(3):
             place_m = position_m[members[a], axis]
-            number[a] = number[a] * across + _cell(place_m, low_m[axis], cell_m, across)
+            number[a] = number[a] * across + cell_of(place_m, low_m[axis], cell_m, across)
         start[number[a] + 1] += 1
     start = np.cumsum(start)
     free = start.copy()
@@ -181,7 +181,7 @@ def _sorted_into_cells(
 
 
 @kernel
-def _cell(place_m: float, low_m: float, cell_m: float, across: int) -> int:
+def cell_of(place_m: float, low_m: float, cell_m: float, across: int) -> int:
     """Number of the cell along one axis; the outermost ones hold what is beyond."""
     cells = (place_m - low_m) / cell_m
     if not cells > 0.0:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from gcs.model.jit import kernel, kernel_within
 from gcs.model.response import FleetResponse
 from gcs.model.state import TINY, Array, Mask
+from gcs.safety.binding_pairs import Worst, pairs_that_could_bind
 from gcs.safety.constraints import (
     DECELERATION,
     ESCAPE,
@@ -19,7 +20,7 @@ from gcs.safety.constraints import (
     allowed_speed_m_s,
 )
 from gcs.safety.floor import Floor
-from gcs.safety.neighbours import Rows, near_pairs
+from gcs.safety.neighbours import Rows
 from gcs.safety.passing import best_plane
 
 
@@ -149,11 +150,6 @@ up), the deviations that a margin covers, and for how long the velocity counts t
 """
 
 
-Worst: TypeAlias = tuple[float, float, float, float, float]
-"""What holds for every pair: the least and greatest quotient of its semi-axes, sideways by up, the longest
-reaction and lead, and the least deceleration.
-"""
-
 WIDER = 1.0 + 1e-9
 """For the rounding of these quotients."""
 
@@ -249,35 +245,6 @@ def _flatness(uncertainty_m: Array, wander_m: Array, numbers: Numbers) -> tuple[
     return thin / WIDER, thick * WIDER
 
 
-@kernel_within
-def _may_bind(
-    offset_m: tuple[float, float, float],
-    course_m_s: tuple[float, float, float],
-    measured_m_s: tuple[float, float, float],
-    size_m: float,
-    shared_m: float,
-    spare_m_s: float,
-    worst: Worst,
-) -> bool:
-    """Whether velocities of a pair that differ by `spare_m_s` from its relative course could break its bound.
-
-    It may be True where they could not: the ellipsoid is between two, and `size_m` is no less than its
-    semi-axis sideways; `shared_m` is no less than what the velocity that both share takes from the gap.
-    """
-    (x, y, z), (thin, thick, reaction_s, lead_s, deceleration_m_s2) = offset_m, worst
-    level_m2, scaled_m2 = x * x + y * y, thin * thin * z * z
-    near_m, far_m = np.sqrt(level_m2 + thin * thin * scaled_m2), np.sqrt(level_m2 + thick**4 * z * z)
-    apart_m2_s, upright = x * course_m_s[0] + y * course_m_s[1], z * course_m_s[2]
-    apart_m2_s += (thin * thin if upright > 0.0 else thick * thick) * upright
-    needed_m_s = max(spare_m_s - apart_m2_s / (far_m if apart_m2_s > 0.0 else near_m), 0.0)
-    apart_m2_s, upright = x * measured_m_s[0] + y * measured_m_s[1], z * measured_m_s[2]
-    apart_m2_s += (thin * thin if upright > 0.0 else thick * thick) * upright
-    used_m = lead_s * max(-apart_m2_s / near_m, 0.0) + needed_m_s * reaction_s + shared_m
-    used_m += needed_m_s * needed_m_s / (2.0 * deceleration_m_s2)
-    is_clear: bool = np.sqrt(level_m2 + scaled_m2) - size_m > max(thick, 1.0) * used_m + TINY
-    return not is_clear
-
-
 @kernel
 def _found(
     position_m: Array,
@@ -309,18 +276,21 @@ def _found(
         each,
         numbers,
     )
-    first, second = near_pairs(commanded & only, place_m, is_known, look_m)
+    motion = position_m, course_m_s, measured_m_s
+    bounding = _bounding(measured_m_s, uncertainty_m, wander_m, spare_m_s, goes, numbers)
+    first, second = pairs_that_could_bind(
+        commanded & only, is_known, place_m, look_m, motion, bounding, worst
+    )
     count = len(first)
     rows, shared, others = np.empty(count, np.intp), np.empty(count, np.intp), np.empty(count, np.intp)
     normals, bounds_m_s = np.empty((count, 3)), np.empty(count)
     sides, seen = np.empty((2, BLOCK), np.intp), np.empty((PAIR_ROWS, BLOCK))
     answers, kept = np.empty((5, BLOCK)), 0
-    motion = position_m, course_m_s, measured_m_s, desired_m_s
     own = uncertainty_m, wander_m, spare_m_s
-    about, done = _side_by_side(first, second, motion, own, each), 0
+    about, done = _side_by_side(first, second, (*motion, desired_m_s), own, each), 0
     masks = commanded, airborne, low_counts, goes
     while done < count:
-        many, done = _relative(first, second, done, about, masks, numbers, worst, sides, seen)
+        many, done = _relative(first, second, done, about, masks, numbers[3], numbers[7], sides, seen)
         _answers(many, seen, numbers, answers)
         for k in range(many):
             if answers[0, k] > answers[1, k]:
@@ -401,12 +371,24 @@ def _side_by_side(
     return about
 
 
-@kernel_within
-def _speed_m_s(about: Array, i: int) -> float:
-    """How fast vehicle i of `_side_by_side` flies."""
-    x, y, z = about[i, MEASURED], about[i, MEASURED + 1], about[i, MEASURED + 2]
-    speed_m_s: float = np.sqrt(x * x + y * y + z * z)
-    return speed_m_s
+@kernel
+def _bounding(
+    measured_m_s: Array,
+    uncertainty_m: Array,
+    wander_m: Array,
+    spare_m_s: Array,
+    goes: Mask,
+    numbers: Numbers,
+) -> tuple[Array, Array, Array]:
+    """What `pairs_that_could_bind` is given of each vehicle, (n,) each; arguments as of `_looks`."""
+    wide_m, deviations, follow_s = numbers[0], numbers[6], numbers[7]
+    size_m, shared_m = np.empty(len(goes)), np.zeros(len(goes))
+    for i in range(len(goes)):
+        size_m[i] = wide_m / 2.0 + deviations * (uncertainty_m[i] + wander_m[i])
+        x, y, z = measured_m_s[i, 0], measured_m_s[i, 1], measured_m_s[i, 2]
+        if goes[i]:
+            shared_m[i] = follow_s * np.sqrt(x * x + y * y + z * z)
+    return size_m, spare_m_s, shared_m
 
 
 @kernel
@@ -416,8 +398,8 @@ def _relative(
     done: int,
     about: Array,
     masks: tuple[Mask, Mask, Mask, Mask],
-    numbers: Numbers,
-    worst: Worst,
+    pad_height_m: float,
+    follow_s: float,
     sides: NDArray[np.intp],
     seen: Array,
 ) -> tuple[int, int]:
@@ -429,15 +411,14 @@ def _relative(
         done: so many pairs were looked at before.
         about: (n, WIDE) of `_side_by_side`.
         masks: commanded, airborne, which count on and near the ground, and which fly to goals, (n,) each.
-        numbers: of floor and margin.
-        worst: of `_looks`.
+        pad_height_m: below this height both may be on their pads.
+        follow_s: for how long the velocity counts that two share that fly to goals.
         sides: (2, BLOCK) rows i, commanded, and j; changed.
         seen: (PAIR_ROWS, BLOCK) changed.
 
     Returns: how many count, and how many pairs were looked at then.
     """
     commanded, airborne, low_counts, goes = masks
-    wide_m, _, _, pad_height_m, _, _, deviations, follow_s = numbers
     many = 0
     for k in range(done, len(first)):
         if many == BLOCK:
@@ -450,19 +431,8 @@ def _relative(
         if low or not commanded[i] or not (airborne[i] or airborne[j]):
             continue
         mine_m, theirs_m = about[i, OWN_UNCERTAINTY], about[j, OWN_UNCERTAINTY]
-        unsure_m = mine_m + theirs_m + about[i, OWN_WANDER] + about[j, OWN_WANDER]
         spare_m_s = about[i, OWN_SPARE] + about[j, OWN_SPARE]
         shared_s = follow_s if goes[i] and goes[j] else 0.0
-        if not _may_bind(
-            (about[i, 0] - about[j, 0], about[i, 1] - about[j, 1], about[i, 2] - about[j, 2]),
-            (about[i, 3] - about[j, 3], about[i, 4] - about[j, 4], about[i, 5] - about[j, 5]),
-            (about[i, 6] - about[j, 6], about[i, 7] - about[j, 7], about[i, 8] - about[j, 8]),
-            wide_m + deviations * unsure_m,
-            shared_s * min(_speed_m_s(about, i), _speed_m_s(about, j)),
-            spare_m_s,
-            worst,
-        ):
-            continue
         one_stands, led_m2 = 0.0, about[i, OWN_WANDER] ** 2 + about[j, OWN_WANDER] ** 2
         # A vehicle that stands has no tracking error, and its receiver keeps no other from its pad.
         if not (airborne[i] and airborne[j]):

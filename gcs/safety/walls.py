@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from gcs.formation.obstacles import Ellipse, Outlines
-from gcs.model.jit import kernel
+from gcs.model.jit import kernel, kernel_within
 from gcs.model.response import FleetResponse
 from gcs.model.settings import Positive, Settings
 from gcs.model.state import Array, Mask
@@ -111,8 +111,13 @@ def fence_constraints(
         braking.of_each(n, response),
         2.0 * fastest_m_s,
     )
+    if len(rows) == 0:
+        return Constraints.none()
     return Constraints(rows, np.zeros_like(rows) + NO_ROW, normal, bound_m_s, FENCE_REASONS[sides])
 
+
+WIDER = 1.001
+"""For the rounding of the way in which the possible speed could be braked."""
 
 FENCE_REASONS = np.array(["least height", "greatest height", "greatest distance"], dtype=object)
 
@@ -141,11 +146,10 @@ def _fence_rows(
     for i in range(len(position_m)):
         if not commanded[i]:
             continue
-        for axis in range(3):
-            if not np.isfinite(velocity_m_s[i, axis]):
-                velocity_m_s[i, axis] = 0.0
+        _still_where_unknown(velocity_m_s, i)
         x_m, y_m, height_m = position_m[i, 0], position_m[i, 1], -position_m[i, 2]
         distance_m = np.sqrt(x_m * x_m + y_m * y_m)
+        stop_m = WIDER * possible_m_s * (each[REACTION, i] + 0.5 * possible_m_s / each[DECELERATION, i])
         for side in range(3):
             if side == 0 and descending[i]:
                 continue
@@ -162,12 +166,22 @@ def _fence_rows(
                 normal[kept, 1] = -y_m / max(distance_m, 1e-9)
             closing_m_s = max(-along_m_s(velocity_m_s, i, normal, kept), 0.0)
             gap_m -= standoff_m[i] + each[LEAD, i] * closing_m_s
-            allowed_m_s = allowed_speed_m_s(gap_m, each[REACTION, i], each[DECELERATION, i], each[ESCAPE, i])
+            allowed_m_s = np.inf
+            if not gap_m > stop_m:
+                response = each[REACTION, i], each[DECELERATION, i], each[ESCAPE, i]
+                allowed_m_s = allowed_speed_m_s(gap_m, *response)
             if not allowed_m_s <= possible_m_s:
                 continue
             rows[kept], sides[kept], bound_m_s[kept] = i, side, -allowed_m_s
             kept += 1
     return rows[:kept], sides[:kept], normal[:kept], bound_m_s[:kept]
+
+
+@kernel_within
+def _still_where_unknown(velocity_m_s: Array, i: int) -> None:
+    for axis in range(3):
+        if not np.isfinite(velocity_m_s[i, axis]):
+            velocity_m_s[i, axis] = 0.0
 
 
 def obstacle_constraints(

@@ -13,7 +13,7 @@ from gcs.testing.virtual_show import VirtualShow, fly, show_config
 
 
 async def stand(show: VirtualShow) -> None:
-    """What telemetry is put into has kernels that only telemetry calls."""
+    """The fake fleet has kernels of its own."""
     await show.standby()
 
 

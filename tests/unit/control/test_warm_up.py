@@ -1,6 +1,5 @@
 """After the warm-up nothing is compiled any more: a compiler in the air would stop the setpoints."""
 
-import sys
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from multiprocessing import get_context
@@ -16,23 +15,13 @@ from gcs.safety.fenced_areas import FencedArea
 from gcs.safety.filter import filter_velocities
 from gcs.safety.surroundings import SafetySettings, Surroundings
 from gcs.safety.walls import Fence
+from tests.support.kernels import signatures
 
 ROAD = np.array([[[30.0, 0.0, -20.0], [30.0, 0.0, 0.0]]])
 TOWERS = (
     Obstacle("a", x_m=12.0, y_m=4.0, half_length_x_m=2.0, half_length_y_m=2.0, height_m=40.0),
     Obstacle("b", 20.0, -4.0, 2.0, 2.0, 40.0, velocity_x_m_s=0.5, time_s=0.0),
 )
-
-
-def signatures() -> dict[str, int]:
-    """For how many types of arguments each kernel of ours has been compiled or loaded."""
-    return {
-        f"{name}.{key}": len(value.signatures)
-        for name, module in list(sys.modules.items())
-        if name.startswith("gcs.")
-        for key, value in vars(module).items()
-        if hasattr(value, "signatures") and value.__module__ == name
-    }
 
 
 def crowd(count: int, seed: int) -> tuple[Array, Array]:
