@@ -56,7 +56,7 @@ def pairs_that_could_bind(
         look_m: (n,) in these, pairs farther apart than the sum of both do not bind.
         motion: positions, course that is checked and measured velocities, (n, 3) each.
         own: (n,) each: no less than a vehicle's part of the semi-axis sideways; by how much its velocity may
-            differ from its course; how many metres a velocity that another shares takes from the gap.
+            differ from its course; how many metres its velocity takes from the gap to one behind it.
         worst: what holds for every pair.
     """
     if len(place_m) <= FEW:
@@ -189,7 +189,7 @@ def _write_over(
         needed_m_s = max(own_m_s + spare_of[b] - min(apart * per_near, apart * per_far), none)
         upright = dz * (w_m_s - w_of[b])
         apart = dx * (u_m_s - u_of[b]) + dy * (v_m_s - v_of[b]) + min(thin2 * upright, thick2 * upright)
-        used_m = lasts_s * max(-apart * per_near, none) + min(own_shared_m, shared_of[b])
+        used_m = lasts_s * max(-apart * per_near, none) + max(own_shared_m, shared_of[b])
         used_m += needed_m_s * (later_s + half * per_m_s2 * needed_m_s)
         away_m = np.sqrt(level_m2 + thin2 * high_m2)
         over_m[b] = grown * used_m + own_m + size_of[b] + slack - away_m

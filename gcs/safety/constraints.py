@@ -114,8 +114,10 @@ class Braking(Settings):
     """Between vehicles, the measured closing speed continues for this time, in s."""
     deceleration_m_s2: Positive = 2.0
     """After that, on the average of the stop, in m/s^2."""
-    follow_s: NotNegative = 0.5
-    """Of two with goals of their own, the speed that both share counts for so long, in s: one may stop."""
+    follow_s: NotNegative = 2.0
+    """Behind a vehicle that is not commanded, the speed that both share counts for so long, in s: it may
+    stop. Not in a formation.
+    """
     escape_rate_per_s: Positive = 1.5
     """Speed away from something already too close, per metre, in 1/s."""
 

@@ -116,8 +116,8 @@ def separation_constraints(
             of both.
         low_counts: (n,) kept apart from others on and near the ground as well: it does not land. A pair of
             others, both below `floor.pad_height_m`, is left out, as pads are near; None: all are such.
-        goes: (n,) on the way to goals of their own. Of two of these the one in front may stop by itself, and
-            then the other: the velocity that both share counts for `braking.follow_s`. None: none are.
+        goes: (n,) on the way to goals of their own. Of these, one behind a vehicle that is not commanded
+            expects that to stop: the speed that both share counts for `braking.follow_s`. None: none are.
     """
     # numba compiles frozen arrays as another type
     position_m, uncertainty_m = np.array(position_m), np.array(uncertainty_m)
@@ -146,7 +146,8 @@ def separation_constraints(
 
 Numbers: TypeAlias = tuple[float, float, float, float, float, float, float, float]
 """Floor (sideways, up, factor of uncertainty up, pad height), one vehicle's part of the margin (sideways,
-up), the deviations that a margin covers, and for how long the velocity counts that two share.
+up), the deviations that a margin covers, and for how long the speed counts that one shares with
+another, not commanded, in front of it.
 """
 
 
@@ -176,7 +177,6 @@ def _looks(
     wander_m: Array,
     course_m_s: Array,
     spare_m_s: Array,
-    goes: Mask,
     each: Array,
     numbers: Numbers,
 ) -> tuple[Mask, Array, Array, Array, Array, Array, Worst]:
@@ -210,12 +210,12 @@ def _looks(
     for i in range(n):
         drift2, stray2, speed2 = 0.0, 0.0, 0.0
         for k in range(3):
-            speed2 += measured[i, k] ** 2 if goes[i] else 0.0
+            speed2 += 0.0 if commanded[i] else measured[i, k] ** 2
             drift2 += (measured[i, k] - mean[k]) ** 2
             stray2 += (course[i, k] - mean[k]) ** 2
         stray_m_s = np.sqrt(stray2) + spare[i]
         reach_m = stray_m_s * reaction_s + stray_m_s**2 / deceleration_m_s2 + lead_s * np.sqrt(drift2)
-        reach_m += 0.5 * follow_s * np.sqrt(speed2)  # what two share is no more than the mean of both
+        reach_m += follow_s * np.sqrt(speed2)  # what another shares with it is no more
         margin_m = deviations * (uncertainty_m[i] + wander_m[i])  # two are at least their hypotenuse
         look_m[i] = wide_m / 2.0 + margin_m + max(thick, 1.0) * reach_m + TINY
         place_m[i, 2] *= thin
@@ -272,12 +272,11 @@ def _found(
         wander_m,
         course_m_s,
         spare_m_s,
-        goes,
         each,
         numbers,
     )
     motion = position_m, course_m_s, measured_m_s
-    bounding = _bounding(measured_m_s, uncertainty_m, wander_m, spare_m_s, goes, numbers)
+    bounding = _bounding(measured_m_s, uncertainty_m, wander_m, spare_m_s, commanded, numbers)
     first, second = pairs_that_could_bind(
         commanded & only, is_known, place_m, look_m, motion, bounding, worst
     )
@@ -323,11 +322,14 @@ REACTS, LATER, BRAKES, ESCAPES, FLOWN, SHARES, PAIR_ROWS = 16, 17, 18, 19, 20, 2
 """Rows of `_relative`. Of i relative to j, three rows each: offset,
 course that is checked, measured and desired velocity. Squares of uncertainty and wander; spare speed; whether
 one of both stands; reaction, lead, deceleration and escape rate of the slower one; three rows of the measured
-velocity of i; for how long the velocity counts that both share.
+velocity of i; for how long the speed counts that i shares with j in front of it.
 """
 
 BLOCK = 128
 """Near pairs that are computed at a time: few enough to stay in the processor's nearest memory."""
+
+BACKS_M_S = 2.0
+"""Behind another that may stop, what a vehicle shares with it asks for no more than to back off so fast."""
 
 OWN_UNCERTAINTY, OWN_WANDER, OWN_SPARE, STOPS, WIDE = 12, 13, 14, 15, 19
 """Columns of `_side_by_side` after those of a pair's first rows, and their number."""
@@ -377,16 +379,16 @@ def _bounding(
     uncertainty_m: Array,
     wander_m: Array,
     spare_m_s: Array,
-    goes: Mask,
+    commanded: Mask,
     numbers: Numbers,
 ) -> tuple[Array, Array, Array]:
     """What `pairs_that_could_bind` is given of each vehicle, (n,) each; arguments as of `_looks`."""
     wide_m, deviations, follow_s = numbers[0], numbers[6], numbers[7]
-    size_m, shared_m = np.empty(len(goes)), np.zeros(len(goes))
-    for i in range(len(goes)):
+    size_m, shared_m = np.empty(len(commanded)), np.zeros(len(commanded))
+    for i in range(len(commanded)):
         size_m[i] = wide_m / 2.0 + deviations * (uncertainty_m[i] + wander_m[i])
         x, y, z = measured_m_s[i, 0], measured_m_s[i, 1], measured_m_s[i, 2]
-        if goes[i]:
+        if not commanded[i]:
             shared_m[i] = follow_s * np.sqrt(x * x + y * y + z * z)
     return size_m, spare_m_s, shared_m
 
@@ -412,7 +414,7 @@ def _relative(
         about: (n, WIDE) of `_side_by_side`.
         masks: commanded, airborne, which count on and near the ground, and which fly to goals, (n,) each.
         pad_height_m: below this height both may be on their pads.
-        follow_s: for how long the velocity counts that two share that fly to goals.
+        follow_s: for how long the speed counts that a vehicle shares with one ahead that holds.
         sides: (2, BLOCK) rows i, commanded, and j; changed.
         seen: (PAIR_ROWS, BLOCK) changed.
 
@@ -432,7 +434,7 @@ def _relative(
             continue
         mine_m, theirs_m = about[i, OWN_UNCERTAINTY], about[j, OWN_UNCERTAINTY]
         spare_m_s = about[i, OWN_SPARE] + about[j, OWN_SPARE]
-        shared_s = follow_s if goes[i] and goes[j] else 0.0
+        shared_s = follow_s if goes[i] and not commanded[j] else 0.0
         one_stands, led_m2 = 0.0, about[i, OWN_WANDER] ** 2 + about[j, OWN_WANDER] ** 2
         # A vehicle that stands has no tracking error, and its receiver keeps no other from its pad.
         if not (airborne[i] and airborne[j]):
@@ -468,13 +470,12 @@ def _answers(many: int, seen: Array, numbers: Numbers, answers: Array) -> None:
         offset_m = seen[OFFSET, k], seen[OFFSET + 1, k], seen[OFFSET + 2, k]
         gap_m, x, y, z = _gap(*offset_m, pair_wide_m, pair_tall_m)
         closing_m_s = -(x * seen[MEASURED, k] + y * seen[MEASURED + 1, k] + z * seen[MEASURED + 2, k])
-        one_m_s = x * seen[FLOWN, k] + y * seen[FLOWN + 1, k] + z * seen[FLOWN + 2, k]
-        other_m_s = one_m_s + closing_m_s
-        shared_m_s = max(min(one_m_s, other_m_s), 0.0) + max(min(-one_m_s, -other_m_s), 0.0)
-        gap_m -= seen[SHARES, k] * shared_m_s
-        answers[0, k] = allowed_speed_m_s(
-            gap_m - seen[LATER, k] * max(closing_m_s, 0.0), seen[REACTS, k], seen[BRAKES, k], seen[ESCAPES, k]
-        )
+        behind_m_s = -(x * seen[FLOWN, k] + y * seen[FLOWN + 1, k] + z * seen[FLOWN + 2, k])
+        front_m_s = max(behind_m_s - closing_m_s, 0.0)
+        gap_m -= seen[LATER, k] * max(closing_m_s, 0.0)
+        backs_m = min(gap_m, -(front_m_s + BACKS_M_S) / seen[ESCAPES, k])
+        gap_m = max(gap_m - seen[SHARES, k] * max(min(behind_m_s, front_m_s), 0.0), backs_m)
+        answers[0, k] = allowed_speed_m_s(gap_m, seen[REACTS, k], seen[BRAKES, k], seen[ESCAPES, k])
         apart_m_s = x * seen[COURSE, k] + y * seen[COURSE + 1, k] + z * seen[COURSE + 2, k]
         answers[1, k] = seen[SPARE, k] - apart_m_s
         answers[2, k], answers[3, k], answers[4, k] = x, y, z

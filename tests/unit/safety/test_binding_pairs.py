@@ -20,7 +20,7 @@ FLEETS = pytest.mark.parametrize(
 
 
 def fleet(count: int, edge_m: float, away_m: float) -> tuple[Array, Array, Array, Array, Array]:
-    """Positions, courses and measured velocities (n, 3), parts of the semi-axes and shared ways (n,)."""
+    """Positions, courses and measured velocities (n, 3), parts of the semi-axes, and ways that ones behind keep (n,)."""
     random = np.random.default_rng(count)
     position_m = away_m + random.uniform(0.0, edge_m, (count, 3))
     course_m_s, measured_m_s = random.uniform(-3.0, 3.0, (2, count, 3))
@@ -70,7 +70,7 @@ def over_m(parts: tuple[Array, Array, Array, Array, Array]) -> Array:
         parting = apart(course_m_s)
         needed_m_s = np.maximum(0.5 - np.minimum(parting / far_m, parting / near_m), 0.0)
         used_m = lead_s * np.maximum(-apart(measured_m_s) / near_m, 0.0) + needed_m_s * reaction_s
-    used_m += np.minimum(shared_m[:, None], shared_m[None]) + needed_m_s**2 / (2.0 * deceleration_m_s2)
+    used_m += np.maximum(shared_m[:, None], shared_m[None]) + needed_m_s**2 / (2.0 * deceleration_m_s2)
     size = size_m[:, None] + size_m[None]
     return np.asarray(max(thick, 1.0) * used_m + size - np.sqrt(level_m2 + thin**2 * high_m2))
 
