@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from gcs.control.inputs import TickInputs
 from gcs.control.memory import CORNERS, GoalRoutes
 from gcs.control.path_search import BEGUN_SHARE, along_m, find_corners, from_paths_m, sees
+from gcs.control.routes_among_boxes import Boxes, boxes_of, is_clear_round, passes_boxes, way_among
 from gcs.model.jit import kernel
 from gcs.model.state import TINY, Array, Mask
 
@@ -71,6 +72,7 @@ def follow_routes(
     """Where vehicles aim at, and which do so. At most one route is searched.
 
     Vehicles that descend or follow a planned path aim at their goals, and so do all while no vehicle is lost.
+    One with a goal of its own is led where the way round obstacles is closed, too: round both.
     One in formation that is stuck off its slot follows a route, until it sees its slot or the route ends.
 
     Args:
@@ -91,14 +93,17 @@ def follow_routes(
     begun = before or GoalRoutes.none(len(now.formed))
     routes = _later(begun, rows, time_s, now.position_m[rows], goal_m[rows])
     stuck, off = _off_slots(now, routes, slot_m)
-    aim_m, seen, led = _towards(now, routes, goal_m, np.concatenate([rows, off]))
+    boxes, among = boxes_of(now), np.zeros(len(now.formed), np.bool_)
+    among[rows] = bool(now.ellipses)
+    aim_m, seen, led = _towards(now, routes, goal_m, np.concatenate([rows, off]), boxes, among)
     routes.corner_m[off[~led[off]]], routes.no_way[seen] = np.nan, False
     searching = np.concatenate([rows[~seen[rows]], stuck[~seen[stuck]]])
     searching = searching[routes.next_s[searching] <= time_s]
     in_turn = searching[np.argsort(routes.next_s[searching], kind="stable")].tolist()
     row = next((each for each in in_turn if not now.formed[each] or _is_open(now, each, goal_m[each])), None)
     if row is not None:
-        corner_m, reaches, routes.passage[row] = _searched(now, row, goal_m[row], wary=bool(routes.wary[row]))
+        wary, passed = bool(routes.wary[row]), boxes if among[row] else None
+        corner_m, reaches, routes.passage[row] = _searched(now, row, goal_m[row], passed, wary=wary)
         routes.corner_m[row], routes.goal_m[row] = np.nan, goal_m[row]
         routes.corner_m[row, : len(corner_m)] = corner_m[:CORNERS]
         routes.next_s[row] = time_s + (AGAIN_S if reaches else FAILED_AGAIN_S)
@@ -108,9 +113,9 @@ def follow_routes(
 
 
 def _towards(
-    now: TickInputs, routes: GoalRoutes, goal_m: Array, rows: NDArray[np.intp]
+    now: TickInputs, routes: GoalRoutes, goal_m: Array, rows: NDArray[np.intp], boxes: Boxes, among: Mask
 ) -> tuple[Array, Mask, Mask]:
-    """Where to aim at, (n, 3), from `goal_m` (n, 3).
+    """Where to aim at, (n, 3), from `goal_m` (n, 3); `among` (n,) vehicles go round obstacles.
 
     Returns also (n,) which of `rows` (k,) see that place, and (n,) which follow a route that has not ended.
     """
@@ -122,7 +127,8 @@ def _towards(
             continue
         place_m, corner_m = now.position_m[some], routes.corner_m[some] * scale
         path_m, kept_m = _closed(now, some, routes.passage[some], wary=wary)
-        some_m, seen[some] = _aims(place_m * scale, goal_m[some] * scale, corner_m, path_m, kept_m)
+        about = path_m, kept_m, boxes, among[some]
+        some_m, seen[some] = _aims(place_m * scale, goal_m[some] * scale, corner_m, *about)
         corner_m /= scale
         routes.corner_m[some] = corner_m
         ahead_m = some_m / scale - place_m
@@ -181,8 +187,10 @@ def _is_open(now: TickInputs, row: int, slot_m: Array) -> bool:
     return bool((away_m > kept_m[0]).all())
 
 
-def _searched(now: TickInputs, row: int, goal_m: Array, *, wary: bool) -> tuple[Array, bool, bool]:
-    """A route of that row to its goal (3,), or near it.
+def _searched(
+    now: TickInputs, row: int, goal_m: Array, boxes: Boxes | None, *, wary: bool
+) -> tuple[Array, bool, bool]:
+    """A route of that row to its goal (3,), or near it. `boxes` are to be passed; None: no matter.
 
     Returns: corners (k, 3), whether they reach the goal, and whether they need a passage (`GoalRoutes`).
     """
@@ -209,6 +217,12 @@ def _searched(now: TickInputs, row: int, goal_m: Array, *, wary: bool) -> tuple[
     climb_cost = settings.law.speed_m_s / min(limits.up_m_s, limits.down_m_s) / scale[2]
     bounds = low_m, high_m, cell_m, climb_cost, fence.distance_max_m
     corner_m, reaches = find_corners(start_m, goal_m, path_m, clear_m, *bounds)
+    if boxes is not None and not _passes_boxes(start_m, corner_m, boxes):
+        round_m = way_among(start_m, goal_m, boxes, path_m, clear_m)
+        if round_m is None:
+            clear_m = np.minimum(clear_m, passage_m)
+            round_m = way_among(start_m, goal_m, boxes, path_m, clear_m)
+        corner_m, reaches = (corner_m, reaches) if round_m is None else (round_m, True)
     if reaches:  # inside a margin it may lead nearer to a path: the filter would hold the vehicle there
         nearest_m = along_m(start_m, corner_m, path_m)
         narrows = nearest_m < np.minimum(kept_m, from_paths_m(start_m, path_m) - NARROWS_M)
@@ -218,7 +232,26 @@ def _searched(now: TickInputs, row: int, goal_m: Array, *, wary: bool) -> tuple[
 
 
 @kernel
-def _aims(place_m: Array, goal_m: Array, corner_m: Array, path_m: Array, kept_m: Array) -> tuple[Array, Mask]:
+def _passes_boxes(start_m: Array, corner_m: Array, boxes: Boxes) -> bool:
+    """Whether a way from (3,) by corners (k, 3) passes all obstacles."""
+    before_m = start_m
+    for k in range(len(corner_m)):
+        if not passes_boxes(before_m, corner_m[k], boxes):
+            return False
+        before_m = corner_m[k]
+    return True
+
+
+@kernel
+def _aims(
+    place_m: Array,
+    goal_m: Array,
+    corner_m: Array,
+    path_m: Array,
+    kept_m: Array,
+    boxes: Boxes,
+    among: Mask,
+) -> tuple[Array, Mask]:
     """The farthest of goal and corners that each sees, (k, 3), and whether it sees any, (k,).
 
     One that sees none goes on to the first corner that is left, if there is one, else to the goal.
@@ -229,16 +262,27 @@ def _aims(place_m: Array, goal_m: Array, corner_m: Array, path_m: Array, kept_m:
         corner_m: (k, CORNERS, 3), NaN after the last; those that are passed are dropped.
         path_m: (m, 2, 3) closed.
         kept_m: (k, m) distances to be kept.
+        boxes: obstacles.
+        among: (k,) which go round these. One without a route sees its goal where that way is clear of all
+            paths; one with a route, where the straight way is clear of both: it goes to and fro otherwise.
     """
     aim_m, seen = goal_m.copy(), np.zeros(len(place_m), np.bool_)
     for i in range(len(place_m)):
-        seen[i] = sees(place_m[i], goal_m[i], path_m, kept_m[i], SEEN_SPARE_M)
-        if seen[i] or not np.isfinite(corner_m[i, 0, 0]):
+        routed = np.isfinite(corner_m[i, 0, 0])
+        if among[i] and not routed:
+            seen[i] = is_clear_round(place_m[i], goal_m[i], boxes, path_m, kept_m[i], SEEN_SPARE_M)
+        else:
+            seen[i] = sees(place_m[i], goal_m[i], path_m, kept_m[i], SEEN_SPARE_M) and (
+                not among[i] or passes_boxes(place_m[i], goal_m[i], boxes)
+            )
+        if seen[i] or not routed:
             continue
         passed = 0
         for k in range(CORNERS - 1, -1, -1):
-            if np.isfinite(corner_m[i, k, 0]) and sees(
-                place_m[i], corner_m[i, k], path_m, kept_m[i], SEEN_SPARE_M
+            if (
+                np.isfinite(corner_m[i, k, 0])
+                and sees(place_m[i], corner_m[i, k], path_m, kept_m[i], SEEN_SPARE_M)
+                and (not among[i] or passes_boxes(place_m[i], corner_m[i, k], boxes))
             ):
                 passed, seen[i] = k, True
                 break

@@ -452,7 +452,9 @@ def warm_up() -> None:
     for obstacles in ((), (tower,)):
         finish(tick(fleet, tasks, replace(plan, obstacles=obstacles), traits, memory, settings))
     lost_m = np.array([[[6.0, 4.0, -20.0], [6.0, 4.0, 0.0]]])  # between a vehicle and its goal
-    finish(tick(fleet, replace(tasks, segments_m=lost_m), plan, traits, memory, settings))
+    for obstacles in ((), (tower,)):
+        among = replace(plan, obstacles=obstacles)
+        finish(tick(fleet, replace(tasks, segments_m=lost_m), among, traits, memory, settings))
     between = FencedArea(corners_m=((5.0, -9.0), (7.0, -9.0), (7.0, 5.0), (5.0, 5.0)), inside=False)
     site = SafetySettings(fence=Fence(areas=(between,)))
     prepare(site)

@@ -18,7 +18,7 @@ from gcs.formation.laws.registry import law_of
 from gcs.model.errors import ConfigError, RefusedError, ShowError
 from gcs.model.plan import Obstacle, Plan
 from gcs.model.state import Array, Mask, VehicleId
-from gcs.planning.return_paths.planner import closed_places
+from gcs.planning.return_paths.closed_ways import closed_places
 from gcs.shows import Flaw, LoadedShow, Played
 from gcs.shows.following import APPROACH_MAX_S, TrackErrors, assigned
 from gcs.shows.format import control_of

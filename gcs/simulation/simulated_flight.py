@@ -35,6 +35,7 @@ from gcs.model.plan import Obstacle, Plan
 from gcs.model.state import Array, FleetState, Mask, Traits
 from gcs.planning.feasibility import check_obstacle
 from gcs.planning.landing_sites import LANDS_WITHIN_S, distinct_sites_m
+from gcs.planning.return_paths.closed_ways import closed_paths, closed_places
 from gcs.planning.return_paths.paths import (
     PathProgress,
     ReturnPaths,
@@ -45,7 +46,6 @@ from gcs.planning.return_paths.paths import (
     may_hand_over,
 )
 from gcs.planning.return_paths.planner import (
-    closed_places,
     plan_return_paths,
     return_places_m,
     return_planner,
@@ -238,20 +238,27 @@ class SimulatedFlight:
     def lost_now(self) -> None:
         """Do what follows when vehicles are taken for lost.
 
-        Vehicles whose landing sites they close leave the plan of the return, and land at the next free sites.
+        Vehicles whose paths they close leave the plan of the return. Those whose landing sites they close
+        land at the next free sites.
         """
         if self._progress is None:
             return
         self.record.expected = self.record.expected & ~(self.losses.known & self.world.in_air)
-        going = self._returning[(self.task[self._returning] == Task.GOAL) & ~self.descending[self._returning]]
+        returning, goes = self._returning, (self.task == Task.GOAL) & ~self.descending
         uncertainty_m = np.array(self.traits.uncertainty_m)
         lost = self.losses.segments_m, uncertainty_m[self.losses.segments_of]
-        over_m, floor = self._takeoff_height_m, self.settings.safety.floor
-        away = going[closed_places(self.record.goal_m[going], over_m, floor, uncertainty_m[going], lost)]
+        over_m, floor, goal_m = self._takeoff_height_m, self.floor, np.array(self.record.goal_m)
+        at = np.flatnonzero(goes[returning])
+        going = returning[at]
+        about = floor, uncertainty_m[going], lost
+        away = going[closed_places(goal_m[going], over_m, *about)]
         if len(away):
-            self.record.goal_m = goal_m = np.array(self.record.goal_m)
             goal_m[away] = self._return_places_m(away, over_m)[away]
-            self._lead_down(np.isin(np.arange(len(self.task)), away), goal_m, returns=True)
+        closed = closed_paths(self._progress.return_paths, at, self._progress.time_s, *about)
+        leaves = np.isin(np.arange(len(goes)), np.union1d(away, going[closed]))
+        if leaves.any():
+            self.record.goal_m = goal_m
+            self._lead_down(leaves, goal_m, returns=True)
 
     def finished(self) -> bool:
         return False

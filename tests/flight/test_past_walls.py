@@ -24,6 +24,8 @@ THERE_M: Final = (70.0, 0.0)
 TALL_M: Final = 60.0
 SLACK_S, TIMES = 20.0, 2.0
 """All are home within so many times the shortest way, and so much more."""
+LOST_AFTER_S: Final = 9.0
+"""The vehicles have stopped, and have begun to follow their planned paths."""
 
 
 def box(name: str, x_m: float, y_m: float, half_x_m: float, half_y_m: float, **more: float) -> Obstacle:
@@ -146,6 +148,22 @@ async def all_return(show: VirtualShow, kind: str, seed: int) -> Ended:
     return await measured(show, began_s, show.service.commands.command_show(ShowAction.STOP), max(ways_s))
 
 
+async def all_return_past_lost(show: VirtualShow, kind: str, seed: int) -> Ended:
+    """A fifth of the vehicles lose their links on the way home, and hang in the air."""
+    began_s = await beyond(show, kind, seed)
+    home_m = show.track.samples[0].true_m
+    ways_s = [shortest_s(show, *places) for places in zip(show.true_m, home_m, strict=True)]
+    record = show.service.commands.command_show(ShowAction.STOP)
+    await show.wait(LOST_AFTER_S)
+    lost = show.config.ids[1::5]
+    for each in lost:
+        show.ports.silence(each)
+    record = await show.settled(record, TIMES * max(ways_s) + 3.0 * SLACK_S)
+    outcomes = {outcome.outcome for each, outcome in record.outcomes.items() if each not in lost}
+    took_s, allowed_s = show.now_s - began_s, TIMES * max(ways_s) + SLACK_S
+    return Ended(outcomes, took_s, allowed_s, show.floor_violations(), penetrations(show, began_s))
+
+
 async def one_returns(show: VirtualShow, kind: str, seed: int) -> Ended:
     began_s = await beyond(show, kind, seed)
     way_s = shortest_s(show, show.true_m[0], show.track.samples[0].true_m[0])
@@ -169,9 +187,14 @@ async def one_joins(show: VirtualShow, kind: str, seed: int) -> Ended:
     return Ended({Outcome.DONE}, took_s, allowed_s, show.floor_violations(), penetrations(show, began_s))
 
 
-STORIES: Final = {"return": all_return, "one-returns": one_returns, "join": one_joins}
+STORIES: Final = {
+    "return": all_return,
+    "return-past-lost": all_return_past_lost,
+    "one-returns": one_returns,
+    "join": one_joins,
+}
 SOAKED: Final = 14
-"""Worlds of each kind and story: 210 in all."""
+"""Worlds of each kind and story: 280 in all."""
 
 
 def is_short(story: str, kind: str) -> bool:

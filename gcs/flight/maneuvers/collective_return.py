@@ -17,6 +17,7 @@ from gcs.flight.state.vehicle import FlightVehicles, Vehicle
 from gcs.model.errors import cut
 from gcs.model.lifecycle import Phase
 from gcs.model.state import Array, Mask, VehicleId
+from gcs.planning.return_paths.closed_ways import closed_paths
 from gcs.planning.return_paths.paths import LATE_S, PATIENCE_S, PathProgress, ReturnPaths
 from gcs.planning.return_paths.planner import Planner, plan_return_paths, return_planner
 from gcs.shows.following import assigned
@@ -47,6 +48,9 @@ TOGETHER_MAX = 1500
 
 LOOKS: Final = 2
 """So many vehicles a tick are examined for whether a way still leads home."""
+
+PATHS_COMPARED: Final = 10
+"""So many planned paths a tick are compared with the space of vehicles that were lost since."""
 
 FLYING = frozenset({Phase.FORMATION, Phase.HOLD, Phase.RETURN})
 
@@ -80,10 +84,11 @@ class CollectiveReturn:
         self._elsewhere = np.zeros(0, np.intp)  # rows of vehicles flown elsewhere, after the own in the plan
         self._number = self._others.newest  # of an earlier return
         self._is_off = False  # no plan: the vehicles return one by one
-        self._closing: frozenset[VehicleId] = frozenset()  # lost vehicles that the landing places allow for
-        self._left: set[VehicleId] = set()  # left the plan: no way leads home, or their places were closed
+        self._closing: frozenset[VehicleId] = frozenset()  # lost vehicles that places and paths allow for
+        self._left: set[VehicleId] = set()  # left the plan: no way leads home, or place or path was closed
         self._shut_in = np.zeros(0, np.bool_)  # (n,) that no way leads home; written by the planning thread
         self._next_row = 0  # the next of the plan's rows whose way is examined
+        self._compared = 0  # so many of the plan's paths are compared with what lost vehicles close by now
         self.problem = ""  # why the planner failed and what follows
         self._planner: Planner | None = None
         self._planned: Future[tuple[ReturnPaths, Array]] | None = None  # with (n, 3) landing positions
@@ -179,17 +184,31 @@ class CollectiveReturn:
         self._others.note_return(progress.time_s)
         progress.advance(step_s, position_m, flown, led_s)
         self._leave_closed_places()
+        self._leave_closed_paths(progress)
         self._leave_without_way()
 
     def _leave_closed_places(self) -> None:
         """Take vehicles out of the plan when their landing place was closed meanwhile."""
         closing = self._find_closing()
+        if closing - self._closing:
+            self._compared = 0
         if closing != self._closing or self._landing_places.are_obstructed:
             self._closing = closing
             closed = self._landing_places.closed_to(self._places, self._home_m[: len(self._places)])
             self._left.update(
                 self._newest.state.ids[self._places[at]] for at in np.flatnonzero(closed).tolist()
             )
+
+    def _leave_closed_paths(self, progress: PathProgress) -> None:
+        """Take vehicles out of the plan whose paths were closed by lost ones since: a few in each tick."""
+        if not self._closing or self._compared >= len(self._places):
+            return
+        at = np.arange(self._compared, min(self._compared + PATHS_COMPARED, len(self._places)))
+        self._compared += len(at)
+        floor, lost = self._in_force.control.safety.floor, self._landing_places.closed()
+        uncertainty_m = self._newest.traits.uncertainty_m[[self._places[each] for each in at.tolist()]]
+        closed = closed_paths(progress.return_paths, at, progress.time_s, floor, uncertainty_m, lost)
+        self._left.update(self._newest.state.ids[self._places[each]] for each in at[closed].tolist())
 
     def _leave_without_way(self) -> None:
         """Take vehicles out of the plan that obstacles have shut in since: a few in each tick."""
@@ -281,6 +300,7 @@ class CollectiveReturn:
         slow_from_m = self._slow_from_m(homing).max(initial=operation.handover_height_m)
         heights_m = over_m, min(float(slow_from_m), over_m)
         self._rows = {vehicle.id: row for row, vehicle in enumerate(homing)}
+        self._closing, self._compared = self._find_closing(), len(homing)
         about = (
             heights_m,
             self._in_force.control,

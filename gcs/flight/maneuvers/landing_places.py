@@ -17,7 +17,8 @@ from gcs.model.lifecycle import AIRBORNE, Phase
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.landing_sites import LANDS_WITHIN_S, are_covered, distinct_sites_m
-from gcs.planning.return_paths.planner import closed_places, return_places_m
+from gcs.planning.return_paths.closed_ways import closed_places
+from gcs.planning.return_paths.planner import return_places_m
 from gcs.safety.controlled_ground import ground_for_sites
 from gcs.safety.target_clearance import kept_clear_m
 

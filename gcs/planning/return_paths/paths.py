@@ -8,6 +8,7 @@ from typing import Final
 
 import numpy as np
 
+from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array, Mask
 
 STEP_S = 0.2
@@ -42,6 +43,15 @@ PATIENCE_S = 15.0
 
 BEHIND_M = 11.0
 """A vehicle farther from its goal than this does not follow its path any more."""
+
+
+class ReturnSettings(Settings):
+    """Settings of the return planner."""
+
+    spare_m: NotNegative = 0.1  # in addition to the separation margin, for what the plan does not know
+    spare_s: Positive = 6.0
+    reaction_s: NotNegative = 0.5  # two close no faster than the safety filter lets them, see `Braking`
+    deceleration_m_s2: Positive = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -9,7 +9,6 @@ from gcs.control import ControlSettings, ellipses_of
 from gcs.formation.obstacles import Ellipse
 from gcs.model.errors import ShapeError
 from gcs.model.plan import Plan
-from gcs.model.settings import NotNegative, Positive, Settings
 from gcs.model.state import Array, Mask
 from gcs.planning.landing_sites import CLEAR_M, are_covered, open_places_m
 from gcs.planning.return_paths.candidates import (
@@ -20,10 +19,10 @@ from gcs.planning.return_paths.candidates import (
     Candidates,
     Closed,
     lay,
-    least_apart_m,
 )
+from gcs.planning.return_paths.closed_ways import closed_places, space_of_lost, way_down_apart_m
 from gcs.planning.return_paths.conflicts import chosen_paths
-from gcs.planning.return_paths.paths import STEP_S, WELL_IN_PLACE_M, ReturnPaths
+from gcs.planning.return_paths.paths import STEP_S, ReturnPaths, ReturnSettings
 from gcs.planning.return_paths.round_boxes import WaysRound
 from gcs.planning.return_paths.within_areas import in_pieces, keep_off
 from gcs.safety.controlled_ground import falls_within, kept_in_m
@@ -62,15 +61,6 @@ LONGEST_SHARE = 1.1
 
 LATER_SHARE, LATER_ROUNDS = 1.4, 15
 """Share that replaces it after this many rounds of an attempt."""
-
-
-class ReturnSettings(Settings):
-    """Settings of the return planner."""
-
-    spare_m: NotNegative = 0.1  # in addition to the separation margin, for what the plan does not know
-    spare_s: Positive = 6.0
-    reaction_s: NotNegative = 0.5  # two close no faster than the safety filter lets them, see `Braking`
-    deceleration_m_s2: Positive = 2.0
 
 
 class Planner:
@@ -324,7 +314,7 @@ def return_planner(
         floor=control.safety.floor,
         reserve_m=control.safety.floor.worst_reserve_m(uncertainty_m),
         are_free=_are_free(control, ellipses_of(plan, control, time_s)),
-        closed=None if lost is None else _closed(control.safety.floor, uncertainty_m, *lost),
+        closed=None if lost is None else space_of_lost(control.safety.floor, uncertainty_m, *lost),
         ways=_round_boxes(control, plan, time_s, float(-home_m[:, 2].min()) + heights_m[0]),
     )
 
@@ -343,12 +333,6 @@ def _round_boxes(control: ControlSettings, plan: Plan, time_s: float, least_m: f
         ground = fence.controlled_ground, float(kept_in_m(np.array([least_m]), impact)[0])
     areas = passable(fence.areas, fence.heights_m)
     return WaysRound(ellipses, CLEAR_M, within_m, highest_m, control.law.speed_m_s, areas, ground)
-
-
-PAD_CLOSED_M = WELL_IN_PLACE_M / 2.0
-"""Farther inside the space of a lost vehicle than this, a pad is closed: a vehicle lands beside it at most
-that much.
-"""
 
 
 def return_places_m(
@@ -381,43 +365,17 @@ def return_places_m(
     closed = closed_places(home_m, over_m, floor, uncertainty_m, lost) | are_covered(home_m, ellipses)
     if not closed.any():
         return np.array(home_m)
-    space, are_free = _closed(floor, uncertainty_m, *lost), _are_free(control, ellipses)
+    space, are_free = space_of_lost(floor, uncertainty_m, *lost), _are_free(control, ellipses)
 
     def are_open(place_m: Array) -> Mask:
         above_m = place_m - (0.0, 0.0, over_m)
-        apart_m = _way_down_apart_m(place_m, over_m, space)
+        apart_m = way_down_apart_m(place_m, over_m, space)
         at_once_s = np.zeros(len(place_m))
         within = beyond_m(control.safety.fence.areas, place_m[:, :2]) < 0.0
         free = are_free(place_m, at_once_s) & are_free(above_m, at_once_s)
         return np.asarray((apart_m >= 0.0) & within & free)
 
     return open_places_m(home_m, closed, taken_m, spacing_m, ellipses, are_open)
-
-
-def closed_places(
-    place_m: Array, over_m: float, floor: Floor, uncertainty_m: Array, lost: tuple[Array, Array]
-) -> Mask:
-    """(n,) At which places (n, 3) a lost vehicle keeps returning vehicles from landing.
-
-    The other arguments are those of `return_places_m`.
-    """
-    if not len(lost[0]):
-        return np.zeros(len(place_m), dtype=np.bool_)
-    apart_m = _way_down_apart_m(place_m, over_m, _closed(floor, uncertainty_m, *lost))
-    return np.asarray(apart_m < -ReturnSettings().spare_m - PAD_CLOSED_M)
-
-
-def _way_down_apart_m(place_m: Array, over_m: float, space: Closed) -> Array:
-    """(k,) Least distance of the way down to each place (k, 3) from the closed space, scaled."""
-    down_m = place_m[:, None] - over_m * np.linspace(0.0, 1.0, 3)[:, None] * (0.0, 0.0, 1.0)
-    return least_apart_m(down_m * space.scale, space.segments_m, space.kept_m)
-
-
-def _closed(floor: Floor, uncertainty_m: Array, segments_m: Array, lost_m: Array) -> Closed:
-    """The space that the filter closes, and what the plan does not know."""
-    spare_m = floor.horizontal_m + floor.margin_m + ReturnSettings().spare_m
-    kept_m = spare_m + floor.reserve_m(np.full(len(lost_m), uncertainty_m.max(initial=0.0)), lost_m)
-    return Closed(segments_m * floor.scale, kept_m, floor.scale)
 
 
 def _are_free(control: ControlSettings, ellipses: Mapping[str, Ellipse]) -> AreFree:

@@ -11,7 +11,7 @@ from gcs.control.goal_routes import ROUTE_SPARE_M, follow_routes
 from gcs.control.inputs import TickInputs
 from gcs.control.memory import GoalRoutes
 from gcs.control.path_search import find_corners, lines_apart_m
-from gcs.model.plan import Formation, Plan
+from gcs.model.plan import Formation, Obstacle, Plan
 from gcs.model.state import Array, FleetState, Traits
 
 SETTINGS = ControlSettings()
@@ -31,11 +31,16 @@ CAGE = np.concatenate([CAGE, [column(6.0, y_m) for y_m in (-4.0, 0.0, 4.0)]])
 
 
 def flown(
-    place_m: Array, goal_m: Array, lost_m: Array, seconds: float, task: Task = Task.GOAL
+    place_m: Array,
+    goal_m: Array,
+    lost_m: Array,
+    seconds: float,
+    task: Task = Task.GOAL,
+    walls: tuple[Obstacle, ...] = (),
 ) -> tuple[Array, Array]:
     """(ticks, n, 3) positions of vehicles that fly as commanded, and the first one's distance (ticks,)."""
     n, settings = len(place_m), SETTINGS
-    memory, traits, plan = Memory.fresh(n, 0.0), Traits.alike(n), Plan(Formation(10.0, 20.0))
+    memory, traits, plan = Memory.fresh(n, 0.0), Traits.alike(n), Plan(Formation(10.0, 20.0), obstacles=walls)
     none = np.zeros(n, dtype=bool)
     tasks = Tasks(np.full(n, task, dtype=np.int8), goal_m, ~none, none, lost_m)
     velocity_m_s, path_m, least_m = np.zeros((n, 3)), [], []
@@ -80,6 +85,17 @@ def test_vehicle_leaves_a_u_of_columns_and_arrives() -> None:
     path_m, least_m = flown(np.array([[0.0, 0.0, -10.0]]), goal_m, CAGE, 60.0)
     assert np.linalg.norm(path_m[-1] - goal_m) < 0.5
     assert least_m.min() > min(least_m[0], KEPT_M) - 0.3
+
+
+def test_way_round_a_wall_and_lost_vehicles_beside_it() -> None:
+    """The way round the wall led to the lost ones, and the route past these back to the wall, for ever."""
+    wall = Obstacle("wall", 20.0, 0.0, 1.0, 12.0, 60.0)
+    beside = np.array([column(20.0, y_m) for y_m in np.arange(16.0, 46.0, 4.0)])
+    goal_m = np.array([[45.0, 3.0, -10.0]])
+    path_m, least_m = flown(np.array([[0.0, 3.0, -10.0]]), goal_m, beside, 60.0, walls=(wall,))
+    assert np.linalg.norm(path_m[-1] - goal_m) < 0.5
+    assert path_m[:, 0, 1].min() < -12.0, "past the open end of the wall"
+    assert least_m.min() > KEPT_M - 0.3
 
 
 @pytest.mark.soak
