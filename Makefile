@@ -89,6 +89,7 @@ check: .venv/ready  ## vocabulary, ruff, mypy, import contracts, the project's o
 
 bench: .venv/ready  ## speed, as ratios against a named alternative in the same run
 	$(BIN)/python -m tests.bench.run
+	$(BIN)/python -m tests.bench.crossings
 	$(BIN)/python -m tests.bench.site_rows
 	$(BIN)/python -m tests.bench.links
 	$(BIN)/python -m tests.bench.flood

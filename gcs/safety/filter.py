@@ -56,20 +56,21 @@ def filter_velocities(
 
     Returns: (n, 3) in m/s, and for each row why it was limited, "" when it was not. Rest where not commanded.
     """
-    reasons: tuple[str, ...] = ()
+    before: tuple[str, ...] = ()
     begun: Begun | None = None
-    for _ in range(YIELDS):
-        first = reasons
+    for left in reversed(range(YIELDS)):
         begun = begun or _begun(desired_m_s, surroundings, settings)
-        allowed_m_s, reasons, again = _filtered(begun, surroundings, settings)
-        if first and surroundings.pressed is not None:
-            each = zip(reasons, first, driven(surroundings).tolist(), strict=True)
-            reasons = tuple(now or (before if driven else "") for now, before, driven in each)
-        if again is None:
+        allowed_m_s, reasons_of, again = _filtered(begun, surroundings, settings)
+        if again is None or left == 0:
             break
         if again.pressed is not None:  # onto a path only as fast as the box drives it there
-            begun, desired_m_s = None, np.where(driven(again)[:, None], allowed_m_s, desired_m_s)
+            before, begun = reasons_of(), None
+            desired_m_s = np.where(driven(again)[:, None], allowed_m_s, desired_m_s)
         surroundings = again
+    reasons = reasons_of()
+    if before and surroundings.pressed is not None:
+        each = zip(reasons, before, driven(surroundings).tolist(), strict=True)
+        reasons = tuple(now or (then if driven else "") for now, then, driven in each)
     return allowed_m_s, reasons
 
 
@@ -114,7 +115,7 @@ def _begun(desired_m_s: Array, surroundings: Surroundings, settings: SafetySetti
 
 def _filtered(
     begun: Begun, surroundings: Surroundings, settings: SafetySettings
-) -> tuple[Array, tuple[str, ...], Surroundings | None]:
+) -> tuple[Array, Callable[[], tuple[str, ...]], Surroundings | None]:
     """Velocities and reasons as of `filter_velocities`, and with what to filter again; None: with nothing.
 
     Constraints that contradict each other are all broken a little. Then the less certain ones have to yield.
@@ -124,7 +125,7 @@ def _filtered(
 
     def as_they_count(pairs: Pairs) -> Pairs:
         pairs = pairs if eased is None else eased_pairs(pairs, position_m, eased, settings.floor)
-        return with_reports(pairs, own, here.shared_m_s)
+        return pairs if here.shared_m_s is None else with_reports(pairs, own, here.shared_m_s)
 
     pairs_of = _pairs_of(position_m, desired_m_s, own, here, settings.floor, begun.braking)
     pairs, walls = as_they_count(begun.pairs), begun.walls
@@ -155,7 +156,8 @@ def _filtered(
         _raise_to_unmet(changed_m_s, allowed_m_s, judged.first, judged.normal, judged.bound_m_s)
     if here.shared_m_s is not None:
         allowed_m_s[~own], changed_m_s[~own] = 0.0, 0.0
-    return allowed_m_s, _reasons(desired_m_s, changed_m_s, judged, pairs, joined, here.names), again
+    reasons_of = partial(_reasons, desired_m_s, changed_m_s, judged, pairs, joined, here.names)
+    return allowed_m_s, reasons_of, again
 
 
 def _first_pairs(

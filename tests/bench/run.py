@@ -129,7 +129,7 @@ def control_tick(count: int) -> tuple[Callable[[], object], Callable[[], object]
 
     def other() -> None:
         for rows in np.array_split(np.arange(count), max(1, count // 1000)):  # as much as memory holds
-            _broadcast_force(fleet.position_m, rows, center_m, printed)
+            broadcast_force(fleet.position_m, rows, center_m, printed)
 
     return flying_on(count, radius_m, Plan(Formation(radius_m, radius_m + 10.0))), other
 
@@ -207,7 +207,7 @@ def _held_m(position_m: Array) -> Array:
     return swept_segments_m(position_m, np.zeros(3), position_m * (1.0, 1.0, 0.0), "hold", 30.0)
 
 
-def _broadcast_force(
+def broadcast_force(
     position_m: Array, rows: NDArray[np.intp], center_m: Array, printed: ArticleParameters
 ) -> Array:
     """The article's combined law for some rows, by numpy broadcasting over all pairs."""

@@ -20,7 +20,7 @@ FLEETS = pytest.mark.parametrize(
 
 
 def fleet(count: int, edge_m: float, away_m: float) -> tuple[Array, Array, Array, Array, Array]:
-    """Positions, courses and measured velocities (n, 3), parts of the semi-axes, and ways that ones behind keep (n,)."""
+    """Positions, courses and measured velocities (n, 3), parts of semi-axes, and ways kept behind (n,)."""
     random = np.random.default_rng(count)
     position_m = away_m + random.uniform(0.0, edge_m, (count, 3))
     course_m_s, measured_m_s = random.uniform(-3.0, 3.0, (2, count, 3))
