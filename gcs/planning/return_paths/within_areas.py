@@ -15,6 +15,9 @@ CELL_M: Final = 0.5
 CELLS_MAX: Final = 100
 """Cells of a search along one axis."""
 
+MEETS_M: Final = 1e-6
+"""Lines that cross are hardly ever exactly 0 m apart: their nearest points are rounded."""
+
 
 def _edges_m(areas: Sequence[FencedArea]) -> Array:
     """(m, 2, 3) Begin and end of all edges, at height 0."""
@@ -89,5 +92,5 @@ def cross_edges(areas: Sequence[FencedArea], from_m: Array, to_m: Array) -> Mask
     edges_m, level = _edges_m(areas), (1.0, 1.0, 0.0)
     ends = zip(from_m * level, to_m * level, strict=True)
     return np.array(
-        [along_m(one_m, other_m[None], edges_m).min() <= 0.0 for one_m, other_m in ends], np.bool_
+        [along_m(one_m, other_m[None], edges_m).min() <= MEETS_M for one_m, other_m in ends], np.bool_
     )
