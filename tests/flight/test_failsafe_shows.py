@@ -105,7 +105,12 @@ def test_too_many_vehicles_lost_brings_the_show_home() -> None:
         assert (command.action, command.by) == ("stop", "service")
         assert {command.outcomes[name].outcome for name in ("d2", "d5")} == {Outcome.NOT_INCLUDED}
         assert {command.outcomes[name].outcome for name in ("d1", "d3", "d4", "d6")} == {Outcome.DONE}
-        assert max(off_pad_m(show, name) for name in ("d1", "d3", "d4", "d6")) < 1.5
+        hang_m = show.true_m[[1, 4]]
+        for row in (0, 2, 3, 5):
+            pad_m = show.track.samples[0].true_m[row]
+            below = np.linalg.norm((hang_m - pad_m)[:, :2], axis=1).min() < 4.0
+            assert off_pad_m(show, f"d{row + 1}") < (6.0 if below else 1.5), "a lost one hangs there"
+            assert np.linalg.norm((hang_m - show.true_m[row])[:, :2], axis=1).min() > 2.0
         assert show.floor_violations() == 0
 
     fly(story, show_config(6, operation=HOLDS_WHEN_LOST, formation={"radius_m": 7.0}))

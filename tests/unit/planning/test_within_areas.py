@@ -27,7 +27,8 @@ def crossing(one_m: Array, other_m: Array, corner_m: Array) -> bool:
 def test_every_way_across_an_edge_is_seen(away_m: float) -> None:
     """Of ways through the gap of a U some counted as within it: they are 1e-16 m from its edges."""
     random = np.random.default_rng(4)
-    u_m = away_m + 1.7 * np.array([(-6, -6), (26, -6), (26, 46), (14, 46), (14, 6), (6, 6), (6, 46), (-6, 46)])
+    outer_m, inner_m = [(-6, 46), (-6, -6), (26, -6), (26, 46)], [(14, 46), (14, 6), (6, 6), (6, 46)]
+    u_m = away_m + 1.7 * np.array(outer_m + inner_m)
     area = FencedArea(corners_m=tuple((float(x_m), float(y_m)) for x_m, y_m in u_m))
     ends_m = away_m + random.uniform(-20.0, 90.0, (2, 400, 3))
     expected = [crossing(one_m[:2], other_m[:2], u_m) for one_m, other_m in zip(*ends_m, strict=True)]
