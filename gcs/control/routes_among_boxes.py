@@ -36,6 +36,9 @@ MORE_M: Final = 0.3
 REACH_M, CELL_M = 8.0, 1.0
 """The search goes so far beyond start, goal and obstacles; and the edge of its cells."""
 
+CELLS_MAX: Final = 2_000_000
+"""Those of a fence of 700 m. Where there would be more, none is searched: a tick ends in time."""
+
 
 def boxes_of(now: TickInputs) -> Boxes:
     """The obstacles that stand."""
@@ -89,7 +92,8 @@ def way_among(start_m: Array, goal_m: Array, boxes: Boxes, path_m: Array, kept_m
         path_m: (m, 2, 3) closed, scaled.
         kept_m: (m,) distance to be kept from each.
 
-    Returns: corners (k, 3), the last is the goal; None: no obstacle counts, or no way leads there.
+    Returns: corners (k, 3), the last is the goal; None: no obstacle counts, no way leads there, or it is too
+        far to be searched.
     """
     level_m = np.array([goal_m[0], goal_m[1], start_m[2]])
     edge_m = _edges_m(start_m, level_m, boxes)
@@ -98,6 +102,8 @@ def way_among(start_m: Array, goal_m: Array, boxes: Boxes, path_m: Array, kept_m
     around_m = np.concatenate([start_m[None], level_m[None], edge_m.reshape(-1, 3)])
     low_m, high_m = around_m.min(axis=0) - REACH_M, around_m.max(axis=0) + REACH_M
     low_m[2] = high_m[2] = start_m[2]
+    if np.prod((high_m - low_m)[:2] / CELL_M + 2.0) > CELLS_MAX:
+        return None
     kept_m = np.concatenate([kept_m, np.full(len(edge_m), EDGE_M)])
     path_m = np.concatenate([path_m, edge_m])
     bounds = low_m, high_m, CELL_M, 1.0, boxes[3]
@@ -111,12 +117,13 @@ def way_among(start_m: Array, goal_m: Array, boxes: Boxes, path_m: Array, kept_m
 def _edges_m(start_m: Array, goal_m: Array, boxes: Boxes) -> Array:
     """(k, 2, 3) the edges of polygons about the obstacles, at the height of start and goal (3,).
 
-    A start or a goal within what ways keep is outside of them.
+    A start or a goal within what ways keep is outside of them. Those beyond the greatest distance are none.
     """
     turn_rad = 2.0 * np.pi * np.arange(EDGES + 1) / EDGES
     circle = np.column_stack([np.cos(turn_rad), np.sin(turn_rad)])
     edges_m = [np.zeros((0, 2, 3))]
-    for at in np.flatnonzero(boxes[2] > -start_m[2]).tolist():
+    within = np.hypot(boxes[0][:, 0], boxes[0][:, 1]) < boxes[3] + boxes[1].max(axis=1, initial=0.0)
+    for at in np.flatnonzero((boxes[2] > -start_m[2]) & within).tolist():
         semi_m = boxes[1][at] + MORE_M
         from_m = np.array([start_m[:2], goal_m[:2]]) - boxes[0][at]
         share = min(1.0, BEGUN_SHARE * float(np.hypot(*(from_m / semi_m).T).min()))

@@ -6,7 +6,7 @@ from typing import Final
 import numpy as np
 
 from gcs.model.plan import Obstacle
-from gcs.model.state import TINY, Array, Mask
+from gcs.model.state import TINY, Array
 
 FAST_M_S: Final = 1.5
 SLOW_M_S: Final = 0.5
@@ -23,7 +23,10 @@ POINTS: Final = (8, 400)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WayDown:
-    """Where a vehicle is expected from now until it has landed: k points, in order."""
+    """Where a vehicle is expected from now until it has landed: k points, in order.
+
+    Over the ground they lie on a straight line, and it goes along that evenly.
+    """
 
     place_m: Array  # (k, 3) show frame
     after_s: Array  # (k,) from now on
@@ -58,17 +61,32 @@ def nearest_m(way: WayDown, place_m: Array, velocity_m_s: Array, ground_z_m: flo
     One that sinks may lie on the ground from the moment on that its descent leads it there, or from when its
     autopilot has it there that descends slowly below `SLOW_BELOW_M`, or go on: the least distance of these.
     """
-    level_m_s, sinks_m_s = velocity_m_s[None, :, :2], velocity_m_s[:, 2]
+    level_m_s, sinks_m_s = velocity_m_s[:, :2], velocity_m_s[:, 2]
     above_m = np.maximum(ground_z_m - place_m[:, 2], 0.0)
     sinks = sinks_m_s > SINKS_M_S
     soon_s = above_m / np.where(sinks, sinks_m_s, 1.0)
     late_s = np.maximum(soon_s, np.minimum(above_m, SLOW_BELOW_M) / SLOW_M_S)
     apart_m = np.full(len(place_m), np.inf)
-    for stops_s in (np.inf, np.where(sinks, soon_s, np.inf), np.where(sinks, late_s, np.inf)):
-        moves_s = np.minimum(way.after_s[:, None], stops_s)[..., None]
-        offset_m = way.place_m[:, None, :2] - (place_m[None, :, :2] + moves_s * level_m_s)
-        apart_m = np.minimum(apart_m, np.hypot(offset_m[..., 0], offset_m[..., 1]).min(axis=0))
+    ends_s = np.full(len(place_m), way.after_s[-1])
+    drift_m_s = (way.end_m - way.place_m[0])[:2] / max(way.after_s[-1], TINY)
+    for at_s in (ends_s, np.where(sinks, soon_s, np.inf), np.where(sinks, late_s, np.inf)):
+        stops_s = np.minimum(at_s, ends_s)
+        begins_m, rest_s = way.place_m[0, :2] - place_m[:, :2], (ends_s - stops_s)[:, None]
+        stopped_m = begins_m + stops_s[:, None] * (drift_m_s - level_m_s)
+        offset_m = np.stack([begins_m, stopped_m, stopped_m + rest_s * drift_m_s])
+        apart_m = np.minimum(apart_m, least_m(offset_m))
     return apart_m
+
+
+def least_m(offset_m: Array) -> Array:
+    """(n,) least lengths of offsets (k, n, 2) that change evenly from each to the next; NaN: not known.
+
+    A vehicle that crosses the way between two of its points is near it only there.
+    """
+    from_m, along_m = offset_m[:-1], np.diff(offset_m, axis=0)
+    share = -(from_m * along_m).sum(axis=-1) / np.maximum((along_m**2).sum(axis=-1), TINY)
+    near_m = from_m + np.clip(share, 0.0, 1.0)[..., None] * along_m
+    return np.asarray(np.hypot(near_m[..., 0], near_m[..., 1]).min(axis=0))
 
 
 def nearest_to_paths_m(way: WayDown, segment_m: Array) -> Array:
@@ -84,6 +102,12 @@ def meets(way: WayDown, box: Obstacle, now_s: float, margin_m: float) -> bool:
     """Whether the way leads into a box, or `margin_m` beside or above it."""
     times_s = now_s + way.after_s
     center_m = np.array([box.position_m(time_s) for time_s in times_s.tolist()])
-    half_m = np.array([box.half_length_x_m, box.half_length_y_m]) + margin_m
-    beside: Mask = np.asarray((np.abs(way.place_m[:, :2] - center_m) < half_m).all(axis=1))
-    return bool((beside & (-way.place_m[:, 2] < box.height_m + margin_m)).any())
+    half_m = np.array([box.half_length_x_m, box.half_length_y_m, box.height_m]) + margin_m
+    offset_m = np.column_stack([way.place_m[:, :2] - center_m, np.minimum(way.place_m[:, 2], 0.0)])
+    from_m, along_m = offset_m[:-1], np.diff(offset_m, axis=0)
+    still = np.abs(along_m) < TINY
+    one, other = ((side * half_m - from_m) / np.where(still, 1.0, along_m) for side in (-1.0, 1.0))
+    within = np.abs(from_m) < half_m  # all the time, or never
+    enters = np.where(still, np.where(within, 0.0, np.inf), np.minimum(one, other)).max(axis=1)
+    leaves = np.where(still, 1.0, np.maximum(one, other)).min(axis=1)
+    return bool((np.maximum(enters, 0.0) < np.minimum(leaves, 1.0)).any())

@@ -11,7 +11,7 @@ from gcs.flight.state.vehicle import Vehicle
 from gcs.model.lifecycle import GROUNDED
 from gcs.model.plan import Obstacle, Target
 from gcs.model.state import Array
-from gcs.planning.way_down import WayDown, meets, nearest_m, nearest_to_paths_m, way_down
+from gcs.planning.way_down import WayDown, least_m, meets, nearest_m, nearest_to_paths_m, way_down
 from gcs.safety.fenced_areas import beyond_m
 from gcs.safety.target_clearance import kept_clear_m
 
@@ -96,7 +96,7 @@ class SpaceBelow:
             kept_m = float(kept_clear_m(target, floor, np.array([own_m]))[0, 0])
             times_s = newest.state.time_s + way.after_s
             their_m = np.array([target.position_m(time_s) for time_s in times_s.tolist()])
-            if float(np.hypot(*(way.place_m[:, :2] - their_m).T).min()) < kept_m:
+            if float(least_m((way.place_m[:, :2] - their_m)[:, None])[0]) < kept_m:
                 yield f"target {name}" if name else "the target"
 
     def _closed_areas(self, way: WayDown, own_m: float) -> Iterator[str]:

@@ -98,6 +98,15 @@ def test_way_round_a_wall_and_lost_vehicles_beside_it() -> None:
     assert least_m.min() > KEPT_M - 0.3
 
 
+def test_a_box_far_outside_the_fence_does_not_end_a_tick() -> None:
+    """The search had room for all cells as far as the box: no memory was left, and the tick failed."""
+    wall, far = Obstacle("w", 20.0, 0.0, 1.0, 12.0, 60.0), Obstacle("f", 1e6, -1e6, 1.0, 12.0, 60.0)
+    here_m, goal_m = np.array([[0.0, 3.0, -10.0]]), np.array([[45.0, 3.0, -10.0]])
+    beside = np.array([column(20.0, y_m) for y_m in np.arange(16.0, 46.0, 4.0)])
+    path_m, _ = flown(here_m, goal_m, beside, 2.0, walls=(wall, far))
+    assert path_m == pytest.approx(flown(here_m, goal_m, beside, 2.0, walls=(wall,))[0])
+
+
 @pytest.mark.soak
 @pytest.mark.long
 def test_vehicle_climbs_out_of_a_ring_of_columns() -> None:

@@ -47,6 +47,27 @@ def test_one_ahead_that_lands_first_is_met_on_the_ground(sinks_m_s: float) -> No
     assert nearest_m(way, beside_m, np.array([[4.0, 0.0, sinks_m_s]]))[0] == pytest.approx(9.0, abs=0.3)
 
 
+@pytest.mark.parametrize("sinks_m_s", [0.0, 0.5])
+def test_one_that_crosses_below_is_met_where_it_crosses(sinks_m_s: float) -> None:
+    """Straight down the way has few points, seconds apart: one at 5 m/s passed 12 m beside all of them."""
+    way = way_down(HERE_M, STILL)
+    crosses_m = HERE_M + np.array([[-11.0, 1.0, 3.0], [-11.0, -9.0, 3.0], [-11.0, 1.0, 3.0]])
+    moves_m_s = np.array([[5.0, 0.0, sinks_m_s], [5.0, 0.0, sinks_m_s], [-5.0, 0.0, sinks_m_s]])
+    assert nearest_m(way, crosses_m, moves_m_s) == pytest.approx((1.0, 9.0, np.hypot(11.0, 1.0)))
+
+
+def test_a_box_that_drives_through_below_it_is_met() -> None:
+    way = way_down(HERE_M, STILL)
+    car = Obstacle("car", -17.0, -4.0, 2.0, 1.0, 2.0, velocity_x_m_s=1.2, time_s=100.0)
+    late = Obstacle("car", -17.0, -4.0, 2.0, 1.0, 2.0, velocity_x_m_s=9.0, time_s=100.0)
+    beside = Obstacle("car", -17.0, -8.0, 2.0, 1.0, 2.0, velocity_x_m_s=1.2, time_s=100.0)
+    tall = Obstacle("mast", -17.0, -4.0, 1.0, 1.0, 22.0, velocity_x_m_s=9.0, time_s=100.0)
+    assert not meets(way, late, 100.0, 1.0)  # gone before it is low
+    assert not meets(way, beside, 100.0, 1.0)
+    assert meets(way, car, 100.0, 1.0)
+    assert meets(way, tall, 100.0, 1.0)
+
+
 def test_paths_of_lost_vehicles_are_met_along_their_length() -> None:
     way = way_down(HERE_M, STILL)
     across_m = np.array([[[-50.0, 2.0, -9.0], [50.0, 2.0, -9.0]], [[10.0, 0.0, 0.0], [10.0, 0.0, -30.0]]])
