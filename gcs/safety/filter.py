@@ -66,6 +66,8 @@ def filter_velocities(
         if again.pressed is not None:  # onto a path only as fast as the box drives it there
             before, begun = reasons_of(), None
             desired_m_s = np.where(driven(again)[:, None], allowed_m_s, desired_m_s)
+        elif again.goes is not surroundings.goes:
+            begun = None
         surroundings = again
     reasons = reasons_of()
     if before and surroundings.pressed is not None:

@@ -205,7 +205,8 @@ def _looks(
                 measured[i, k] = 0.0  # unknown: others at least keep away
             if not commanded[i]:
                 course[i, k] = measured[i, k]
-            mean[k] += course[i, k] / n  # the common velocity brings no pair closer
+            if np.isfinite(course[i, k]):
+                mean[k] += course[i, k] / n  # the common velocity brings no pair closer
         spare[i] = spare_m_s[i] if commanded[i] else 0.0
     for i in range(n):
         drift2, stray2, speed2 = 0.0, 0.0, 0.0
@@ -218,6 +219,8 @@ def _looks(
         reach_m += follow_s * np.sqrt(speed2)  # what another shares with it is no more
         margin_m = deviations * (uncertainty_m[i] + wander_m[i])  # two are at least their hypotenuse
         look_m[i] = wide_m / 2.0 + margin_m + max(thick, 1.0) * reach_m + TINY
+        if np.isnan(look_m[i]):
+            look_m[i] = np.inf  # what is not known is searched for everywhere: NaN would hide all pairs
         place_m[i, 2] *= thin
     worst = thin, thick, reaction_s, lead_s, deceleration_m_s2
     return is_known, measured, course, spare, place_m, look_m, worst

@@ -32,21 +32,54 @@ def yielding(
 ) -> Surroundings | None:
     """With what to filter again, as velocities (n, 3) break what is certain; None: with nothing.
 
-    A lost vehicle may take its path, a box that comes on does come. And vehicles in each other's margin may
-    be too near: driving them apart is not worth bringing others nearer.
+    A lost vehicle may take its path, a box that comes on does come. One in front may stop, one behind that is
+    not commanded comes on. And vehicles in each other's margin may be too near: driving them apart is not
+    worth bringing others nearer.
     """
     again, none = surroundings, np.zeros(len(allowed_m_s), np.bool_)
+    about = pairs.first, pairs.second, pairs.other, pairs.normal, pairs.bound_m_s
+    if again.goes is not None and np.count_nonzero(again.goes):
+        goes = np.array(again.goes)
+        held = _held_between(allowed_m_s, pairs.first, pairs.second, pairs.normal, pairs.bound_m_s, goes)
+        if np.count_nonzero(held):
+            again, rests = replace(again, goes=goes & ~held), ~held[pairs.first]
+            first, second, other, normal, bound_m_s = about
+            about = first[rests], second[rests], other[rests], normal[rests], bound_m_s[rests]
     if len(again.segments_m):
         pressed = _pressed(allowed_m_s, pairs, position_m, again, braking)
         before = none if again.pressed is None else again.pressed
         if np.count_nonzero(pressed & ~before):
             again = replace(again, pressed=pressed | before)
-    about = pairs.first, pairs.second, pairs.other, pairs.normal, pairs.bound_m_s
     nearer = _brought_nearer(allowed_m_s, *about)
     before = none if again.eased is None else again.eased
     if np.count_nonzero(nearer & ~before):
         again = replace(again, eased=nearer | before)
     return None if again is surroundings else again
+
+
+@kernel
+def _held_between(
+    allowed_m_s: Array, first: Rows, second: Rows, normal: Array, bound_m_s: Array, goes: Mask
+) -> Mask:
+    """(n,) Which that go somewhere break, with velocities (n, 3), a bound of one that is not commanded.
+
+    And another one, that is not commanded either, keeps them from holding it.
+    """
+    held, broken = np.zeros(len(allowed_m_s), np.bool_), np.full(len(allowed_m_s), NO_ROW)
+    for k in range(len(first)):
+        i, j = first[k], second[k]
+        if j == NO_ROW and goes[i] and slack_m_s(allowed_m_s, i, j, normal, bound_m_s, k) < -NOTICEABLE_M_S:
+            broken[i] = k
+    for k in range(len(first)):
+        i, j = first[k], second[k]
+        if j != NO_ROW or broken[i] == NO_ROW or held[i]:
+            continue
+        along = 0.0
+        for axis in range(3):
+            along += normal[k, axis] * normal[broken[i], axis]
+        opposed = along < 0.0
+        held[i] = opposed and slack_m_s(allowed_m_s, i, j, normal, bound_m_s, k) < NOTICEABLE_M_S
+    return held
 
 
 @kernel

@@ -7,7 +7,7 @@ import pytest
 
 from gcs.safety.filter import filter_velocities
 from gcs.safety.surroundings import SafetySettings
-from tests.support.safety_world import BRAKING, SETTINGS, surroundings
+from tests.support.safety_world import BRAKING, FLOOR, SETTINGS, surroundings
 
 FOLLOW_S = 1.0
 
@@ -92,3 +92,20 @@ def test_one_in_front_of_another_that_stops_flies_on() -> None:
     here = replace(here, goes=np.array([False, True]))
     allowed_m_s, _ = filter_velocities(velocity_m_s, here, FOLLOWS)
     assert np.allclose(allowed_m_s[1], velocity_m_s[1])
+
+
+@pytest.mark.parametrize("shared_m_s", [3.0, 5.0, 8.0])
+@pytest.mark.parametrize("apart_m", [3.1, 4.0, 6.0, 8.0])
+def test_it_does_not_stop_before_one_that_comes_behind(apart_m: float, shared_m_s: float) -> None:
+    """Between two in a row that are not commanded and fly on: that the one in front may stop counts less."""
+    position_m = np.array([[0.0, 0.0, -20.0], [apart_m, 0.0, -20.0], [-apart_m, 0.0, -20.0]])
+    velocity_m_s = np.tile([shared_m_s, 0.0, 0.0], (3, 1))
+    desired_m_s, least_m, dt_s, lag_s = velocity_m_s.copy(), np.inf, 0.1, 0.4
+    for _ in range(100):
+        here = surroundings(position_m.copy(), velocity=velocity_m_s.copy(), commanded=[True, False, False])
+        here = replace(here, goes=np.array([True, False, False]))
+        allowed_m_s, _ = filter_velocities(desired_m_s, here, following(2.0))
+        velocity_m_s[0] += (allowed_m_s[0] - velocity_m_s[0]) * dt_s / lag_s
+        position_m += dt_s * velocity_m_s
+        least_m = min(least_m, float(np.linalg.norm(position_m[1:] - position_m[0], axis=1).min()))
+    assert least_m > FLOOR.horizontal_m

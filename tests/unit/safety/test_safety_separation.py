@@ -6,11 +6,13 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from gcs.model.state import Array
 from gcs.safety.across_stations import CHANGE_M_S
 from gcs.safety.constraints import Braking, Constraints
 from gcs.safety.filter import filter_velocities
 from gcs.safety.floor import Floor, pairs_that_count
 from gcs.safety.lost_paths import OWNERS_MOST, keepout_constraints
+from gcs.safety.neighbours import FEW
 from gcs.safety.separation import separation_constraints
 from gcs.safety.surroundings import Limits
 from tests.support.safety_world import BRAKING, FLOOR, SETTINGS, filtered, surroundings
@@ -395,3 +397,34 @@ def test_wide_margins_drive_no_other_pair_together() -> None:
         apart_m = float(np.linalg.norm((position[0] - position[1]) * FLOOR.scale))
         nearest_m = min(nearest_m, apart_m)
     assert nearest_m > 2.8  # the floor is 2 m
+
+
+@pytest.mark.parametrize("unknown", ["course_m_s", "uncertainty_m"])
+def test_what_is_not_known_of_one_hides_no_other_pair(unknown: str) -> None:
+    """In a fleet that is sorted into cells."""
+    count = FEW + 50
+    random = np.random.default_rng(1)
+    position_m = random.uniform(-20.0, 20.0, (count, 3)) - (0.0, 0.0, 30.0)
+    velocity_m_s, every = random.uniform(-3.0, 3.0, (count, 3)), np.ones(count, np.bool_)
+    known = {"course_m_s": velocity_m_s, "uncertainty_m": np.zeros(count)}
+
+    def pairs_without_first(values: dict[str, Array]) -> set[tuple[int, int]]:
+        pairs = separation_constraints(
+            position_m,
+            velocity_m_s,
+            every,
+            every,
+            floor=FLOOR,
+            braking=BRAKING,
+            spare_m_s=np.full(count, 0.25),
+            course_m_s=values["course_m_s"],
+            uncertainty_m=values["uncertainty_m"],
+        )
+        rows = zip(pairs.first.tolist(), pairs.other.tolist(), strict=True)
+        return {(min(pair), max(pair)) for pair in rows if 0 not in pair}
+
+    lacking = known[unknown].copy()
+    lacking[0] = np.nan
+    expected = pairs_without_first(known)
+    assert len(expected) > count
+    assert pairs_without_first({**known, unknown: lacking}) == expected
