@@ -36,6 +36,9 @@ STEP_M: Final = 0.1
 FREE: Final = -1
 """The label of what is outside of all boxes, before it is numbered."""
 
+WITHIN_M: Final = 10_000.0
+"""A box that reaches farther than this from the origin shuts nothing off: the grid would have no end."""
+
 STEPS_IN_CELL: Final = 4
 """An edge of an area is followed in steps of a quarter of a cell."""
 
@@ -60,7 +63,7 @@ class Enclosures:
 
         With a fence also of what that closes, on a grid that may be coarser; None: it closes nothing else.
         """
-        high = (each for each in ellipses if each.top_height_m > over_m)
+        high = (each for each in ellipses if each.top_height_m > over_m and _is_near(each))
         walls = tuple(
             _at_rest(each) for each in high if hypot(each.velocity_x_m_s, each.velocity_y_m_s) <= CREEPS_M_S
         )
@@ -83,6 +86,10 @@ class Enclosures:
         """(k, 2) cells of places (k, 2); those outside are on the edge, which is outside of all boxes."""
         last = np.array(self.label.shape) - 1
         return np.clip((place_m - self.low_m) / self.cell_m, 0, last).astype(np.int64)
+
+
+def _is_near(wall: Ellipse) -> bool:
+    return max(abs(wall.x_m) + wall.semi_x_m, abs(wall.y_m) + wall.semi_y_m) <= WITHIN_M
 
 
 def _at_rest(wall: Ellipse) -> Ellipse:

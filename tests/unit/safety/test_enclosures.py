@@ -79,6 +79,14 @@ def test_walls_that_can_be_flown_over_shut_nothing_off() -> None:
     assert shut(ring(), over_m=70.0) == (False, False)
 
 
+@pytest.mark.parametrize("away_m", [2e4, 1e9, 1e160])
+def test_a_box_far_away_changes_nothing(away_m: float) -> None:
+    """A box at 1e160 m ended every tick; one at 20 km made the cells too wide to see a ring of walls."""
+    far = around(Obstacle("far", away_m, -away_m, 1.0, 1.0, 60.0))
+    assert shut([*ring(), far]) == shut(ring())
+    assert Enclosures.of([far], 40.0) is None
+
+
 def test_a_place_within_a_margin_counts_as_where_it_is_led_out() -> None:
     enclosures = Enclosures.of(ring(), 40.0)
     assert enclosures is not None
