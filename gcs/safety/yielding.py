@@ -96,13 +96,10 @@ def _brought_nearer(
 
 
 def eased_pairs(pairs: Pairs, position_m: Array, rows: Mask, floor: Floor) -> Pairs:
-    """The pairs, where those of `rows` (n,) that are beyond the floor and its margin need not part.
-
-    One that is not commanded does not give way: from it they part.
-    """
+    """The pairs, where those of `rows` (n,) that are beyond the floor and its margin need not part."""
     away_m = (position_m[pairs.first] - position_m[pairs.other]) * floor.scale
     beyond = np.linalg.norm(away_m, axis=1) >= floor.horizontal_m + floor.margin_m
-    rests = (rows[pairs.first] | rows[pairs.other]) & beyond & (pairs.second != NO_ROW)
+    rests = (rows[pairs.first] | rows[pairs.other]) & beyond
     return replace(pairs, bound_m_s=np.where(rests, np.minimum(pairs.bound_m_s, 0.0), pairs.bound_m_s))
 
 

@@ -109,18 +109,3 @@ def test_it_does_not_stop_before_one_that_comes_behind(apart_m: float, shared_m_
         position_m += dt_s * velocity_m_s
         least_m = min(least_m, float(np.linalg.norm(position_m[1:] - position_m[0], axis=1).min()))
     assert least_m > FLOOR.horizontal_m
-
-
-@pytest.mark.parametrize("stands_m", [2.2, 2.5])
-def test_it_evades_one_that_comes_beside_one_that_stands(stands_m: float) -> None:
-    """It hovers near one that stands: as if the other gave way as well, it had let that come to 2.2 m."""
-    position_m = np.array([[0.0, 0.0, -20.0], [stands_m, 0.0, -20.0], [-20.0, 0.1, -20.0]])
-    velocity_m_s = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [8.0, 0.0, 0.0]])
-    least_m, dt_s, lag_s = np.inf, 0.05, 0.4
-    for _ in range(100):
-        here = surroundings(position_m.copy(), velocity=velocity_m_s.copy(), commanded=[True, False, False])
-        allowed_m_s, _ = filter_velocities(np.zeros((3, 3)), here, SETTINGS)
-        velocity_m_s[0] += (allowed_m_s[0] - velocity_m_s[0]) * dt_s / lag_s
-        position_m += dt_s * velocity_m_s
-        least_m = min(least_m, float(np.linalg.norm(position_m[2] - position_m[0])))
-    assert least_m > 2.0 * FLOOR.horizontal_m
