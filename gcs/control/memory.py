@@ -125,7 +125,7 @@ class Memory:
     routes: GoalRoutes | None = None  # (all,) to goals and slots, None while no vehicle is lost
     ways: AreaWays | None = None  # (all,) within the fence's areas, None without any
     no_way_s: Array | None = None  # (all,) since when no way round obstacles leads to a goal; inf: one may
-    waits_at_m: Array | None = None  # (all, 3) where each waits for one, NaN: it does not; None: none does
+    waits_at_m: Array | None = None  # (all, 3) where it waits for a way; NaN: it does not; None: all fly
 
     @property
     def slots(self) -> SlotsState | None:

@@ -182,8 +182,8 @@ def shut_in_by(
 ) -> Mask:
     """(k,) Which vehicles at (k, 3) no way leads to (k, 3), round obstacles that stand or over them.
 
-    Those that move are no reason: they pass. A vehicle above an obstacle flies over it. What the fence closes
-    counts with them: beside obstacles alone, whose grid is finer.
+    Obstacles that move do not count: they pass. A vehicle above an obstacle flies over it. What the fence
+    closes is compared on a coarser grid of its own.
     """
     fence = settings.safety.fence
     over_m, apart = fence.height_max_m - INSIDE_FENCE_M - OVER_M, np.zeros(len(place_m), np.bool_)
@@ -216,7 +216,7 @@ def without_way(now: TickInputs, before_s: Array | None) -> Array | None:
 def waiting_places(
     now: TickInputs, no_way_s: Array | None, straight: Mask, before_m: Array | None
 ) -> Array | None:
-    """(n, 3) Where vehicles wait that no way leads to their goals, NaN: they do not; None: none does.
+    """(n, 3) Where vehicles without a way to their goals wait; NaN: it does not wait; None: no vehicle waits.
 
     It is where each was when that became known: one that only stopped would be carried off by gusts.
 

@@ -37,7 +37,7 @@ REACH_M, CELL_M = 8.0, 1.0
 """The search goes so far beyond start, goal and obstacles; and the edge of its cells."""
 
 CELLS_MAX: Final = 2_000_000
-"""Those of a fence of 700 m. Where there would be more, none is searched: a tick ends in time."""
+"""As many as a fence of 700 m needs. Beyond, the search is left out, so that a tick ends in time."""
 
 
 def boxes_of(now: TickInputs) -> Boxes:
@@ -54,7 +54,7 @@ def boxes_of(now: TickInputs) -> Boxes:
 
 @kernel
 def passes_boxes(one_m: Array, other_m: Array, boxes: Boxes) -> bool:
-    """Whether a vehicle at (3,) passes all obstacles straight to (3,); those below it are none."""
+    """Whether a vehicle at (3,) passes all obstacles straight to (3,); obstacles below it do not count."""
     here_m, there_m = one_m[:2].copy(), other_m[:2].copy()
     for k in range(len(boxes[2])):
         if boxes[2][k] > -one_m[2] and not passes(here_m, there_m, boxes[0][k], boxes[1][k]):
@@ -117,7 +117,8 @@ def way_among(start_m: Array, goal_m: Array, boxes: Boxes, path_m: Array, kept_m
 def _edges_m(start_m: Array, goal_m: Array, boxes: Boxes) -> Array:
     """(k, 2, 3) the edges of polygons about the obstacles, at the height of start and goal (3,).
 
-    A start or a goal within what ways keep is outside of them. Those beyond the greatest distance are none.
+    A start or a goal within what ways keep is outside of them. Obstacles beyond the greatest distance
+    are left out.
     """
     turn_rad = 2.0 * np.pi * np.arange(EDGES + 1) / EDGES
     circle = np.column_stack([np.cos(turn_rad), np.sin(turn_rad)])

@@ -102,9 +102,9 @@ def way_round(
 
 @kernel
 def _count_overlapping(center_m: Array, semi_m: Array, counted: Mask) -> bool:
-    """Have those ellipses (m, 2) count (m,) that hold corners about others which do. Returns: if any did.
+    """Add to the ellipses (m, 2) that count (m,) others that hold their corners. Returns: if any was added.
 
-    A corner within another ellipse is none: past both the way leads by corners of that one.
+    A corner within another ellipse is not used: the way past both leads by corners of the other.
     """
     added = False
     for k in np.flatnonzero(counted):

@@ -14,7 +14,7 @@ SLOW_BELOW_M: Final = 10.0
 """Descents of an autopilot's LAND above and below this height: ArduPilot's as delivered, the slowest."""
 
 SINKS_M_S: Final = 0.2
-"""One that sinks faster comes to the ground by itself."""
+"""A vehicle that sinks faster comes to the ground by itself."""
 
 STEP_M: Final = 1.0
 POINTS: Final = (8, 400)
@@ -58,8 +58,8 @@ def way_down(here_m: Array, drift_m_s: Array, ground_z_m: float = 0.0) -> WayDow
 def nearest_m(way: WayDown, place_m: Array, velocity_m_s: Array, ground_z_m: float = 0.0) -> Array:
     """(n,) least distances, over the ground, of vehicles (n, 3) that go on with (n, 3); NaN: not known.
 
-    One that sinks may lie on the ground from the moment on that its descent leads it there, or from when its
-    autopilot has it there that descends slowly below `SLOW_BELOW_M`, or go on: the least distance of these.
+    The least distance of three assumptions about a vehicle that sinks: it goes on, it lies on the ground from
+    when its present descent ends there, or from when an autopilot's slow descent below `SLOW_BELOW_M` does.
     """
     level_m_s, sinks_m_s = velocity_m_s[:, :2], velocity_m_s[:, 2]
     above_m = np.maximum(ground_z_m - place_m[:, 2], 0.0)

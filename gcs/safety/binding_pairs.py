@@ -45,7 +45,7 @@ def pairs_that_could_bind(
     own: tuple[Array, Array, Array],
     worst: Worst,
 ) -> tuple[Rows, Rows]:
-    """Rows (k,) and (k,) of the pairs whose bound velocities within their spare could break; each pair once.
+    """Rows (k,) and (k,) of pairs that velocities within their spare could bring too close; each pair once.
 
     There may be others among them. Their order is that of `near_pairs`.
 

@@ -200,7 +200,7 @@ class CollectiveReturn:
             )
 
     def _leave_closed_paths(self, progress: PathProgress) -> None:
-        """Take vehicles out of the plan whose paths were closed by lost ones since: a few in each tick."""
+        """Take vehicles out of the plan where a lost vehicle closes their path: a few in each tick."""
         if not self._closing or self._compared >= len(self._places):
             return
         at = np.arange(self._compared, min(self._compared + PATHS_COMPARED, len(self._places)))
