@@ -257,7 +257,6 @@ class Commander(VehicleCommands):
             flight.show,
             self.places,
             flight.elsewhere.returns,
-            flight.closing,
             flight.slow_from_m,
             together,
             self._planning,

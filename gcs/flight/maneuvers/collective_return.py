@@ -6,6 +6,7 @@ from concurrent.futures import Executor, Future
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from gcs.control import ellipses_of
 from gcs.control.round_obstacles import shut_in_by
@@ -66,7 +67,6 @@ class CollectiveReturn:
         show: ShowState,
         places: LandingPlaces,
         others: ReturnsElsewhere,
-        closing: Callable[[], frozenset[VehicleId]],
         slow_from_m: Callable[[Sequence[Vehicle]], Array],
         vehicles: Iterable[Vehicle],
         planning: Executor,
@@ -74,7 +74,7 @@ class CollectiveReturn:
         """Of `vehicles`, which know where they started. The planner runs in `planning`, outside the tick."""
         self._newest, self._in_force, self._vehicles, self._show = newest, in_force, of_flight, show
         self._landing_places, self._others = places, others
-        self._find_closing, self._slow_from_m = closing, slow_from_m
+        self._slow_from_m = slow_from_m
         self._planning = planning
         self._expected = {vehicle.id: vehicle for vehicle in vehicles}
         self._stopping: dict[VehicleId, Vehicle] = {}
@@ -84,11 +84,12 @@ class CollectiveReturn:
         self._elsewhere = np.zeros(0, np.intp)  # rows of vehicles flown elsewhere, after the own in the plan
         self._number = self._others.newest  # of an earlier return
         self._is_off = False  # no plan: the vehicles return one by one
-        self._closing: frozenset[VehicleId] = frozenset()  # lost vehicles that places and paths allow for
+        self._closed_m = np.zeros((0, 2, 3))  # paths of lost vehicles that places and paths allow for
         self._left: set[VehicleId] = set()  # left the plan: no way leads home, or place or path was closed
         self._shut_in = np.zeros(0, np.bool_)  # (n,) that no way leads home; written by the planning thread
         self._next_row = 0  # the next of the plan's rows whose way is examined
-        self._compared = 0  # so many of the plan's paths are compared with what lost vehicles close by now
+        self._compared = 0  # the next of the plan's paths that is compared with those of lost vehicles
+        self._to_compare = 0  # so many are left to be
         self.problem = ""  # why the planner failed and what follows
         self._planner: Planner | None = None
         self._planned: Future[tuple[ReturnPaths, Array]] | None = None  # with (n, 3) landing positions
@@ -168,8 +169,7 @@ class CollectiveReturn:
 
     def _begin_following(self, paths: ReturnPaths, home_m: Array) -> None:
         self._home_m, self._followed_s = home_m, self._newest.state.time_s
-        shut_in = np.flatnonzero(self._shut_in[: len(self._places)]).tolist()
-        self._left.update(self._newest.state.ids[self._places[at]] for at in shut_in)
+        self._leave(np.flatnonzero(self._shut_in[: len(self._places)]))
         self._progress = PathProgress(paths, self._home_m)
         if len(self._elsewhere):
             self._others.publish_paths(paths, self._elsewhere, self._home_m[len(self._places) :])
@@ -183,32 +183,34 @@ class CollectiveReturn:
             led_s = self._others.led_s()
         self._others.note_return(progress.time_s)
         progress.advance(step_s, position_m, flown, led_s)
-        self._leave_closed_places()
-        self._leave_closed_paths(progress)
+        self._leave_closed(progress)
         self._leave_without_way()
 
-    def _leave_closed_places(self) -> None:
-        """Take vehicles out of the plan when their landing place was closed meanwhile."""
-        closing = self._find_closing()
-        if closing - self._closing:
-            self._compared = 0
-        if closing != self._closing or self._landing_places.are_obstructed:
-            self._closing = closing
+    def _leave_closed(self, progress: PathProgress) -> None:
+        """Take vehicles out of the plan whose place or path a lost vehicle or an obstacle closes now."""
+        lost = self._landing_places.closed()
+        changed = not np.array_equal(lost[0], self._closed_m)
+        if changed:
+            self._closed_m, self._to_compare = lost[0], len(self._places)
+        if changed or self._landing_places.are_obstructed:
             closed = self._landing_places.closed_to(self._places, self._home_m[: len(self._places)])
-            self._left.update(
-                self._newest.state.ids[self._places[at]] for at in np.flatnonzero(closed).tolist()
-            )
+            self._leave(np.flatnonzero(closed))
+        if self._to_compare:
+            self._leave_closed_paths(progress, lost)
 
-    def _leave_closed_paths(self, progress: PathProgress) -> None:
-        """Take vehicles out of the plan where a lost vehicle closes their path: a few in each tick."""
-        if not self._closing or self._compared >= len(self._places):
-            return
-        at = np.arange(self._compared, min(self._compared + PATHS_COMPARED, len(self._places)))
-        self._compared += len(at)
-        floor, lost = self._in_force.control.safety.floor, self._landing_places.closed()
+    def _leave_closed_paths(self, progress: PathProgress, lost: tuple[Array, Array]) -> None:
+        """Of the next few rows: a lost vehicle that is received may change its path in every tick."""
+        count = min(PATHS_COMPARED, self._to_compare)
+        at = (self._compared + np.arange(count)) % len(self._places)
+        self._compared, self._to_compare = self._compared + count, self._to_compare - count
         uncertainty_m = self._newest.traits.uncertainty_m[[self._places[each] for each in at.tolist()]]
+        floor = self._in_force.control.safety.floor
         closed = closed_paths(progress.return_paths, at, progress.time_s, floor, uncertainty_m, lost)
-        self._left.update(self._newest.state.ids[self._places[each]] for each in at[closed].tolist())
+        self._leave(at[closed])
+
+    def _leave(self, at: NDArray[np.intp]) -> None:
+        """Take the vehicles of rows (k,) of the plan out of it."""
+        self._left.update(self._newest.state.ids[self._places[each]] for each in at.tolist())
 
     def _leave_without_way(self) -> None:
         """Take vehicles out of the plan that obstacles have shut in since: a few in each tick."""
@@ -218,8 +220,7 @@ class CollectiveReturn:
         self._next_row = (self._next_row + LOOKS) % len(self._places)
         control, here_m = self._in_force.control, self._newest.state.position_m[self._places][examined]
         ellipses = ellipses_of(self._in_force.plan, control, self._newest.state.time_s)
-        shut_in = examined[shut_in_by(ellipses, here_m, self._home_m[examined], control)].tolist()
-        self._left.update(self._newest.state.ids[self._places[at]] for at in shut_in)
+        self._leave(examined[shut_in_by(ellipses, here_m, self._home_m[examined], control)])
 
     def _fail(self, error: BaseException) -> None:
         """Log any error of the planner, and show it as an alarm: the fleet returns without a plan."""
@@ -300,14 +301,15 @@ class CollectiveReturn:
         slow_from_m = self._slow_from_m(homing).max(initial=operation.handover_height_m)
         heights_m = over_m, min(float(slow_from_m), over_m)
         self._rows = {vehicle.id: row for row, vehicle in enumerate(homing)}
-        self._closing, self._compared = self._find_closing(), len(homing)
+        lost = self._landing_places.closed()
+        self._closed_m = lost[0]
         about = (
             heights_m,
             self._in_force.control,
             self._in_force.plan,
             self._newest.state.time_s,
             own_m,
-            self._landing_places.closed(),
+            lost,
         )
 
         def planner_for(home_m: Array) -> Planner:
