@@ -188,7 +188,7 @@ def shut_in_by(
     fence = settings.safety.fence
     over_m, apart = fence.height_max_m - INSIDE_FENCE_M - OVER_M, np.zeros(len(place_m), np.bool_)
     for closed in (None, fence):
-        enclosures = Enclosures.of(ellipses.values(), over_m, closed)
+        enclosures = Enclosures.of(ellipses.values(), over_m, closed, flown_m=fence.distance_max_m)
         if enclosures is not None:
             apart |= enclosures.apart(place_m, goal_m)
     return apart & (-place_m[:, 2] <= over_m)

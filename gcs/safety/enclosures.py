@@ -58,12 +58,19 @@ class Enclosures:
     cell_m: float
 
     @staticmethod
-    def of(ellipses: Iterable[Ellipse], over_m: float, fence: Fence | None = None) -> "Enclosures | None":
+    def of(
+        ellipses: Iterable[Ellipse],
+        over_m: float,
+        fence: Fence | None = None,
+        *,
+        flown_m: float = WITHIN_M,
+    ) -> "Enclosures | None":
         """Of those that stand and have a top higher than `over_m`; None: there are none.
 
         With a fence also of what that closes, on a grid that may be coarser; None: it closes nothing else.
+        Boxes farther from the origin than vehicles fly, `flown_m`, are left out.
         """
-        high = (each for each in ellipses if each.top_height_m > over_m and _is_near(each))
+        high = (each for each in ellipses if each.top_height_m > over_m and _is_near(each, flown_m))
         walls = tuple(
             _at_rest(each) for each in high if hypot(each.velocity_x_m_s, each.velocity_y_m_s) <= CREEPS_M_S
         )
@@ -88,8 +95,10 @@ class Enclosures:
         return np.clip((place_m - self.low_m) / self.cell_m, 0, last).astype(np.int64)
 
 
-def _is_near(wall: Ellipse) -> bool:
-    return max(abs(wall.x_m) + wall.semi_x_m, abs(wall.y_m) + wall.semi_y_m) <= WITHIN_M
+def _is_near(wall: Ellipse, flown_m: float) -> bool:
+    x_m, y_m = abs(wall.x_m), abs(wall.y_m)
+    nearest_m = max(x_m - wall.semi_x_m, y_m - wall.semi_y_m)
+    return nearest_m <= flown_m and max(x_m + wall.semi_x_m, y_m + wall.semi_y_m) <= WITHIN_M
 
 
 def _at_rest(wall: Ellipse) -> Ellipse:

@@ -150,6 +150,13 @@ def shut_with(fence: Fence, walls: list[Ellipse]) -> bool:
 LOW = Fence(height_max_m=40.0, distance_max_m=REACH_M)
 
 
+def test_a_box_beyond_the_fence_hides_no_ring() -> None:
+    """One at 9 km made cells of 45 m: a ring of walls was none."""
+    far = around(Obstacle("far", 9000.0, -9000.0, 1.0, 1.0, 60.0))
+    assert shut_with(LOW, [*ring(), far])
+    assert not shut_with(LOW, [*ring(door_m=9.0), far])
+
+
 @pytest.mark.parametrize(
     ("fence", "is_shut"),
     [
