@@ -153,6 +153,7 @@ def landing_places_of(flight: Flight) -> LandingPlaces:
         flight.uncontrolled.last_m,
         flight.closed,
         lambda: flight.elsewhere,
+        flight.once,
     )
 
 

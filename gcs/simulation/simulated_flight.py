@@ -536,17 +536,21 @@ class SimulatedFlight:
         """(n, 3) pads, or for these vehicles the places where they land instead, as in flight."""
         place_m, losses = np.array(self.world.home_m if self.pads_m is None else self.pads_m), self.losses
         uncertainty_m = np.array(self.traits.uncertainty_m)
-        down = ~self.world.in_air & self.present
-        taken_m = np.vstack([np.delete(place_m, rows, axis=0), self.world.received_m[down]])[:, :2]
+        spacing_m = OperationSettings.model_fields["landing_site_spacing_m"].default
+        down, here_m = ~self.world.in_air & self.present, self.world.received_m
+        beside = down & (np.linalg.norm((here_m - place_m)[:, :2], axis=1) > spacing_m / 2.0)
+        others_m = np.delete(place_m if self._progress is None else self.record.goal_m, rows, axis=0)
+        taken_m = np.vstack([np.delete(place_m, rows, axis=0), others_m, here_m[down]])[:, :2]
         place_m[rows] = return_places_m(
             place_m[rows],
             taken_m,
             takeoff_height_m,
-            OperationSettings.model_fields["landing_site_spacing_m"].default,
+            spacing_m,
             self.settings,
             ellipses_of(self.plan, self.settings, self.time_s),
             uncertainty_m[rows],
             (losses.segments_m, uncertainty_m[losses.segments_of]),
+            stands_m=here_m[beside, :2],
         )
         return place_m
 

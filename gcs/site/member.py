@@ -407,6 +407,11 @@ class SiteMember(Elsewhere):
         places_m = self.others.position_m[lands, :2]
         return np.asarray(places_m[np.isfinite(places_m).all(axis=1)])
 
+    def beside_pads_m(self, least_m: float) -> Array:
+        """(j, 2) where they stand on the ground, farther than `least_m` from their pads."""
+        away_m = np.linalg.norm((self.others.position_m - self.site.home_m)[:, :2], axis=1)
+        return np.asarray(self.others.position_m[~self.others.airborne & (away_m > least_m), :2])
+
     def taken_m(self, besides: Returning) -> Array:
         """(j, 2) places where another vehicle must not land: pads and stands of all but `besides`."""
         home_m = self.site.home_m[:, :2].copy()

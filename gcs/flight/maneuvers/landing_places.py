@@ -13,11 +13,11 @@ from gcs.flight.state.elsewhere import Elsewhere, Returning
 from gcs.flight.state.newest import InForce, Newest
 from gcs.flight.state.vehicle import FlightVehicles, Vehicle
 from gcs.formation.obstacles import Ellipse
-from gcs.model.lifecycle import AIRBORNE, Phase
+from gcs.model.lifecycle import AIRBORNE, GROUNDED, Phase
 from gcs.model.plan import Obstacle
 from gcs.model.state import Array, Mask, VehicleId
 from gcs.planning.landing_sites import LANDS_WITHIN_S, are_covered, distinct_sites_m
-from gcs.planning.return_paths.closed_ways import closed_places
+from gcs.planning.return_paths.closed_ways import are_occupied, closed_places
 from gcs.planning.return_paths.planner import return_places_m
 from gcs.safety.controlled_ground import ground_for_sites
 from gcs.safety.target_clearance import kept_clear_m
@@ -34,6 +34,7 @@ class LandingPlaces:
     last_m: Callable[[Vehicle], Array | None]  # where a vehicle was seen last
     closed: Callable[[], tuple[Array, Array]]  # paths that lost vehicles may take
     elsewhere: Callable[[], Elsewhere]
+    once: Callable[[str, Callable[[], Array]], Array]  # what is computed once a tick
 
     def _ellipses(self, ahead_s: float = 0.0) -> dict[str, Ellipse]:
         """Obstacles, slow traffic and the space round targets, for so long: no place lies in these."""
@@ -96,6 +97,7 @@ class LandingPlaces:
             self._ellipses(),
             own_m,
             self.closed(),
+            stands_m=self._beside_pads_m(),
         )
 
     def closed_to(self, rows: Sequence[int], place_m: Array) -> Mask:
@@ -129,6 +131,23 @@ class LandingPlaces:
         away_m = np.linalg.norm(self.elsewhere().landing_m() - place_m[:2], axis=1)
         return bool((away_m < self.operation.landing_site_spacing_m / 2.0).any())
 
+    def is_occupied(self, place_m: Array) -> bool:
+        """Whether a vehicle that came down beside its pad stands on the ground at a place (3,)."""
+        spacing_m = self.operation.landing_site_spacing_m
+        return bool(are_occupied(place_m[None], self._beside_pads_m(), spacing_m)[0])
+
+    def _beside_pads_m(self) -> Array:
+        return self.once("beside pads", self._beside_pads_now_m)
+
+    def _beside_pads_now_m(self) -> Array:
+        """(j, 2) where vehicles stand beside their pads: places chosen before are not clear of these."""
+        least_m, stands_m = self.operation.landing_site_spacing_m / 2.0, []
+        for vehicle in self.vehicles.in_phase(*GROUNDED):
+            stand_m, home_m = self.last_m(vehicle), vehicle.home_m
+            if stand_m is not None and home_m is not None and np.hypot(*(stand_m - home_m)[:2]) > least_m:
+                stands_m.append(stand_m[:2])
+        return np.concatenate([np.array(stands_m).reshape(-1, 2), self.elsewhere().beside_pads_m(least_m)])
+
     def _taken_m(
         self,
         vehicles: Sequence[Vehicle],
@@ -146,6 +165,7 @@ class LandingPlaces:
                 vehicle.home_m,
                 self.last_m(vehicle) if vehicle.phase not in AIRBORNE or vehicle.flags.handed_over else None,
                 vehicle.goal_m if vehicle.phase in goals_of else None,
+                vehicle.lands_at_m,
             )
             if place_m is not None
         ]

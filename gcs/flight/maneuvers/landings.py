@@ -79,11 +79,12 @@ class Landings:
                 vehicle, lambda: collective_return.is_planned or not collective_return.takes_part(vehicle)
             )
             if collective_return.takes_part(vehicle):
-                vehicle.reason = "on its way home"
+                vehicle.reason, vehicle.lands_at_m = "on its way home", collective_return.place_m(vehicle)
                 await self._steps.until(
                     vehicle, lambda: self._led(vehicle, collective_return), patience_s=WAY_S
                 )
             if not collective_return.takes_part(vehicle):
+                vehicle.lands_at_m = None
                 await self.come_home(vehicle)
                 return
             place_m = collective_return.place_m(vehicle)
@@ -180,8 +181,9 @@ class Landings:
         return self._places.is_taken(vehicle, place_m) or self._places.is_covered(place_m)
 
     def _is_covered(self, vehicle: Vehicle, place_m: Array) -> bool:
-        """Whether an obstacle closes a place (3,), and another can be chosen now."""
-        return self._places.is_covered(place_m) and self._is_received(vehicle)
+        """Whether an obstacle or a vehicle that stands closes a place (3,), and another can be chosen now."""
+        closed = self._places.is_covered(place_m) or self._places.is_occupied(place_m)
+        return closed and self._is_received(vehicle)
 
     async def _descend_slowly(
         self, vehicle: Vehicle, place_m: Array, chosen_m: Callable[[Vehicle], Array]

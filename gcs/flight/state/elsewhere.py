@@ -278,6 +278,10 @@ class Elsewhere:
         """(j, 2) where they stand on the ground, or come down."""
         return np.zeros((0, 2))
 
+    def beside_pads_m(self, least_m: float) -> Array:  # noqa: ARG002
+        """(j, 2) where they stand on the ground, farther than `least_m` from their pads."""
+        return np.zeros((0, 2))
+
     def taken_m(self, besides: Returning) -> Array:  # noqa: ARG002
         """(j, 2) places where another vehicle must not land: pads and stands of all but `besides`."""
         return np.zeros((0, 2))

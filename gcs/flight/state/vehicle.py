@@ -71,6 +71,7 @@ class Vehicle:
     home_m: Array | None = None  # (3,) show frame, where it took off
     hold_m: Array | None = None  # (3,) where it waits while the show does not move it
     goal_m: Array | None = None  # (3,) of RETURN and LANDING
+    lands_at_m: Array | None = None  # (3,) the place to which a planned path leads it
     flags: Flags = Flags()
     frozen_until_s: float = -inf  # its position jumped: until then it stands still
     try_again_s: float = 0.0  # earliest time of the next automatic attempt
@@ -98,7 +99,7 @@ class Vehicle:
             self.cause = None
         self.flags = self.flags.after(before, self.phase, only_link_lost=self._only_link_lost)
         if self.phase not in FLOWN:
-            self.goal_m = None
+            self.goal_m = self.lands_at_m = None
         level = logging.WARNING if self.phase in {Phase.LOST, Phase.PILOT} else logging.INFO
         reported = {"vehicle": self.id, "was": before.value, "phase": self.phase.value, "reason": reason}
         log.log(level, "vehicle_phase", extra=reported)

@@ -13,6 +13,9 @@ PAD_CLOSED_M = WELL_IN_PLACE_M / 2.0
 that much.
 """
 
+OCCUPIED_SHARE = 0.75
+"""Of the spacing of landing places: one that stands nearer than this keeps others off."""
+
 LOOKS_EVERY = 2
 """Of the steps of a planned path every so many are compared with that space: 1.6 m at 4 m/s."""
 
@@ -48,6 +51,15 @@ def closed_places(
         return np.zeros(len(place_m), dtype=np.bool_)
     apart_m = way_down_apart_m(place_m, over_m, space_of_lost(floor, uncertainty_m, *lost))
     return np.asarray(apart_m < -ReturnSettings().spare_m - PAD_CLOSED_M)
+
+
+def are_occupied(place_m: Array, stands_m: Array, spacing_m: float) -> Mask:
+    """(n,) At which places (n, 2 or 3) vehicles that stand (m, 2) keep others from landing.
+
+    `spacing_m`: at which places are chosen.
+    """
+    apart_m = np.linalg.norm(place_m[:, None, :2] - stands_m, axis=2)
+    return np.asarray(apart_m.min(axis=1, initial=np.inf) < OCCUPIED_SHARE * spacing_m)
 
 
 def way_down_apart_m(place_m: Array, over_m: float, space: Closed) -> Array:

@@ -20,7 +20,7 @@ from gcs.planning.return_paths.candidates import (
     Closed,
     lay,
 )
-from gcs.planning.return_paths.closed_ways import closed_places, space_of_lost, way_down_apart_m
+from gcs.planning.return_paths.closed_ways import are_occupied, closed_places, space_of_lost, way_down_apart_m
 from gcs.planning.return_paths.conflicts import chosen_paths
 from gcs.planning.return_paths.paths import STEP_S, ReturnPaths, ReturnSettings
 from gcs.planning.return_paths.round_boxes import WaysRound
@@ -55,6 +55,8 @@ FEW = 50
 
 WAITS_TRIED = 250
 """Vehicles for which every step of waiting is tried; with k times as many, every k-th."""
+
+NO_STANDS_M: Array = np.zeros((0, 2))
 
 LONGEST_SHARE = 1.1
 """Of the longest path: no vehicle lands later than that and `spare_s`, if possible."""
@@ -344,10 +346,12 @@ def return_places_m(
     ellipses: Mapping[str, Ellipse],
     uncertainty_m: Array,
     lost: tuple[Array, Array],
+    *,
+    stands_m: Array = NO_STANDS_M,
 ) -> Array:
     """Return where returning vehicles land: at home, or if that is closed, at the nearest place.
 
-    A lost vehicle closes a place, or an obstacle that stands on it or beside it.
+    A lost vehicle closes a place, or an obstacle or vehicle that stands on it or beside it.
 
     Args:
         home_m: (n, 3) their pads, show frame.
@@ -358,11 +362,13 @@ def return_places_m(
         ellipses: obstacles that places are clear of.
         uncertainty_m: (n,) standard deviations of their positions, sideways.
         lost: as of `return_planner`.
+        stands_m: (j, 2) vehicles on the ground that came down beside their pads; among `taken_m`.
 
     Returns: (n, 3) show frame; where no place is open, home.
     """
     floor = control.safety.floor
     closed = closed_places(home_m, over_m, floor, uncertainty_m, lost) | are_covered(home_m, ellipses)
+    closed |= are_occupied(home_m, stands_m, spacing_m)
     if not closed.any():
         return np.array(home_m)
     space, are_free = space_of_lost(floor, uncertainty_m, *lost), _are_free(control, ellipses)

@@ -1,11 +1,13 @@
-"""Planned paths that vehicles close which are lost after the planning."""
+"""Paths and places that vehicles close which are lost, or have landed, after the planning."""
 
 import numpy as np
 import pytest
 
+from gcs.control import ControlSettings
 from gcs.model.state import Array
-from gcs.planning.return_paths.closed_ways import closed_paths
+from gcs.planning.return_paths.closed_ways import are_occupied, closed_paths
 from gcs.planning.return_paths.paths import STEP_S, ReturnPaths
+from gcs.planning.return_paths.planner import return_places_m
 from gcs.safety.floor import Floor
 
 FLOOR, UNSURE_M = Floor(), np.full(2, 0.05)
@@ -51,3 +53,31 @@ def test_without_lost_vehicles_all_paths_are_open() -> None:
     assert not closed_paths(two_paths(), np.arange(2), 0.0, FLOOR, UNSURE_M, nothing).any()
     none = np.zeros(0, np.intp)
     assert len(closed_paths(two_paths(), none, 0.0, FLOOR, UNSURE_M, nothing)) == 0
+
+
+STANDS_M = np.array([[3.0, 0.0]])
+
+
+def test_a_vehicle_that_stands_beside_a_place_occupies_it() -> None:
+    places_m = np.array([[0.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [5.0, 1.0, 0.0]])
+    assert are_occupied(places_m, STANDS_M, 4.0).tolist() == [False, False, True]
+    assert are_occupied(places_m, STANDS_M, 4.5).tolist() == [True, False, True]
+    assert not are_occupied(places_m, STANDS_M[:0], 4.0).any()
+
+
+def test_vehicles_land_beside_pads_at_which_another_stands() -> None:
+    """It was kept off its pad by one that had landed 9 m off its own, and hovered above for ever."""
+    pads_m, unsure_m = np.array([[1.0, 0.0, 0.2], [20.0, 0.0, 0.0]]), np.full(2, 0.25)
+    nothing = np.zeros((0, 2, 3)), np.zeros(0)
+
+    def places_m(stands_m: Array) -> Array:
+        settings = ControlSettings()
+        return return_places_m(
+            pads_m, STANDS_M, 10.0, 4.0, settings, {}, unsure_m, nothing, stands_m=stands_m
+        )
+
+    placed_m = places_m(STANDS_M)
+    assert 4.0 <= np.linalg.norm(placed_m[0, :2] - STANDS_M[0]) < 6.0
+    assert placed_m[0, 2] == 0.2
+    assert (placed_m[1] == pads_m[1]).all()
+    assert (places_m(STANDS_M[:0]) == pads_m).all()
