@@ -33,11 +33,14 @@ EDGE_M: Final = 0.75
 MORE_M: Final = 0.3
 """A route keeps so much more than the way round obstacles: a vehicle that drifts still passes them."""
 
-REACH_M, CELL_M = 8.0, 1.0
-"""The search goes so far beyond start, goal and obstacles; and the edge of its cells."""
+REACH_M: Final = 8.0
+"""The search goes so far beyond start, goal and obstacles."""
 
-CELLS_MAX: Final = 2_000_000
-"""As many as a fence of 700 m needs. Beyond, the search is left out, so that a tick ends in time."""
+CELLS_M: Final = (1.0, 2_000_000), (0.5, 200_000)
+"""Edge of a cell, and the most cells: beyond, the search is left out, so that a tick ends in time. The first
+is enough for a fence of 700 m. The gap beside a lost vehicle in a door is seen in such wide cells from some
+places only, and a vehicle went to and fro: then the second ones are searched.
+"""
 
 
 def boxes_of(now: TickInputs) -> Boxes:
@@ -102,16 +105,18 @@ def way_among(start_m: Array, goal_m: Array, boxes: Boxes, path_m: Array, kept_m
     around_m = np.concatenate([start_m[None], level_m[None], edge_m.reshape(-1, 3)])
     low_m, high_m = around_m.min(axis=0) - REACH_M, around_m.max(axis=0) + REACH_M
     low_m[2] = high_m[2] = start_m[2]
-    if np.prod((high_m - low_m)[:2] / CELL_M + 2.0) > CELLS_MAX:
-        return None
     kept_m = np.concatenate([kept_m, np.full(len(edge_m), EDGE_M)])
     path_m = np.concatenate([path_m, edge_m])
-    bounds = low_m, high_m, CELL_M, 1.0, boxes[3]
-    corner_m, reaches = find_corners(start_m, level_m, path_m, kept_m, *bounds)
-    if not reaches:
-        return None
-    corner_m[-1] = goal_m
-    return corner_m
+    for cell_m, cells_max in CELLS_M:
+        if np.prod((high_m - low_m)[:2] / cell_m + 2.0) > cells_max:
+            return None
+        corner_m, reaches = find_corners(
+            start_m, level_m, path_m, kept_m, low_m, high_m, cell_m, 1.0, boxes[3]
+        )
+        if reaches:
+            corner_m[-1] = goal_m
+            return corner_m
+    return None
 
 
 def _edges_m(start_m: Array, goal_m: Array, boxes: Boxes) -> Array:

@@ -1,7 +1,7 @@
 """Routes to goals past the paths of lost vehicles: clear of them, over them, and past vehicles that stand."""
 
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -11,6 +11,7 @@ from gcs.control.goal_routes import ROUTE_SPARE_M, follow_routes
 from gcs.control.inputs import TickInputs
 from gcs.control.memory import GoalRoutes
 from gcs.control.path_search import find_corners, lines_apart_m
+from gcs.control.routes_among_boxes import boxes_of, way_among
 from gcs.model.plan import Formation, Obstacle, Plan
 from gcs.model.state import Array, FleetState, Traits
 
@@ -20,9 +21,9 @@ KEPT_M = FLOOR.kept_m(FLOOR.worst_reserve_m())[0]
 TOP_M, DT_S = 30.0, 0.05
 
 
-def column(x_m: float, y_m: float) -> list[list[float]]:
-    """Where a vehicle stays that was lost at `TOP_M`, and comes down."""
-    return [[x_m, y_m, -TOP_M], [x_m, y_m, 0.0]]
+def column(x_m: float, y_m: float, top_m: float = TOP_M) -> list[list[float]]:
+    """Where a vehicle stays that was lost at `top_m`, and comes down."""
+    return [[x_m, y_m, -top_m], [x_m, y_m, 0.0]]
 
 
 CAGE = np.array([column(x_m, y_m) for x_m in (-8.0, -4.0, 0.0, 4.0) for y_m in (-6.0, 6.0)])
@@ -54,6 +55,14 @@ def flown(
         scaled_m = place_m[0] * FLOOR.scale, np.ascontiguousarray(lost_m * FLOOR.scale)
         least_m.append(min(lines_apart_m(scaled_m[0], scaled_m[0], one[0], one[1]) for one in scaled_m[1]))
     return np.array(path_m), np.array(least_m)
+
+
+def inputs(place_m: Array, goal_m: Array, lost_m: Array, walls: tuple[Obstacle, ...] = ()) -> TickInputs:
+    """Of one vehicle at rest."""
+    none, plan = np.zeros(1, dtype=bool), Plan(Formation(10.0, 20.0), obstacles=walls)
+    tasks = Tasks(np.full(1, Task.GOAL, dtype=np.int8), goal_m, ~none, none, lost_m)
+    fleet = FleetState(20.0, ("a",), place_m, np.zeros((1, 3)), np.zeros(1), np.zeros(1))
+    return TickInputs.of(fleet, tasks, plan, Traits.alike(1), SETTINGS, before_s=19.9, own=1)
 
 
 def test_distance_of_two_lines_is_that_of_their_nearest_points() -> None:
@@ -98,6 +107,27 @@ def test_way_round_a_wall_and_lost_vehicles_beside_it() -> None:
     assert least_m.min() > KEPT_M - 0.3
 
 
+def test_a_gap_beside_a_lost_vehicle_in_a_door_is_found() -> None:
+    """It was seen from some places only: a vehicle went to and fro between the door and the back wall."""
+    across = [Obstacle(f"{y_m}", 0.0, y_m, 23.4, 1.97, 44.0) for y_m in (-23.4, 23.4)]
+    front = [Obstacle(f"front {y_m}", 23.4, y_m, 1.97, 5.985, 44.0) for y_m in (-17.415, 17.415)]
+    walls = (Obstacle("back", -23.4, 0.0, 1.97, 23.4, 44.0), *across, *front)
+    goal_m = np.array([-79.0, 7.3, -7.0])
+    lost_m = np.array([column(25.6, -0.7, top_m=4.8), column(25.9, -1.2, top_m=9.9)])
+    kept_m = FLOOR.horizontal_m + FLOOR.reserve_m(np.full(2, 0.05), 0.05)
+    now = inputs(np.zeros((1, 3)), goal_m[None], lost_m, walls)
+    for x_m, y_m in product(np.arange(-14.0, 15.0, 2.0), (-1.5, 0.3, 1.1)):
+        start_m = np.array([x_m, y_m, -7.0])
+        scaled = start_m * FLOOR.scale, goal_m * FLOOR.scale, boxes_of(now), lost_m * FLOOR.scale
+        corner_m = way_among(*scaled, kept_m)
+        assert corner_m is not None, start_m
+        assert corner_m[:, 0].max() > 25.0, "through the door"
+        way_m = np.vstack([scaled[0], corner_m])
+        for one_m, next_m in pairwise(way_m):
+            away_m = min(lines_apart_m(one_m, next_m, path_m[0], path_m[1]) for path_m in scaled[3])
+            assert away_m > kept_m[0] - 0.2
+
+
 def test_a_box_far_outside_the_fence_does_not_end_a_tick() -> None:
     """The search had room for all cells as far as the box: no memory was left, and the tick failed."""
     wall, far = Obstacle("w", 20.0, 0.0, 1.0, 12.0, 60.0), Obstacle("f", 1e6, -1e6, 1.0, 12.0, 60.0)
@@ -124,12 +154,7 @@ def test_route_that_narrows_inside_a_margin_is_a_passage(goal_y_m: float, narrow
     beside_m = FLOOR.kept_m(0.0)[0] - 0.2
     lost_m = np.array([column(-beside_m, 0.0), column(beside_m, 0.0), column(0.0, goal_y_m / 2.0)])
     place_m, goal_m = np.array([[0.0, -0.3, -5.0]]), np.array([[0.0, goal_y_m, -5.0]])
-    none = np.zeros(1, dtype=bool)
-    tasks = Tasks(np.full(1, Task.GOAL, dtype=np.int8), goal_m, ~none, none, lost_m)
-    fleet = FleetState(20.0, ("a",), place_m, np.zeros((1, 3)), np.zeros(1), np.zeros(1))
-    now = TickInputs.of(
-        fleet, tasks, Plan(Formation(10.0, 20.0)), Traits.alike(1), SETTINGS, before_s=19.9, own=1
-    )
+    now = inputs(place_m, goal_m, lost_m)
     _, _, routes = follow_routes(now, None, np.empty((0, 3)))
     assert routes is not None
     assert np.isfinite(routes.corner_m[0, 0]).all()
