@@ -36,6 +36,9 @@ WAITS_S: Final = {Phase.LANDING: 40.0, Phase.RETURN: 160.0}
 WAY_OPENS_S: Final = 120.0
 """So long a sound vehicle that holds its place on the way home waits for its way: boxes pass, doors open."""
 
+CLEAR_S: Final = 2.0
+"""So long nothing may have been below: gusts turn the drift that a look takes, also past what is there."""
+
 AT_PLACE_M: Final = 2.0
 """Nearer than this to its place, a text does not say how far it is from that."""
 
@@ -64,6 +67,7 @@ class InPlaceLandings:
         self._below = SpaceBelow(flight)
         self._headway = Headway(flight.newest, flight.vehicles, self._waits, maneuvers.task, self._place_m)
         self._waiting: dict[Vehicle, str] = {}
+        self._met: dict[Vehicle, tuple[float, str]] = {}  # when something was below last, and what
         self._landed: dict[Vehicle, _Landed] = {}
         self._due_s = -np.inf
 
@@ -95,21 +99,26 @@ class InPlaceLandings:
             if vehicle.phase in {Phase.LANDING, Phase.RETURN} and self._maneuvers.task(vehicle) is landed.task
         }
         stands_s = self._headway.stands_s
-        for row in np.flatnonzero(stands_s >= NOT_LOWER_S).tolist():
+        self._met = {vehicle: met for vehicle, met in self._met.items() if now_s - met[0] <= CLEAR_S}
+        for row in np.flatnonzero(stands_s >= NOT_LOWER_S - CLEAR_S).tolist():
             vehicle = self._flight.vehicles.rows[row]
             if not vehicle.flags.handed_over and not self._maneuvers.touches_down(vehicle):
                 self._decide(vehicle, float(stands_s[row]))
 
     def _decide(self, vehicle: Vehicle, stands_s: float) -> None:
-        """Land a vehicle where it is, or note what it waits for."""
+        """Land a vehicle where it is, or note what it waits for; before `NOT_LOWER_S` only what is below."""
         sound = self._is_sound(vehicle)
-        if sound and vehicle.phase is Phase.RETURN and stands_s < WAY_OPENS_S:
+        if sound and vehicle.phase is Phase.RETURN and NOT_LOWER_S <= stands_s < WAY_OPENS_S:
             in_s = f"in {WAY_OPENS_S - stands_s:.0f} s if it stays closed"
             self._waiting[vehicle] = f"{vehicle.id} waits for its way home, and lands where it is {in_s}."
             return
         drift_m_s = self._drift_m_s(vehicle)
         below = self._below.of(vehicle, drift_m_s)
-        names = _named(below.in_the_way)
+        if below.in_the_way:
+            self._met[vehicle] = self._flight.newest.state.time_s, _named(below.in_the_way)
+        _, names = self._met.get(vehicle, (-np.inf, ""))
+        if stands_s < NOT_LOWER_S:
+            return
         latest = self._latest(NOT_LOWER_S + WAITS_S[vehicle.phase] - stands_s, sound=sound)
         if names and latest:
             self._waiting[vehicle] = f"{vehicle.id} waits for {names} below, and lands where it is {latest}."
