@@ -20,7 +20,10 @@ PASSING_S = 2.0
 """The place of a moving target must stay free for this long."""
 
 CARRIED_M_S = 0.3
-"""A target that moves no faster than this relative to a moving box stays in it."""
+"""A target that moves no faster than this relative to a moving box stays in it; over ground it stands."""
+
+LEAVES_M_S = 2.0 * CARRIED_M_S
+"""A target that an obstacle that stands holds moves again beyond this speed: an estimated velocity varies."""
 
 NEARER_SHARE, NEARER_M = 0.1, 1.0
 """A place instead of the target is kept while no other is nearer by more than this."""
@@ -56,6 +59,7 @@ def goals_of(scene: Scene, before: Detour | None) -> Iterator[Goal]:
         np.array(plan.target.position_m(time_s)), np.array(plan.target.velocity_m_s), scene.reach_m
     )
     if plan.orbit.radius_m == 0.0:
+        target_m_s = _over_ground(scene, target_m_s, before)
         stay_s = PASSING_S if target_m_s.any() else HORIZON_S
         held_by = _kept_off_by(scene, target_m, target_m_s)
         if held_by:
@@ -84,6 +88,13 @@ def goals_of(scene: Scene, before: Detour | None) -> Iterator[Goal]:
         yield Goal(path_m[k] - k * FIELD_STEP_S * target_m_s, target_m_s, 1.0)
     if len(again) == 0:
         yield from instead_of(scene, path_m[blocked], target_m_s, before)
+
+
+def _over_ground(scene: Scene, target_m_s: Array, before: Detour | None) -> Array:
+    """(2,) the velocity of a target; 0 where it stands, and what is estimated of it is an error."""
+    held = before is not None and before.goal.held_by in scene.outlines.only(scene.outlines.stand).names
+    stands = hypot(*target_m_s) <= (LEAVES_M_S if held else CARRIED_M_S)
+    return np.zeros(2) if stands else target_m_s
 
 
 def _are_free(scene: Scene, path_m: Array) -> Mask:

@@ -23,12 +23,13 @@ from gcs.formation.ways_round import (
     free_s,
     is_pinched,
     passes,
+    way_between,
     way_out,
     way_round,
 )
 from gcs.model.jit import kernel
 from gcs.model.state import Array, Mask
-from gcs.safety.enclosures import Enclosures
+from gcs.safety.enclosures import CREEPS_M_S, Enclosures
 from gcs.safety.enclosures import warm_up as enclosures_warm_up
 
 SPARE_M: Final = 1.0
@@ -44,6 +45,11 @@ AHEAD_S: Final = 8.0
 
 OVER_M: Final = 1.0
 """Where no way leads round, a vehicle climbs so far above the obstacles on its straight way."""
+
+BETWEEN_M: Final = 0.5
+"""Where no way leads round the ellipses of obstacles, nor over them, a way between boxes keeps this much more
+than their margins: a vehicle flies it straight, and the filter's walls are the same boxes.
+"""
 
 INSIDE_FENCE_M: Final = 1.0
 
@@ -72,7 +78,8 @@ def round_obstacles(
             round to it; where it stands because no way leads anywhere, each vehicle finds its own.
         no_way_s: (n,) as of `without_way`: for those without a way none is looked for.
 
-    Returns: also (n,) which fly straight there: out of the way of a box that moves, see `way_out`.
+    Returns: also (n,) which fly straight there: out of the way of a box that moves, see `way_out`,
+        or between boxes of which the ellipses leave no way, see `way_between`.
     """
     straight = np.zeros(len(aim_m), np.bool_)
     if not now.ellipses:
@@ -104,11 +111,11 @@ def round_obstacles(
     if no_way_s is not None:
         go_round &= ~np.isfinite(no_way_s)
     rows = rows[go_round[rows] & ~straight[rows]]
-    round_m, led_round = _aims(
+    round_m, led_round, straight[rows] = _aims(
         now.position_m[rows],
         goal_m[rows],
         places,
-        outlines.semi_m + law.avoidance.near_m + SPARE_M,
+        (outlines.semi_m + law.avoidance.near_m + SPARE_M, outlines.half_length_m + BETWEEN_M),
         top_m,
         law.speed_m_s,
         (within_m, fence.height_max_m - INSIDE_FENCE_M),
@@ -284,25 +291,27 @@ def _aims(
     place_m: Array,
     goal_m: Array,
     centers: tuple[Array, Array],
-    semi_m: Array,
+    sizes: tuple[Array, Array],
     top_m: Array,
     speed_m_s: float,
     fence: tuple[float, float],
     climbs: bool,
-) -> tuple[Array, Mask]:
-    """(k, 3) where vehicles aim at, and (k,) which of these are not their goals.
+) -> tuple[Array, Mask, Mask]:
+    """(k, 3) where vehicles aim at, (k,) which of these are not their goals, (k,) which fly straight there.
 
     Args:
         place_m: (k, 3).
         goal_m: (k, 3).
         centers: (m, 2) of the ellipses, and their velocities.
-        semi_m: (m, 2) their semi-axes, with all that a way keeps.
+        sizes: (m, 2) their semi-axes, with all that a way keeps, and half-lengths of their boxes, likewise.
         top_m: (m,) heights above which they need not be avoided.
         speed_m_s: of the vehicles.
         fence: greatest distance and height.
         climbs: whether a vehicle may climb over where no way leads round.
     """
-    aim_m, led = goal_m.copy(), np.zeros(len(goal_m), np.bool_)
+    aim_m, led, semi_m = goal_m.copy(), np.zeros(len(goal_m), np.bool_), sizes[0]
+    between = np.zeros(len(goal_m), np.bool_)
+    stands = np.hypot(centers[1][:, 0], centers[1][:, 1]) <= CREEPS_M_S
     for i in range(len(place_m)):
         height_m, here_m, there_m = -place_m[i, 2], place_m[i, :2].copy(), goal_m[i, :2].copy()
         center_m = _later_m(here_m, *centers, speed_m_s)
@@ -319,7 +328,15 @@ def _aims(
             aim_m[i, 2], led[i] = place_m[i, 2], True
         elif not is_way and climbs and highest_m + OVER_M <= fence[1]:
             aim_m[i, :2], aim_m[i, 2], led[i] = here_m, -(highest_m + OVER_M), True
-    return aim_m, led
+        elif not is_way:
+            still = np.flatnonzero((top_m > height_m) & stands)
+            moving = len(still) < len(below)
+            if moving and way_round(here_m, there_m, center_m[still], semi_m[still], fence[0])[1]:
+                continue  # boxes that move pass
+            corner_m, between[i] = way_between(here_m, there_m, center_m[below], sizes[1][below], fence[0])
+            if between[i]:
+                aim_m[i, :2], led[i] = _towards(here_m, corner_m, there_m), True
+    return aim_m, led, between
 
 
 @kernel
@@ -349,6 +366,6 @@ def warm_up() -> None:
     place_m, at_m = np.zeros((1, 3)), (np.array([[5.0, 0.0]]), np.zeros((1, 2)))
     box_m, top_m = np.ones((1, 2)), np.full(1, 50.0)
     enclosures_warm_up()
-    _aims(place_m, place_m + 10.0, at_m, box_m, top_m, 5.0, (100.0, 100.0), True)
+    _aims(place_m, place_m + 10.0, at_m, (box_m, box_m), top_m, 5.0, (100.0, 100.0), True)
     held, fence = np.zeros(1, np.bool_), (100.0, 100.0)
     _ways_out(place_m, place_m + 10.0, place_m, held, (*at_m, box_m), top_m, (5.0, 2.0), fence)

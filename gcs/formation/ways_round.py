@@ -5,6 +5,8 @@ the ellipses: what sees what, and the shortest way in that graph. At first only 
 straight way meets, then those that the way found meets as well: few of many are looked at, and a shortest way
 past some that meets no other is a shortest way past all.
 
+Ellipses of long walls cover the doorways between them: `way_between` has the boxes themselves.
+
 Before a box that moves a vehicle cannot wait, and the shortest way past where boxes are now may be closed
 when it gets there. `way_out` compares straight ways, to its goal and to places around, in space and time.
 """
@@ -21,6 +23,9 @@ POINTS: Final = 12
 
 OUTSIDE: Final = float(1.001 / np.cos(np.pi / POINTS))
 """So far outside, in radii of the ellipse, lie the corners of a polygon about it that does not cut it."""
+
+BOX_POINTS, BESIDE, ON_FACE = 4, 1.0 + 1e-3, 1.0 - 1e-9
+"""Corners of a box, so far outside, in half-lengths; the last puts a face just inside of a place on it."""
 
 DIRECTIONS, REACHES_M = 24, (6.0, 12.0, 24.0, 40.0)
 """Places around a vehicle that are compared as ways out."""
@@ -51,20 +56,48 @@ def passes(one_m: Array, other_m: Array, center_m: Array, semi_m: Array) -> bool
 
 
 @kernel
-def _passes_all(one_m: Array, other_m: Array, center_m: Array, semi_m: Array, counted: Mask) -> bool:
-    """As `passes`, of those ellipses (m, 2) that count (m,)."""
+def passes_box(one_m: Array, other_m: Array, center_m: Array, half_m: Array) -> bool:
+    """As `passes`, of a box with these half-lengths; one that begins or ends within it goes no deeper."""
+    half_x_m, half_y_m = half_m[0], half_m[1]
+    for end_m in (one_m, other_m):
+        x_m, y_m = abs(end_m[0] - center_m[0]), abs(end_m[1] - center_m[1])
+        if x_m < half_x_m and y_m < half_y_m:
+            if half_x_m - x_m < half_y_m - y_m:
+                half_x_m = ON_FACE * x_m
+            else:
+                half_y_m = ON_FACE * y_m
+    off_m = one_m[0] - center_m[0], one_m[1] - center_m[1]
+    along_m = other_m[0] - one_m[0], other_m[1] - one_m[1]
+    return bool(_enters_s(off_m, along_m, (half_x_m, half_y_m)) >= 1.0)
+
+
+@kernel
+def _passes(one_m: Array, other_m: Array, center_m: Array, semi_m: Array, as_boxes: bool) -> bool:
+    """As `passes`, or as `passes_box`."""
+    if as_boxes:
+        return passes_box(one_m, other_m, center_m, semi_m)
+    return passes(one_m, other_m, center_m, semi_m)
+
+
+@kernel
+def _passes_all(
+    one_m: Array, other_m: Array, center_m: Array, semi_m: Array, counted: Mask, as_boxes: bool
+) -> bool:
+    """As `_passes`, of those (m, 2) that count (m,)."""
     for k in range(len(center_m)):
-        if counted[k] and not passes(one_m, other_m, center_m[k], semi_m[k]):
+        if counted[k] and not _passes(one_m, other_m, center_m[k], semi_m[k], as_boxes):
             return False
     return True
 
 
 @kernel
-def _count_met(one_m: Array, other_m: Array, center_m: Array, semi_m: Array, counted: Mask) -> bool:
-    """Have those ellipses (m, 2) count (m,) that the straight way meets. Returns: whether it meets any."""
+def _count_met(
+    one_m: Array, other_m: Array, center_m: Array, semi_m: Array, counted: Mask, as_boxes: bool
+) -> bool:
+    """Have those (m, 2) count (m,) that the straight way meets. Returns: whether it meets any."""
     met = False
     for k in range(len(center_m)):
-        if not passes(one_m, other_m, center_m[k], semi_m[k]):
+        if not _passes(one_m, other_m, center_m[k], semi_m[k], as_boxes):
             counted[k] = met = True
     return met
 
@@ -82,56 +115,85 @@ def way_round(
         semi_m: (m, 2) their semi-axes, with all that the way keeps.
         within_m: distance from the origin beyond which no corner lies.
     """
+    return _way(start_m, goal_m, center_m, semi_m, within_m, False)
+
+
+@kernel
+def way_between(
+    start_m: Array, goal_m: Array, center_m: Array, half_m: Array, within_m: float
+) -> tuple[Array, bool]:
+    """As `way_round`, between boxes with these half-lengths (m, 2): also through a doorway of long walls."""
+    return _way(start_m, goal_m, center_m, half_m, within_m, True)
+
+
+@kernel_apart
+def _way(
+    start_m: Array, goal_m: Array, center_m: Array, semi_m: Array, within_m: float, as_boxes: bool
+) -> tuple[Array, bool]:
+    """As `way_round`, or as `way_between`."""
     counted = np.zeros(len(center_m), np.bool_)
     way_m = np.empty((0, 2))
     while True:
         met, before_m = False, start_m
         for k in range(len(way_m)):
-            met |= _count_met(before_m, way_m[k], center_m, semi_m, counted)
+            met |= _count_met(before_m, way_m[k], center_m, semi_m, counted, as_boxes)
             before_m = way_m[k]
-        met |= _count_met(before_m, goal_m, center_m, semi_m, counted)
+        met |= _count_met(before_m, goal_m, center_m, semi_m, counted, as_boxes)
         if not met:
             return way_m, True
         if counted.sum() > COUNTED_MAX:
             return way_m[:0], False
-        corner_m = _corners(center_m, semi_m, counted, within_m)
-        way_m = _shortest(start_m, goal_m, corner_m, center_m, semi_m, counted)
-        if len(way_m) == 0 and not _count_overlapping(center_m, semi_m, counted):
+        corner_m = _corners(center_m, semi_m, counted, within_m, as_boxes)
+        way_m = _shortest(start_m, goal_m, corner_m, center_m, semi_m, counted, as_boxes)
+        if len(way_m) == 0 and not _count_overlapping(center_m, semi_m, counted, as_boxes):
             return way_m, False
 
 
 @kernel
-def _count_overlapping(center_m: Array, semi_m: Array, counted: Mask) -> bool:
-    """Add to the ellipses (m, 2) that count (m,) others that hold their corners. Returns: if any was added.
+def _corner_m(center_m: Array, semi_m: Array, point: int, as_boxes: bool) -> tuple[float, float]:
+    """Of the polygon about an ellipse, or of a box: the corner of that number."""
+    if as_boxes:
+        aside = 1.0 if point % 2 else -1.0, 1.0 if point // 2 else -1.0
+        return center_m[0] + BESIDE * aside[0] * semi_m[0], center_m[1] + BESIDE * aside[1] * semi_m[1]
+    turn_rad = 2.0 * np.pi * point / POINTS
+    x_m = center_m[0] + OUTSIDE * semi_m[0] * np.cos(turn_rad)
+    return x_m, center_m[1] + OUTSIDE * semi_m[1] * np.sin(turn_rad)
 
-    A corner within another ellipse is not used: the way past both leads by corners of the other.
+
+@kernel
+def _holds(x_m: float, y_m: float, center_m: Array, semi_m: Array, as_boxes: bool) -> bool:
+    """Whether a place is within an ellipse, or a box."""
+    x, y = abs(x_m - center_m[0]) / semi_m[0], abs(y_m - center_m[1]) / semi_m[1]
+    return bool(max(x, y) < 1.0 if as_boxes else x * x + y * y < 1.0)
+
+
+@kernel
+def _count_overlapping(center_m: Array, semi_m: Array, counted: Mask, as_boxes: bool) -> bool:
+    """Add to those (m, 2) that count (m,) others that hold their corners. Returns: if any was added.
+
+    A corner within another is not used: the way past both leads by corners of the other.
     """
     added = False
     for k in np.flatnonzero(counted):
-        for point in range(POINTS):
-            turn_rad = 2.0 * np.pi * point / POINTS
-            x_m = center_m[k, 0] + OUTSIDE * semi_m[k, 0] * np.cos(turn_rad)
-            y_m = center_m[k, 1] + OUTSIDE * semi_m[k, 1] * np.sin(turn_rad)
+        for point in range(BOX_POINTS if as_boxes else POINTS):
+            x_m, y_m = _corner_m(center_m[k], semi_m[k], point, as_boxes)
             for j in range(len(center_m)):
-                x, y = (x_m - center_m[j, 0]) / semi_m[j, 0], (y_m - center_m[j, 1]) / semi_m[j, 1]
-                if not counted[j] and x * x + y * y < 1.0:
+                if not counted[j] and _holds(x_m, y_m, center_m[j], semi_m[j], as_boxes):
                     counted[j] = added = True
     return added
 
 
 @kernel
-def _corners(center_m: Array, semi_m: Array, counted: Mask, within_m: float) -> Array:
-    """(k, 2) corners about the ellipses that count; none lies within another, or beyond the fence."""
+def _corners(center_m: Array, semi_m: Array, counted: Mask, within_m: float, as_boxes: bool) -> Array:
+    """(k, 2) corners about those that count; none lies within another, or beyond the fence."""
     corners_m, count = np.empty((POINTS * counted.sum(), 2)), 0
     for k in np.flatnonzero(counted):
-        for point in range(POINTS):
-            turn_rad = 2.0 * np.pi * point / POINTS
-            x_m = center_m[k, 0] + OUTSIDE * semi_m[k, 0] * np.cos(turn_rad)
-            y_m = center_m[k, 1] + OUTSIDE * semi_m[k, 1] * np.sin(turn_rad)
-            inside = ((x_m - center_m[:, 0]) / semi_m[:, 0]) ** 2 + (
-                (y_m - center_m[:, 1]) / semi_m[:, 1]
-            ) ** 2
-            if np.hypot(x_m, y_m) <= within_m and inside.min() >= 1.0:
+        for point in range(BOX_POINTS if as_boxes else POINTS):
+            x_m, y_m = _corner_m(center_m[k], semi_m[k], point, as_boxes)
+            inside = False
+            for j in range(len(center_m)):
+                inside |= _holds(x_m, y_m, center_m[j], semi_m[j], as_boxes)
+            if np.hypot(x_m, y_m) <= within_m and not inside:
                 corners_m[count, 0], corners_m[count, 1] = x_m, y_m
                 count += 1
     return corners_m[:count]
@@ -139,14 +201,20 @@ def _corners(center_m: Array, semi_m: Array, counted: Mask, within_m: float) -> 
 
 @kernel
 def _shortest(
-    start_m: Array, goal_m: Array, corner_m: Array, center_m: Array, semi_m: Array, counted: Mask
+    start_m: Array,
+    goal_m: Array,
+    corner_m: Array,
+    center_m: Array,
+    semi_m: Array,
+    counted: Mask,
+    as_boxes: bool,
 ) -> Array:
-    """(k, 2) corners of the shortest way past the ellipses that count; none where there is no way."""
-    left_m, after = _left_from(goal_m, corner_m, center_m, semi_m, counted)
+    """(k, 2) corners of the shortest way past those that count; none where there is no way."""
+    left_m, after = _left_from(goal_m, corner_m, center_m, semi_m, counted, as_boxes)
     first, least_m = -1, np.inf
     for i in range(len(corner_m)):
         whole_m = left_m[i] + away_m(start_m, corner_m[i])
-        if whole_m < least_m and _passes_all(start_m, corner_m[i], center_m, semi_m, counted):
+        if whole_m < least_m and _passes_all(start_m, corner_m[i], center_m, semi_m, counted, as_boxes):
             first, least_m = i, whole_m
     way_m, length = np.empty_like(corner_m), 0
     while first >= 0:
@@ -157,7 +225,7 @@ def _shortest(
 
 @kernel
 def _left_from(
-    goal_m: Array, corner_m: Array, center_m: Array, semi_m: Array, counted: Mask
+    goal_m: Array, corner_m: Array, center_m: Array, semi_m: Array, counted: Mask, as_boxes: bool
 ) -> tuple[Array, Array]:
     """(k,) the shortest ways from corners to the goal, inf: none, and the next corner on each, -1: none.
 
@@ -166,14 +234,16 @@ def _left_from(
     count = len(corner_m)
     left_m, after, done = np.full(count, np.inf), np.full(count, -1), np.zeros(count, np.bool_)
     for i in range(count):
-        if _passes_all(goal_m, corner_m[i], center_m, semi_m, counted):
+        if _passes_all(goal_m, corner_m[i], center_m, semi_m, counted, as_boxes):
             left_m[i] = away_m(goal_m, corner_m[i])
     for _ in range(count):
         nearest = np.argmin(np.where(done, np.inf, left_m))
         done[nearest] = True
         for i in range(count):
             way_m = left_m[nearest] + away_m(corner_m[nearest], corner_m[i])
-            if way_m < left_m[i] and _passes_all(corner_m[nearest], corner_m[i], center_m, semi_m, counted):
+            if way_m < left_m[i] and _passes_all(
+                corner_m[nearest], corner_m[i], center_m, semi_m, counted, as_boxes
+            ):
                 left_m[i], after[i] = way_m, nearest
     return left_m, after
 

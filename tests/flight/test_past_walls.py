@@ -12,7 +12,7 @@ import pytest
 from gcs.config.schema import Config
 from gcs.control import ellipses_of
 from gcs.formation.obstacles import Outlines
-from gcs.formation.ways_round import way_round
+from gcs.formation.ways_round import way_between, way_round
 from gcs.model.lifecycle import Phase
 from gcs.model.plan import Obstacle, Target
 from gcs.model.state import Array
@@ -22,6 +22,7 @@ from tests.support.show_phases import running
 
 THERE_M: Final = (70.0, 0.0)
 TALL_M: Final = 60.0
+BEYOND_FENCE_M: Final = 120.0
 SLACK_S, TIMES = 20.0, 2.0
 """All are home within so many times the shortest way, and so much more."""
 LOST_AFTER_S: Final = 9.0
@@ -60,6 +61,19 @@ def ring(drawn: random.Random) -> list[Obstacle]:
     return walls
 
 
+def doorway(drawn: random.Random) -> list[Obstacle]:
+    """Four walls too high to be flown over, with a door that their ellipses cover."""
+    half_m, door_m, side = drawn.uniform(24.0, 28.0), drawn.uniform(4.0, 8.0), drawn.choice((-1.0, 1.0))
+    x_m, y_m = THERE_M
+    walls = [box("far", x_m - side * half_m, y_m, 1.5, half_m, height_m=BEYOND_FENCE_M)]
+    part_m = (half_m - door_m) / 2.0
+    for y in (-1.0, 1.0):
+        walls.append(box(f"long {y:+g}", x_m, y_m + y * half_m, half_m, 1.5, height_m=BEYOND_FENCE_M))
+        beside_m = y_m + y * (door_m + part_m)
+        walls.append(box(f"post {y:+g}", x_m + side * half_m, beside_m, 1.5, part_m, height_m=BEYOND_FENCE_M))
+    return walls
+
+
 def sliding(drawn: random.Random) -> list[Obstacle]:
     """A wall that slides across the way."""
     speed_m_s = drawn.choice((-1.0, 1.0)) * drawn.uniform(0.3, 1.0)
@@ -71,6 +85,7 @@ WORLDS: Final[dict[str, Callable[[random.Random], list[Obstacle]]]] = {
     "corner": corner,
     "pocket": pocket,
     "ring": ring,
+    "doorway": doorway,
     "sliding": sliding,
 }
 
@@ -91,13 +106,16 @@ def config(count: int) -> Config:
 
 
 def shortest_s(show: VirtualShow, start_m: Array, goal_m: Array) -> float:
-    """Of the way round all obstacles, up and down included; where none leads round, over them."""
+    """Of the way round all obstacles, up and down included; where none leads round, over or between them."""
     outlines = Outlines.of(ellipses_of(show.view.plan, show.config.control, show.now_s))
     law, limits = show.config.control.law, show.config.control.safety.limits
     here_m, there_m = start_m[:2].copy(), goal_m[:2].copy()
     corner_m, is_way = way_round(
         here_m, there_m, np.array(outlines.center_m), np.array(outlines.semi_m), 300.0
     )
+    if outlines.top_height_m.max() > BEYOND_FENCE_M:
+        boxes = np.array(outlines.center_m), np.array(outlines.half_length_m)
+        corner_m, is_way = way_between(here_m, there_m, *boxes, 300.0)
     places_m = np.vstack([here_m, corner_m, there_m])
     level_s = float(np.linalg.norm(np.diff(places_m, axis=0), axis=1).sum()) / law.speed_m_s
     up_m = 0.0 if is_way else float(outlines.top_height_m.max() + start_m[2])
@@ -194,7 +212,7 @@ STORIES: Final = {
     "join": one_joins,
 }
 SOAKED: Final = 14
-"""Worlds of each kind and story: 280 in all."""
+"""Worlds of each kind and story: 322 in all."""
 
 
 def is_short(story: str, kind: str) -> bool:
@@ -208,6 +226,7 @@ def cases() -> list[object]:
         for story in STORIES
         for kind in WORLDS
         for seed in range(SOAKED)
+        if (story, kind) != ("return-past-lost", "doorway")  # lost vehicles may close a doorway
     ]
 
 

@@ -12,6 +12,8 @@ from gcs.formation.ways_round import (
     free_s,
     is_pinched,
     passes,
+    passes_box,
+    way_between,
     way_out,
     way_round,
 )
@@ -206,3 +208,48 @@ def test_vehicle_flies_through_a_gap_that_closes() -> None:
     )
     out_m, _ = way_out(np.zeros(2), np.array([60.0, 0.0]), 6.0, boxes, FAR_M)
     assert out_m[0] > 30.0
+
+
+def inside_m(one_m: Array, other_m: Array, center_m: Array, half_m: Array) -> float:
+    """How deep a leg comes into a box, of all boxes."""
+    shares = np.linspace(0.0, 1.0, 201)[:, None, None]
+    beyond_m = np.abs(one_m + shares * (other_m - one_m) - center_m) - half_m
+    return float(-beyond_m.max(axis=2).min(initial=0.0))
+
+
+@given(st.lists(BOX, max_size=8), PLACE, PLACE)
+def test_way_between_boxes_enters_none(
+    boxes: list[tuple[float, float, float, float]], start: tuple[float, float], goal: tuple[float, float]
+) -> None:
+    center_m, half_m = arrays(boxes)
+    start_m, goal_m = np.array(start), np.array(goal)
+    for end_m in (start_m, goal_m):
+        assume(inside_m(end_m, end_m, center_m, half_m) <= 0.0)
+    way_m, is_way = way_between(start_m, goal_m, center_m, half_m, FAR_M)
+    assume(is_way)
+    for one_m, other_m in pairwise([start_m, *way_m, goal_m]):
+        assert inside_m(one_m, other_m, center_m, half_m) <= 1e-6
+    if all(passes_box(start_m, goal_m, *each) for each in zip(center_m, half_m, strict=True)):
+        assert len(way_m) == 0, "a straight way has no corner"
+
+
+@given(st.floats(0.1, 10.0), st.floats(12.0, 40.0))
+def test_doorway_that_ellipses_cover_is_a_way(half_door_m: float, long_m: float) -> None:
+    """Two long walls, each with its other end beyond the fence: the only way is the doorway."""
+    off_m = np.array([0.0, half_door_m + 2.0 * long_m])
+    center_m, half_m = np.array([-off_m, off_m]), np.tile([2.0, 2.0 * long_m], (2, 1))
+    start_m, goal_m = np.array([9.0, 0.9 * long_m]), np.array([-9.0, -0.9 * long_m])
+    assert not way_round(start_m, goal_m, center_m, np.sqrt(2.0) * half_m, 2.0 * long_m)[1]
+    way_m, is_way = way_between(start_m, goal_m, center_m, half_m, 2.0 * long_m)
+    assert is_way
+    assert (np.abs(way_m[:, 1]) <= half_door_m).all()
+    assert length_m(start_m, way_m, goal_m) <= 18.0 + 1.8 * long_m + 1.0
+
+
+def test_vehicle_inside_a_margin_leaves_it_and_goes_no_deeper() -> None:
+    center_m, half_m = np.zeros(2), np.array([4.0, 20.0])
+    inside = np.array([3.5, 5.0])
+    assert passes_box(inside, np.array([9.0, 5.0]), center_m, half_m)
+    assert passes_box(inside, np.array([3.5, 30.0]), center_m, half_m), "along the side"
+    assert not passes_box(inside, np.array([2.0, 30.0]), center_m, half_m)
+    assert not passes_box(inside, np.array([-9.0, 5.0]), center_m, half_m)

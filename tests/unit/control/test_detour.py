@@ -160,6 +160,21 @@ def test_target_that_moves_through_a_mast_is_followed_round_it() -> None:
     assert run.center_m[:2] == pytest.approx((90.0, 18.0), abs=2.0)
 
 
+@pytest.mark.long
+def test_target_that_creeps_beside_a_hall_is_held_there() -> None:
+    """An estimated velocity is never 0: a target that stood 5 m from a hall tore the formation along it."""
+    hall = Obstacle("hall", 60.0, 0.0, 10.0, 24.0, 300.0)
+    run, named = Run((hall,), target=Target(60.0, 29.0, 0.02, 0.01, 0.0)), list[str]()
+    run.fly(50.0)
+    for speed_m_s in (0.2, 0.4, 0.1, 0.5):
+        now_s = run.memory.time_s
+        run.plan = replace(run.plan, target=Target(60.0, 29.0, speed_m_s, 0.0, now_s))
+        named.append(run.fly(1.0).held_by)
+    assert named == ["hall"] * 4
+    off_m = np.linalg.norm(run.place_m - run.center_m, axis=1) - RADIUS_M
+    assert np.abs(off_m).max() < 0.5
+
+
 def turning_ring(turned_rad: float) -> tuple[Obstacle, ...]:
     """Six boxes about the target that go round it, as they are after this turn."""
     boxes = list[Obstacle]()
