@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from gcs.estimation.contradictions import Contradictions, Doubt, Doubts
+from gcs.estimation.contradictions import Contradictions, Doubt, Doubts, explaining_s
 from gcs.model.frames import ShowFrame
 from gcs.model.jit import kernel
 from gcs.model.state import (
@@ -161,6 +161,7 @@ def judge(
     exists: Mask,
     armed: Mask,
     resets: Bits,
+    clock_s: Array,
     reported_m: Array,
     reported_s: Array,
     reported_since_s: Array,
@@ -168,6 +169,7 @@ def judge(
     believed_s: Array,
     believed_m_s: Array,
     trusted: Mask,
+    believed_clock_s: Array,
     known_resets: Bits,
     counted_s: Array,
     stepped_s: Array,
@@ -187,6 +189,7 @@ def judge(
         exists: (n,) whether the position is possible at all.
         armed: (n,).
         resets: (n,) reset counters of the estimators.
+        clock_s: (n,) the vehicle's clock in it, NaN unknown.
         reported_m: (n, 3) the newest reported, accepted or not; written, as all that follow.
         reported_s: (n,) of its arrival.
         reported_since_s: (n,) since when it was reported without a jump, of vehicles not trusted.
@@ -194,6 +197,7 @@ def judge(
         believed_s: (n,) of its arrival.
         believed_m_s: (n, 3) the velocity with it.
         trusted: (n,) whether the newest was accepted.
+        believed_clock_s: (n,) the clock in it.
         known_resets: (n,).
         counted_s: (n,) when the estimator last counted a reset.
         stepped_s: (n,) when the position was last off by so much as counts beside a counted reset.
@@ -225,13 +229,16 @@ def judge(
             if believe:
                 if not first:
                     elapsed_s, mean_m_s = time_s[i] - believed_s[i], (believed_m_s[i] + velocity_m_s[i]) / 2.0
-                    off_m = _apart_m(position_m[i], believed_m[i] + mean_m_s * elapsed_s)
+                    step_m, by_clock_s = position_m[i] - believed_m[i], clock_s[i] - believed_clock_s[i]
+                    moved_m = mean_m_s * explaining_s(step_m, mean_m_s, elapsed_s, by_clock_s)
+                    off_m = _apart_m(position_m[i], believed_m[i] + moved_m)
                     jumped = off_m > UNEXPLAINED_M + UNEXPLAINED_M_S * elapsed_s
                     if off_m > ANNOUNCED_M:
                         stepped_s[i], stepped_m[i] = now_s, off_m
-                believed_m[i], believed_s[i] = position_m[i], time_s[i]
+                believed_m[i], believed_s[i], believed_clock_s[i] = position_m[i], time_s[i], clock_s[i]
             elif doubts[i] == Doubt.LATE and can_be and exists[i]:  # where it was, though not where it is
                 believed_m[i], believed_s[i], believed_m_s[i] = position_m[i], held_s[i], velocity_m_s[i]
+                believed_clock_s[i] = np.nan
         if believed_s[i] == time_s[i]:
             believed_m_s[i] = velocity_m_s[i]
         believed_s[i] = _new_s(doubts[i], believed_s[i], held_s[i])
@@ -339,6 +346,7 @@ class Table:
         self._believed = _unknown(n), np.full(n, -np.inf), _unknown(n), np.ones(n, np.bool_)
         # accepted or not: position, its time, and since when without a jump, of vehicles not trusted
         self._reported: tuple[Array, Array, Array] = _unknown(n), np.full(n, -np.inf), np.full(n, np.inf)
+        self._believed_clock_s = np.full(n, np.nan)
         self._resets = np.full(n, -1)  # reset counters of the estimators
         self._counted_s, self._stepped_s = np.full(n, -np.inf), np.full(n, -np.inf)
         self._stepped_m = np.zeros(n)
@@ -373,9 +381,11 @@ class Table:
             for part, before in zip_longest(telemetry, self._links[: len(telemetry)])
         ]
         doubtful, late_s = np.zeros(n, np.bool_), np.zeros(n)
+        clock_s, accuracy_m = np.full(n, np.nan), np.full(n, np.nan)
         for part, link in zip(telemetry, self._links, strict=True):
             doubtful[link.rows] = part.fix_type < FIX_3D  # False for NaN
             late_s[link.rows] = part.position_late_s
+            clock_s[link.rows], accuracy_m[link.rows] = part.position_clock_s, part.horizontal_accuracy_m
             into_frame(
                 link.rows,
                 (part.latitude_deg, part.longitude_deg, part.altitude_amsl_m, part.yaw_deg),
@@ -387,14 +397,16 @@ class Table:
             )
         contradictions = self._contradictions
         asked_m_s = self._not_known if asked_m_s is None else asked_m_s
-        contradictions.look(now_s, (position_m, velocity_m_s, time_s, armed, late_s), asked_m_s)
+        dated = armed, late_s, clock_s, accuracy_m
+        contradictions.look(now_s, (position_m, velocity_m_s, time_s, *dated), asked_m_s)
         self.reset_time_s = self.reset_time_s.copy()  # holders of the old arrays keep them unchanged
         self.jumped_m = self.jumped_m.copy()
-        new = (position_m, time_s, velocity_m_s, exists, armed, resets)
+        new = (position_m, time_s, velocity_m_s, exists, armed, resets, clock_s)
+        believed = *self._believed, self._believed_clock_s
         counted = self._resets, self._counted_s, self._stepped_s, self._stepped_m
         jumps = self.reset_time_s, self.jumped_m
         doubted = contradictions.doubts, contradictions.held_s
-        judge(now_s, *(*new, *self._reported, *self._believed, *counted, *jumps, *doubted))
+        judge(now_s, *(*new, *self._reported, *believed, *counted, *jumps, *doubted))
         here_m, moves_m_s, age_s = brought_forward(now_s, *self._believed, self._flies_on_s, self._brakes_s)
         return FleetState(now_s, self.ids, here_m, moves_m_s, yaw_rad, age_s, doubtful)
 
@@ -457,6 +469,7 @@ def warm_up() -> None:
         unhealthy_sensors=np.zeros(1, np.int64),
         clock_base_s=unknown,
         round_trip_s=unknown,
+        position_clock_s=unknown,
         position_late_s=np.zeros(1),
         texts=((),),
         version=none,

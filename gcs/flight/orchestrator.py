@@ -238,7 +238,7 @@ class Orchestrator:
             flight.newest.state,
             flight.tasks(),
             flight.in_force.plan,
-            flight.newest.traits,
+            flight.traits_now,
             flight.newest.memory,
             flight.control_now,
         )

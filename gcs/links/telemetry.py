@@ -231,6 +231,7 @@ class FleetTelemetry:
             unhealthy_sensors=now.unhealthy_sensors.copy(),
             clock_base_s=now.clock_base_s.copy(),
             round_trip_s=self._clocks.round_trip_s.copy(),
+            position_clock_s=self._clocks.position_clock_s(),
             position_late_s=self._clocks.late_s.copy(),
             texts=self._texts_reported,
             version=self._version_reported.values,

@@ -145,6 +145,11 @@ class Clocks(NamedTuple):
             late_s=np.zeros(n),
         )
 
+    def position_clock_s(self) -> Array:
+        """(n,) the vehicle's clock in its newest position; NaN: it has none."""
+        sent_ms = self.newest[:, POSITION]
+        return np.where(sent_ms >= 0, 1e-3 * sent_ms, np.nan)
+
 
 @kernel
 def judged(

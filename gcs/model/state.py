@@ -110,6 +110,7 @@ class Telemetry:
     unhealthy_sensors: Bits  # (n,) of MAV_SYS_STATUS_SENSOR: sensors in use and unhealthy; -1 unknown
     clock_base_s: Array  # (n,) its own clock (Unix time) when the loop's clock was 0; NaN unknown
     round_trip_s: Array  # (n,) from a request of ours to its newest answer (TIMESYNC); NaN unknown
+    position_clock_s: Array  # (n,) its own clock as it sent its newest position, of any origin; NaN unknown
     position_late_s: Array  # (n,) by how much its newest position is older than what it could be; 0 unknown
     texts: tuple[tuple[StatusText, ...], ...]  # (n,) its last few status texts, the oldest first
     version: tuple[int, ...]  # flight_sw_version of its AUTOPILOT_VERSION, 0: not reported

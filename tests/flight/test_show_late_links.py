@@ -21,8 +21,9 @@ class Rested(NamedTuple):
     violations: int
 
 
-async def late_from_the_pads_on(show: VirtualShow, delay_s: float) -> Rested:
-    for name in show.config.ids:
+async def late_from_the_pads_on(show: VirtualShow, delay_s: float, some: int | None = None) -> Rested:
+    """All links, or the first `some`."""
+    for name in show.config.ids[:some]:
         show.befall(name, "delay", delay_s=delay_s)
     await show.wait(10.0)
     await running(show)
@@ -48,6 +49,20 @@ def test_formation_rests_over_links_of_any_constant_delay(delay_s: float) -> Non
     )
     assert rested.measured_s == pytest.approx([delay_s] * COUNT, abs=0.04)
     assert delay_s <= rested.counted_s + 1e-9 <= delay_s + 0.1 + 1e-6
+    assert rested.rest_m_s <= REST_M_S
+    assert rested.violations == 0
+    assert rested.alarms == []
+
+
+def test_formation_rests_with_one_late_link_among_fast_ones() -> None:
+    """One of 20: the fleet counts as fast, and the vehicle of that link and its neighbours swung for ever."""
+    formation = {"radius_m": 9.0, "height_m": 20.0}
+    config = show_config(20, formation=formation, operation=HOLDS_WHEN_LOST)
+    rested = fly(
+        lambda show: late_from_the_pads_on(show, 0.4, 1), config, ideal=True, seed=3, step_s=FLEET_STEP_S
+    )
+    assert rested.measured_s[0] == pytest.approx(0.4, abs=0.04)
+    assert rested.counted_s == 0.0
     assert rested.rest_m_s <= REST_M_S
     assert rested.violations == 0
     assert rested.alarms == []

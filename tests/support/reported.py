@@ -18,6 +18,7 @@ def reported(ids: Sequence[str], time_s: float | Array = 0.0, **columns: Any) ->
         **dict.fromkeys(("position_time_s", "heartbeat_time_s", "life_time_s"), time_s),
         **dict.fromkeys(("latitude_deg", "longitude_deg", "altitude_amsl_m", "yaw_deg"), 0.0),
         **dict.fromkeys(("clock_base_s", "round_trip_s", "position_late_s"), 0.0),
+        "position_clock_s": np.nan,
         **dict.fromkeys(("horizontal_accuracy_m", "vertical_accuracy_m", "gnss_altitude_amsl_m"), unknown),
         "velocity_ned_m_s": np.zeros((n, 3)),
         "attitude_rad": np.zeros((n, 3)),

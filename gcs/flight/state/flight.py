@@ -17,7 +17,7 @@ import numpy as np
 
 from gcs.config.schema import Config
 from gcs.control import ControlSettings, Memory, Task, Tasks
-from gcs.control.late_links import fleet_delay_s, for_late_links
+from gcs.control.late_links import LateAmongFast, fleet_delay_s, for_late_links
 from gcs.estimation.fleet_state import FORWARD_MAX_S, Table
 from gcs.estimation.height_bias import HeightComparison
 from gcs.estimation.link_delay import LinkDelay
@@ -213,6 +213,7 @@ class Flight:
         self.places = PadPlaces(len(self.vehicles), config.control.safety.floor.vertical_uncertainty)
         self._windy: tuple[ControlSettings, ControlSettings] | None = None  # see `limits_now`
         self._slowed: tuple[ControlSettings, float, ControlSettings] | None = None  # see `control_now`
+        self._late_among_fast = LateAmongFast(len(self.vehicles))
         self.newest.silent = np.ones(len(self.vehicles), dtype=np.bool_)
         self.newest.has_heartbeat = ~self.newest.silent
         self.newest.without_heartbeat = {}
@@ -371,6 +372,14 @@ class Flight:
         if before is None or before[0] is not limits or before[1] != delay_s:
             self._slowed = before = limits, delay_s, for_late_links(limits, delay_s)
         return before[2]
+
+    @property
+    def traits_now(self) -> Traits:
+        """The traits of this tick: vehicles with links later than the fleet's fly with gains for them."""
+        traits, late_s = self.newest.traits, self.link_delay.delay_s + self.elsewhere.delay_s
+        flying = self.vehicles.states.airborne
+        response = self._late_among_fast.response(traits.response, late_s, flying, self.control_now)
+        return traits if response is traits.response else replace(traits, response=response)
 
     def note_seen(self, rows: Mask) -> None:
         self.uncontrolled.note_seen(rows, self.newest.state.position_m, self.table.last_velocity_m_s)

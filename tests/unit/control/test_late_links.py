@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from gcs.control import ControlSettings
-from gcs.control.late_links import fleet_delay_s, for_late_links
+from gcs.control.late_links import LateAmongFast, fleet_delay_s, for_late_links
+from gcs.model.response import FleetResponse
 
 ALL = np.ones(4, np.bool_)
 
@@ -41,3 +42,30 @@ def test_rates_become_slower_with_the_delay() -> None:
     assert rates == pytest.approx([1.0, 1.0, 2 / 3, 1 / 3])
     assert for_late_links(plain, 0.1).loop_gain > 0.0
     assert for_late_links(plain, 0.2).loop_gain == 0.0
+
+
+def test_vehicle_of_one_late_link_flies_with_gains_for_it() -> None:
+    plain, usual = ControlSettings(), FleetResponse.alike(4)
+    late = LateAmongFast(4).response(usual, np.array([0.03, 0.38, 0.03, 0.07]), ALL, plain)
+    assert late.loop_share.tolist() == [1.0, 0.0, 1.0, 1.0]
+    assert late.trim_share.tolist() == pytest.approx([1.0, 0.2, 1.0, 1.0])
+    reaction_s = plain.safety.braking.reaction_s
+    assert late.swings_s.tolist() == pytest.approx([0.0, reaction_s + 0.8, 0.0, reaction_s + 0.2])
+
+
+def test_links_no_later_than_the_fleet_change_no_response() -> None:
+    plain, usual, delay_s = ControlSettings(), FleetResponse.alike(4), np.full(4, 0.31)
+    assert LateAmongFast(4).response(usual, delay_s, ALL, for_late_links(plain, 0.4)) is usual
+    assert LateAmongFast(4).response(usual, delay_s, ~ALL, plain) is usual, "none flies"
+    assert LateAmongFast(4).response(usual, np.full(4, 0.05), ALL, plain) is usual
+
+
+def test_response_of_a_late_link_is_kept_until_its_step_changes() -> None:
+    plain, usual, late = ControlSettings(), FleetResponse.alike(4), LateAmongFast(4)
+    made = [
+        late.response(usual, np.array([0.03, delay_s, 0.03, 0.03]), ALL, plain)
+        for delay_s in (0.31, 0.399, 0.41, 0.299, 0.2, 0.2, 0.03)
+    ]
+    assert len({id(each) for each in made}) == 3
+    assert made[0] is made[3], "one step"
+    assert made[-1] is usual

@@ -29,6 +29,7 @@ class ReportedVehicle:
         velocity: tuple[float, float, float] = (0.0, 0.0, 0.0),
         nowhere: bool = False,
         fix: float = 3.0,
+        clock_s: float = np.nan,
     ) -> FleetState:
         """One message, and the tick that follows at once."""
         self.time_s += STEP_S
@@ -48,6 +49,7 @@ class ReportedVehicle:
                     landed=(Landed.IN_AIR if armed else Landed.ON_GROUND,),
                     position_resets=(self.resets,),
                     fix_type=fix,
+                    position_clock_s=clock_s,
                 )
             ],
             self.time_s,
@@ -237,3 +239,16 @@ def test_positions_without_a_3d_fix_are_doubtful(received: ReportedVehicle) -> N
     assert received.tell(HERE).doubtful.tolist() == [False]
     assert received.tell(HERE, fix=2.0).doubtful.tolist() == [True]
     assert received.tell(HERE, fix=np.nan).doubtful.tolist() == [False], "indoors none may be reported"
+
+
+@pytest.mark.parametrize(("aside_m", "jumps"), [(0.0, 0), (4.0, 1)])
+def test_positions_that_waited_for_a_link_are_no_jump(aside_m: float, jumps: int) -> None:
+    """A link stands for 0.8 s; then it delivers what waited over two ticks, the oldest first."""
+    received, resets = ReportedVehicle(), set()
+    for sent_s in (*np.arange(0.0, 2.0, STEP_S), 2.1, 2.8, *np.arange(2.9, 4.0, STEP_S)):
+        east_m = 5.0 + (aside_m if sent_s >= 2.8 else 0.0)
+        if sent_s == 2.1:
+            received.time_s += 0.7
+        received.tell((4.0 * sent_s, east_m, -20.0), velocity=(4.0, 0.0, 0.0), clock_s=float(sent_s))
+        resets.add(float(received.table.reset_time_s[0]))
+    assert len(resets - {-np.inf}) == jumps
