@@ -187,7 +187,7 @@ class CollectiveReturn:
         self._leave_without_way()
 
     def _leave_closed(self, progress: PathProgress) -> None:
-        """Take vehicles out of the plan whose place or path a lost vehicle or an obstacle closes now."""
+        """Take vehicles out of the plan where their place or path is closed by now."""
         lost = self._landing_places.closed()
         changed = not np.array_equal(lost[0], self._closed_m)
         if changed:

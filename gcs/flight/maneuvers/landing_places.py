@@ -140,7 +140,7 @@ class LandingPlaces:
         return self.once("beside pads", self._beside_pads_now_m)
 
     def _beside_pads_now_m(self) -> Array:
-        """(j, 2) where vehicles stand beside their pads: places chosen before are not clear of these."""
+        """(j, 2) where vehicles on the ground stand, of those more than half the spacing off their pads."""
         least_m, stands_m = self.operation.landing_site_spacing_m / 2.0, []
         for vehicle in self.vehicles.in_phase(*GROUNDED):
             stand_m, home_m = self.last_m(vehicle), vehicle.home_m

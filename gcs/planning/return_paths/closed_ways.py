@@ -1,4 +1,4 @@
-"""What lost vehicles close to those that come home: landing places, and paths that are planned already."""
+"""What closes landing places and planned paths to returning vehicles: lost vehicles, and those that stand."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,9 +54,12 @@ def closed_places(
 
 
 def are_occupied(place_m: Array, stands_m: Array, spacing_m: float) -> Mask:
-    """(n,) At which places (n, 2 or 3) vehicles that stand (m, 2) keep others from landing.
+    """(n,) At which places a vehicle that stands too near keeps others from landing.
 
-    `spacing_m`: at which places are chosen.
+    Args:
+        place_m: (n, 2 or 3) show frame.
+        stands_m: (m, 2) of vehicles on the ground.
+        spacing_m: of landing places.
     """
     apart_m = np.linalg.norm(place_m[:, None, :2] - stands_m, axis=2)
     return np.asarray(apart_m.min(axis=1, initial=np.inf) < OCCUPIED_SHARE * spacing_m)
